@@ -1,0 +1,1 @@
+"""pepper_kin: Pepper kinematics, dynamics, planning, timing and twin."""

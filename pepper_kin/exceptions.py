@@ -1,0 +1,112 @@
+"""Errors that this library raises on misuse.
+
+Every child of `PepperKinError` carries what was wrong as attributes, so that a program can react to it, and
+says it in one sentence that also lists what would have been right.  "Not found" (no IK solution, no path) is
+never raised: it is a status in a result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class PepperKinError(Exception):
+    """Base of all errors of pepper_kin."""
+
+
+class InvalidValueError(PepperKinError, ValueError):
+    """A value has the wrong type, shape or range, or is NaN or infinite.
+
+    Attributes:
+        quantity: Name of the argument.
+        value: The value refused (or the part of it that is wrong).
+        allowed: What would have been accepted, in words.
+    """
+
+    def __init__(self, quantity: str, value: object, allowed: str) -> None:
+        self.quantity, self.value, self.allowed = quantity, value, allowed
+        super().__init__(f"{quantity}: got {value}, expected {allowed}")
+
+
+class UnknownNameError(PepperKinError, KeyError):
+    """A joint, frame, posture, group, ... has no such name.
+
+    Attributes:
+        kind: What was looked up ("joint", "frame", ...).
+        name: The unknown name.
+        available: All known names.
+    """
+
+    def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
+        self.kind, self.name, self.available = kind, name, tuple(available)
+        super().__init__(f"unknown {kind} {name!r}; available: {', '.join(self.available) or '(none)'}")
+
+    def __str__(self) -> str:
+        """Return the sentence itself (KeyError would quote it)."""
+        return str(self.args[0])
+
+
+class LimitError(PepperKinError, ValueError):
+    """A joint's value lies outside its limits.
+
+    Attributes:
+        quantity: What was checked ("start position", "goal velocity", ...).
+        joint: Name of the joint.
+        value: Its value.
+        lower: Lower limit.
+        upper: Upper limit.
+        unit: Unit of the three numbers.
+    """
+
+    def __init__(
+        self, quantity: str, joint: str, value: float, lower: float, upper: float, unit: str = "rad"
+    ) -> None:
+        self.quantity, self.joint, self.value = quantity, joint, value
+        self.lower, self.upper, self.unit = lower, upper, unit
+        super().__init__(f"{quantity}: {joint} = {value:.6g} {unit} is outside [{lower:.6g}, {upper:.6g}] {unit}")
+
+
+class ModelError(PepperKinError):
+    """A robot description cannot be used; the message says which element and why."""
+
+
+class FileFormatError(PepperKinError):
+    """A file cannot be read or does not hold what it should.
+
+    Attributes:
+        path: The file.
+        reason: What is wrong with it.
+        line: Line number, where one is to blame.
+    """
+
+    def __init__(self, path: object, reason: str, line: int | None = None) -> None:
+        self.path, self.reason, self.line = str(path), reason, line
+        where = f"{path}:{line}" if line is not None else f"{path}"
+        super().__init__(f"{where}: {reason}")
+
+
+class InfeasibleError(PepperKinError):
+    """A request has no solution and the caller asked for a value rather than for a result with a status.
+
+    Attributes:
+        quantity: What cannot be had ("trajectory", ...).
+        reason: Why, naming joint, value and limit where one is to blame.
+        advice: What to try.
+    """
+
+    def __init__(self, quantity: str, reason: str, advice: str) -> None:
+        self.quantity, self.reason, self.advice = quantity, reason, advice
+        super().__init__(f"no {quantity}: {reason}; {advice}")
+
+
+class MissingDependencyError(PepperKinError, ImportError):
+    """An optional part needs a package that is not installed.
+
+    Attributes:
+        package: The package.
+        command: The command that installs it.
+    """
+
+    def __init__(self, package: str, command: str, purpose: str) -> None:
+        self.package, self.command = package, command
+        super().__init__(f"{purpose} needs {package!r}; install it with: {command}")

@@ -1,0 +1,1 @@
+"""Robot-agnostic motion planners."""
