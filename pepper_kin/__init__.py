@@ -1,1 +1,102 @@
-"""pepper_kin: Pepper kinematics, dynamics, planning, timing and twin."""
+"""pepper_kin: kinematics, dynamics, whole-body IK, motion planning, timing and a twin for Pepper.
+
+    import pepper_kin as pk
+
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    pk.kinematics.frame_pose(pepper, q, "LArm_effector")
+
+Rooms are imported when first used, so that importing the package itself is quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pepper_kin import (
+        collision,
+        dynamics,
+        ik,
+        kinematics,
+        model,
+        motion,
+        planners,
+        trajectory,
+        twin,
+        viewer,
+    )
+    from pepper_kin.collision import Scene
+    from pepper_kin.exceptions import PepperKinError
+    from pepper_kin.model import PepperModel, load_pepper, load_robot
+    from pepper_kin.motion import plan
+    from pepper_kin.trajectory import Trajectory, retime
+    from pepper_kin.twin import Twin
+    from pepper_kin.viewer import Viewer
+
+__version__ = "0.1.0"
+
+_ROOMS = (
+    "collision",
+    "dynamics",
+    "exceptions",
+    "ik",
+    "kinematics",
+    "model",
+    "motion",
+    "planners",
+    "trajectory",
+    "twin",
+    "viewer",
+)
+_NAMES = {
+    "PepperKinError": "exceptions",
+    "PepperModel": "model",
+    "Scene": "collision",
+    "Trajectory": "trajectory",
+    "Twin": "twin",
+    "Viewer": "viewer",
+    "load_pepper": "model",
+    "load_robot": "model",
+    "plan": "motion",
+    "retime": "trajectory",
+}
+
+__all__ = [
+    "PepperKinError",
+    "PepperModel",
+    "Scene",
+    "Trajectory",
+    "Twin",
+    "Viewer",
+    "collision",
+    "dynamics",
+    "ik",
+    "kinematics",
+    "load_pepper",
+    "load_robot",
+    "model",
+    "motion",
+    "plan",
+    "planners",
+    "retime",
+    "trajectory",
+    "twin",
+    "viewer",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _NAMES:
+        value = getattr(importlib.import_module(f"{__name__}.{_NAMES[name]}"), name)
+    elif name in _ROOMS:
+        value = importlib.import_module(f"{__name__}.{name}")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -63,7 +63,9 @@ class LimitError(PepperKinError, ValueError):
     ) -> None:
         self.quantity, self.joint, self.value = quantity, joint, value
         self.lower, self.upper, self.unit = lower, upper, unit
-        super().__init__(f"{quantity}: {joint} = {value:.6g} {unit} is outside [{lower:.6g}, {upper:.6g}] {unit}")
+        super().__init__(
+            f"{quantity}: {joint} = {value:.6g} {unit} is outside [{lower:.6g}, {upper:.6g}] {unit}"
+        )
 
 
 class ModelError(PepperKinError):

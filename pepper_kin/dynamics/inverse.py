@@ -1,0 +1,59 @@
+"""Inverse dynamics: the torques that a motion needs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.model import PepperModel
+from pepper_kin.model.batch import over_states
+
+
+def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
+    """Return tau = M(q) a + C(q, v) v + g(q) by the recursive Newton-Euler algorithm.
+
+    Featherstone, Rigid Body Dynamics Algorithms (2008), table 5.1; through Pinocchio.  With mimic joints
+    tau = E^T tau_full, where q_full = E q + e.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+
+    Returns:
+        Joint torques or forces [N m or N], shape (..., n).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+    """
+    import pinocchio
+
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+
+    def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
+        tau = pinocchio.rnea(model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a))
+        return tau @ pepper.full_map if pepper.is_coupled else tau
+
+    return over_states(pepper, one, (pepper.n,), q=q, v=v, a=a)
+
+
+def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return g(q), the torques that hold the robot still [N m or N], shape (..., n).
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN or infinity.
+    """
+    import pinocchio
+
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        tau = pinocchio.computeGeneralizedGravity(model, data, pepper.to_full(q))
+        return tau @ pepper.full_map if pepper.is_coupled else tau
+
+    return over_states(pepper, one, (pepper.n,), q=q)

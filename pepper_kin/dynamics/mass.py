@@ -1,0 +1,37 @@
+"""The joint-space mass matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.model import PepperModel
+from pepper_kin.model.batch import over_states
+
+
+def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return M(q), symmetric and positive definite, by the composite-rigid-body algorithm.
+
+    Featherstone (2008), table 6.2; through Pinocchio.  With mimic joints M = E^T M_full E.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+
+    Returns:
+        M, shape (..., n, n) [kg m^2, kg m or kg].
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN or infinity.
+    """
+    import pinocchio
+
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    full_map = pepper.full_map
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        upper = np.triu(pinocchio.crba(model, data, pepper.to_full(q)))
+        full = upper + np.triu(upper, 1).T
+        return full_map.T @ full @ full_map if pepper.is_coupled else full
+
+    return over_states(pepper, one, (pepper.n, pepper.n), q=q)

@@ -1,0 +1,65 @@
+"""Poses of frames: where links and sensors are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.model import PepperModel
+from pepper_kin.model.batch import over_states
+
+
+def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
+    """Return the pose of a link or sensor frame.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        frame: A name of `pepper.frame_names`.
+
+    Returns:
+        transform_frame_to_world, shape (..., 4, 4): maps homogeneous coordinates of the frame to those of
+        the world (`base_footprint` of the fixed base: on the floor, x forward, y left, z up) [m].
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+    """
+    return frame_poses(pepper, q, (frame,))[..., 0, :, :]
+
+
+def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDArray[np.float64]:
+    """Return the poses of several frames.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        frames: k names of `pepper.frame_names`.
+
+    Returns:
+        transform_frame_to_world for each, shape (..., k, 4, 4).
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+    """
+    import pinocchio
+
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    ids = [pepper.frame_id(name) for name in frames]
+    result = np.empty((len(ids), 4, 4))
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        pinocchio.forwardKinematics(model, data, pepper.to_full(q))
+        for place, frame_id in enumerate(ids):
+            result[place] = pinocchio.updateFramePlacement(model, data, frame_id).homogeneous
+        return result
+
+    return over_states(pepper, one, (len(ids), 4, 4), q=q)
+
+
+def link_poses(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return the poses of all links, shape (..., len(pepper.link_names), 4, 4), in that order [m]."""
+    return frame_poses(pepper, q, pepper.link_names)

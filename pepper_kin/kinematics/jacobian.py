@@ -1,0 +1,39 @@
+"""Frame Jacobians: how joint velocities move a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.model import PepperModel
+from pepper_kin.model.batch import over_states
+
+
+def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
+    """Return the Jacobian J(q) of a frame: (velocity of its origin, angular velocity) = J(q) v.
+
+    Both rows blocks are expressed in world axes at the frame's origin; linear first.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        frame: A name of `pepper.frame_names`.
+
+    Returns:
+        J, shape (..., 6, n) [m/rad, rad/rad].
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+    """
+    import pinocchio
+
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    coupled, full_map = pepper.is_coupled, pepper.full_map
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        jacobian = pinocchio.computeFrameJacobian(model, data, pepper.to_full(q), frame_id, axes)
+        return jacobian @ full_map if coupled else jacobian
+
+    return over_states(pepper, one, (6, pepper.n), q=q)

@@ -1,0 +1,131 @@
+"""Checks at the door: joint vectors of the right length, finite, and within limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError, LimitError
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
+
+
+def as_finite(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """Convert to an array of finite floats of a given shape.
+
+    Args:
+        value: Array-like.
+        quantity: Name for the message.
+        shape: Expected shape; None stands for any length.
+
+    Returns:
+        The array (a view where no conversion was needed).
+
+    Raises:
+        InvalidValueError: naming the quantity and what is wrong.
+    """
+    wanted = (
+        "(" + ", ".join("k" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    )
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(quantity, repr(value), f"numbers of shape {wanted}") from error
+    if len(array.shape) != len(shape) or any(
+        s is not None and s != a for s, a in zip(shape, array.shape, strict=True)
+    ):
+        raise InvalidValueError(quantity, f"shape {array.shape}", f"shape {wanted}")
+    if not np.isfinite(array).all():
+        raise InvalidValueError(
+            quantity, array[~np.isfinite(array)][0], "finite numbers (no NaN, no infinity)"
+        )
+    return array
+
+
+def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> NDArray[np.float64]:
+    """Convert to joint vectors with leading batch axes, shape (..., n).
+
+    Args:
+        pepper: The robot, which gives n and the joint names.
+        value: Array-like whose last axis has length n.
+        quantity: Name for the message, such as "q".
+
+    Returns:
+        Array of finite floats, shape (..., n).
+
+    Raises:
+        InvalidValueError: for a wrong length, or naming the joint that is NaN or infinite.
+    """
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(quantity, repr(value)[:80], f"numbers of shape (..., {pepper.n})") from error
+    if array.ndim == 0 or array.shape[-1] != pepper.n:
+        raise InvalidValueError(
+            quantity,
+            f"shape {array.shape}",
+            f"shape (..., {pepper.n}), one value per joint: {', '.join(pepper.joint_names)}",
+        )
+    if not np.isfinite(array).all():
+        index = tuple(np.argwhere(~np.isfinite(array))[0])
+        raise InvalidValueError(
+            quantity, f"{array[index]} at joint {pepper.joint_names[index[-1]]}", "finite numbers"
+        )
+    return array
+
+
+def check_within_limits(
+    pepper: PepperModel, q: NDArray[np.float64], quantity: str, tolerance: float = 1e-9
+) -> None:
+    """Refuse positions outside the joint limits.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        quantity: Name for the message, such as "start".
+        tolerance: Excess allowed [rad or m].
+
+    Raises:
+        LimitError: naming the worst joint, its value and its limits.
+    """
+    excess = np.maximum(pepper.lower_limits - q, q - pepper.upper_limits)
+    if excess.size and excess.max() > tolerance:
+        index = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        joint = int(index[-1])
+        raise LimitError(
+            quantity,
+            pepper.joint_names[joint],
+            float(q[index]),
+            float(pepper.lower_limits[joint]),
+            float(pepper.upper_limits[joint]),
+            pepper.joint_units[joint],
+        )
+
+
+def check_choice(quantity: str, value: str, choices: tuple[str, ...]) -> str:
+    """Return `value` if it is one of `choices`.
+
+    Raises:
+        InvalidValueError: listing the choices.
+    """
+    if value not in choices:
+        raise InvalidValueError(quantity, repr(value), f"one of {', '.join(map(repr, choices))}")
+    return value
+
+
+def check_positive(quantity: str, value: float, unit: str = "") -> float:
+    """Return `value` as a float if it is finite and above zero.
+
+    Raises:
+        InvalidValueError: naming the quantity.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not (np.isfinite(number) and number > 0):
+        raise InvalidValueError(quantity, value, f"a finite number above 0{' ' + unit if unit else ''}")
+    return number

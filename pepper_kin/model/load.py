@@ -1,0 +1,176 @@
+"""From xacro or URDF to a `PepperModel`."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from pepper_kin.exceptions import FileFormatError, ModelError
+from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.semantics import Semantics, parse_srdf
+from pepper_kin.model.shapes import read_only
+from pepper_kin.model.urdf_document import MOVING_TYPES, Joint, UrdfDocument, parse_urdf
+
+BASES = ("fixed", "planar")
+HANDS = ("locked", "mimic", "independent")
+
+
+def load_pepper(base: str = "fixed", hands: str = "locked") -> PepperModel:
+    """Load Pepper.
+
+    Args:
+        base: "fixed", or "planar" for three more joints `BaseX`, `BaseY` [m] and `BaseYaw` [rad].
+        hands: "locked" (fingers fixed, open), "mimic" (`LHand`, `RHand` drive their fingers) or
+            "independent" (28 finger joints).
+
+    Returns:
+        The model; 15 joints with the defaults. Loaded once per choice, then shared: it is frozen.
+
+    Raises:
+        InvalidValueError: for another base or hands.
+    """
+    check_choice("base", base, BASES)
+    check_choice("hands", hands, HANDS)
+    return _load_pepper(base, hands)
+
+
+@cache
+def _load_pepper(base: str, hands: str) -> PepperModel:
+    document = parse_urdf(pepper_urdf(base=base, hands=hands))
+    srdf = (files("pepper_kin.urdf") / "pepper.srdf").read_text(encoding="utf-8")
+    return build_model(document, parse_srdf(srdf, document))
+
+
+def pepper_urdf(**arguments: str) -> str:
+    """Expand the xacro sources of Pepper to a URDF text.
+
+    Args:
+        **arguments: xacro arguments: name, prefix, base, hands, mesh_dir.
+
+    Returns:
+        The URDF.
+    """
+    import xacro
+
+    source = files("pepper_kin.urdf") / "xacro" / "pepper.urdf.xacro"
+    return str(xacro.process_file(str(source), mappings=arguments).toprettyxml(indent="  "))
+
+
+def load_robot(
+    urdf: str | Path, srdf: str | Path | None = None, package_dirs: Sequence[str | Path] = ()
+) -> PepperModel:
+    """Load any robot of revolute, continuous and prismatic joints.
+
+    Args:
+        urdf: Path of a URDF file, or its text.
+        srdf: Path or text of an SRDF with groups and postures, if there is one.
+        package_dirs: Folders that hold packages, for `package://` mesh names.
+
+    Returns:
+        The same kind of object as `load_pepper` gives.
+
+    Raises:
+        FileFormatError: where a file cannot be read.
+        ModelError: where the description is malformed; names the element.
+    """
+    document = parse_urdf(_text(urdf), [Path(folder) for folder in package_dirs])
+    semantics = parse_srdf(_text(srdf), document) if srdf is not None else Semantics()
+    return build_model(document, semantics)
+
+
+def _text(source: str | Path) -> str:
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        return source
+    try:
+        return Path(source).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileFormatError(source, f"cannot be read as text: {error}") from error
+
+
+def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
+    """Build the model of a checked document.
+
+    Raises:
+        ModelError: where Pinocchio refuses it, or no joint moves.
+    """
+    import pinocchio
+
+    joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
+    if not joints:
+        raise ModelError(f"URDF: robot {document.name!r} has no moving joint")
+    try:
+        model = pinocchio.buildModelFromXML(_for_pinocchio(document))
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"URDF: Pinocchio refuses robot {document.name!r}: {error}") from error
+    full_names = list(model.names)[1:]
+    model.lowerPositionLimit = np.array([joints[name].lower for name in full_names])
+    model.upperPositionLimit = np.array([joints[name].upper for name in full_names])
+    names = tuple(name for name in full_names if joints[name].mimic is None)
+    full_map, full_offset = _mimic_map(full_names, names, joints)
+
+    def column(attribute: str) -> np.ndarray:
+        return read_only([getattr(joints[name], attribute) for name in names])
+
+    return PepperModel(
+        name=document.name,
+        urdf=document.text,
+        document=document,
+        joint_names=names,
+        joint_units=tuple("m" if joints[name].type == "prismatic" else "rad" for name in names),
+        lower_limits=column("lower"),
+        upper_limits=column("upper"),
+        velocity_limits=column("velocity"),
+        acceleration_limits=column("acceleration"),
+        effort_limits=column("effort"),
+        semantics=semantics,
+        pinocchio_model=model,
+        full_map=read_only(full_map),
+        full_offset=read_only(full_offset),
+    )
+
+
+def _for_pinocchio(document: UrdfDocument) -> str:
+    """Return the URDF without shapes, and continuous joints as revolute: each has one coordinate."""
+    root = ET.fromstring(document.text)
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                link.remove(element)
+    for element in root.findall("joint"):
+        if element.get("type") in MOVING_TYPES:
+            for mimic in element.findall("mimic"):
+                element.remove(mimic)
+        if element.get("type") == "continuous":
+            element.set("type", "revolute")
+            limit = element.find("limit")
+            limit = ET.SubElement(element, "limit") if limit is None else limit
+            limit.set("lower", "-1e9")
+            limit.set("upper", "1e9")
+            limit.set("effort", limit.get("effort", "1e9"))
+            limit.set("velocity", limit.get("velocity", "1e9"))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _mimic_map(
+    full_names: list[str], names: tuple[str, ...], joints: dict[str, Joint]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return E and e of q_full = E q + e; chains of mimic joints are followed to their leader."""
+    full_map, offset = np.zeros((len(full_names), len(names))), np.zeros(len(full_names))
+    for row, name in enumerate(full_names):
+        gain, shift, leader, steps = 1.0, 0.0, name, 0
+        mimic = joints[leader].mimic
+        while mimic is not None:
+            leader, multiplier, addend = mimic
+            shift, gain = shift + gain * addend, gain * multiplier
+            mimic, steps = joints[leader].mimic, steps + 1
+            if steps > len(full_names) or not math.isfinite(gain):
+                raise ModelError(f"URDF: joint {name} mimics itself")
+        full_map[row, names.index(leader)], offset[row] = gain, shift
+    return full_map, offset

@@ -1,0 +1,207 @@
+"""The robot: names, limits, groups, postures and the Pinocchio model behind them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model.semantics import Semantics
+from pepper_kin.model.shapes import Shape
+from pepper_kin.model.urdf_document import UrdfDocument
+
+
+@dataclass(frozen=True, eq=False)
+class PepperModel:
+    """A robot whose every joint has one coordinate: `nq == nv == n`.
+
+    Values are frozen and arrays are read-only, so one model may be shared by threads and by rooms.
+
+    Attributes:
+        name: Name of the robot.
+        urdf: The URDF text it was built from.
+        joint_names: Order of every joint vector.
+        joint_units: "rad" or "m" for each joint.
+        lower_limits: (n,) [rad or m], -inf where unbounded.
+        upper_limits: (n,) [rad or m], inf where unbounded.
+        velocity_limits: (n,) [rad/s or m/s].
+        acceleration_limits: (n,) [rad/s^2 or m/s^2], inf where the description gives none.
+        effort_limits: (n,) [N m or N].
+        link_names: Links in document order.
+        visual_shapes: What is drawn.
+        collision_shapes: What may not touch.
+        semantics: Groups, states and pairs never checked for collision.
+        pinocchio_model: `pinocchio.Model` of the moving tree. Where hands are driven by mimic joints it has
+            more coordinates than the robot: see `full_map`.
+        full_map: (n_full, n) matrix E of q_full = E q + e.
+        full_offset: (n_full,) vector e.
+    """
+
+    name: str
+    urdf: str
+    document: UrdfDocument = field(repr=False)
+    joint_names: tuple[str, ...]
+    joint_units: tuple[str, ...] = field(repr=False)
+    lower_limits: NDArray[np.float64] = field(repr=False)
+    upper_limits: NDArray[np.float64] = field(repr=False)
+    velocity_limits: NDArray[np.float64] = field(repr=False)
+    acceleration_limits: NDArray[np.float64] = field(repr=False)
+    effort_limits: NDArray[np.float64] = field(repr=False)
+    semantics: Semantics = field(repr=False)
+    pinocchio_model: Any = field(repr=False)
+    full_map: NDArray[np.float64] = field(repr=False)
+    full_offset: NDArray[np.float64] = field(repr=False)
+    _local: threading.local = field(default_factory=threading.local, repr=False)
+    _frame_ids: dict[str, int] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        import pinocchio
+
+        body = pinocchio.FrameType.BODY
+        ids = {f.name: i for i, f in enumerate(self.pinocchio_model.frames) if f.type == body}
+        self._frame_ids.update({name: ids[name] for name in self.document.links if name in ids})
+
+    def __repr__(self) -> str:
+        return f"PepperModel({self.name!r}, n={self.n}, joints: {', '.join(self.joint_names)})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Rebuild from the texts: Pinocchio's data and thread locals do not travel."""
+        from pepper_kin.model.load import build_model
+
+        return (build_model, (self.document, self.semantics))
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.joint_names)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Links, sensor frames included, in document order."""
+        return self.document.links
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names that take a frame: all links and sensor frames."""
+        return tuple(self._frame_ids)
+
+    @property
+    def visual_shapes(self) -> tuple[Shape, ...]:
+        """Shapes to draw."""
+        return self.document.visuals
+
+    @property
+    def collision_shapes(self) -> tuple[Shape, ...]:
+        """Shapes that may not touch."""
+        return self.document.collisions
+
+    @property
+    def posture_names(self) -> tuple[str, ...]:
+        """Names that `posture` takes."""
+        return self.semantics.postures()
+
+    @property
+    def group_names(self) -> tuple[str, ...]:
+        """Names that `joint_group` takes."""
+        return tuple(self.semantics.groups)
+
+    @property
+    def pinocchio_data(self) -> Any:
+        """A `pinocchio.Data` of this thread, overwritten by every computation on it."""
+        data = getattr(self._local, "data", None)
+        if data is None:
+            data = self._local.data = self.pinocchio_model.createData()
+        return data
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether mimic joints follow others (`pinocchio_model` then has more coordinates than n)."""
+        return self.full_map.shape[0] != self.n
+
+    def to_full(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the coordinates of `pinocchio_model`, E q + e, shape (..., n_full), of q, shape (..., n)."""
+        return q @ self.full_map.T + self.full_offset if self.is_coupled else q
+
+    def rate_to_full(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the velocities or accelerations of `pinocchio_model`, E v, shape (..., n_full)."""
+        return v @ self.full_map.T if self.is_coupled else v
+
+    def frame_id(self, name: str) -> int:
+        """Return Pinocchio's index of a link or sensor frame.
+
+        Raises:
+            UnknownNameError: listing all frames.
+        """
+        try:
+            return self._frame_ids[name]
+        except (KeyError, TypeError):
+            raise UnknownNameError("frame", name, self.frame_names) from None
+
+    def joint_index(self, name: str) -> int:
+        """Return the place of a joint in every joint vector.
+
+        Raises:
+            UnknownNameError: listing all joints.
+        """
+        try:
+            return self.joint_names.index(name)
+        except ValueError:
+            raise UnknownNameError("joint", name, self.joint_names) from None
+
+    def joint_group(self, name: str) -> tuple[str, ...]:
+        """Return the names of a group's joints, in the order of the joint vector.
+
+        Raises:
+            UnknownNameError: listing all groups.
+        """
+        if name not in self.semantics.groups:
+            raise UnknownNameError("joint group", name, self.group_names)
+        members = set(self.semantics.groups[name])
+        return tuple(joint for joint in self.joint_names if joint in members)
+
+    def posture(self, name: str) -> NDArray[np.float64]:
+        """Return a named posture of the whole body, shape (n,) [rad or m].
+
+        Joints that the posture does not mention (a moving base) are at zero, or at the nearest limit.
+
+        Raises:
+            UnknownNameError: listing all postures.
+        """
+        if name not in self.posture_names:
+            raise UnknownNameError("posture", name, self.posture_names)
+        values = self.semantics.states[("whole_body", name)]
+        q = np.array([values.get(joint, 0.0) for joint in self.joint_names])
+        return np.clip(q, self.lower_limits, self.upper_limits)
+
+    def neutral(self) -> NDArray[np.float64]:
+        """Return Stand where the robot has it, else zero moved into the limits, shape (n,) [rad or m]."""
+        if "Stand" in self.posture_names:
+            return self.posture("Stand")
+        return np.clip(np.zeros(self.n), self.lower_limits, self.upper_limits)
+
+    def joint_vector(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return a joint vector with some joints set and the rest from Stand, shape (n,).
+
+        Args:
+            values: Joint name -> position [rad or m].
+
+        Raises:
+            UnknownNameError: for a joint that the robot lacks.
+            InvalidValueError: for a value that is not a finite number.
+        """
+        q = self.neutral()
+        for joint, value in values.items():
+            index = self.joint_index(joint)
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                number = float("nan")
+            if not np.isfinite(number):
+                raise InvalidValueError(f"position of {joint}", value, "a finite number")
+            q[index] = number
+        return q

@@ -1,0 +1,159 @@
+"""Geometric shapes that hang on the links of a robot or stand in its world."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+
+
+def _positive(quantity: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise InvalidValueError(quantity, value, "a finite number above 0 [m]")
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box centred at its frame.
+
+    Attributes:
+        size: Full lengths along x, y and z [m].
+    """
+
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        size = tuple(float(v) for v in self.size)
+        if len(size) != 3 or not all(math.isfinite(v) and v > 0 for v in size):
+            raise InvalidValueError("box size", self.size, "three finite lengths above 0 [m]")
+        object.__setattr__(self, "size", size)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere centred at its frame.
+
+    Attributes:
+        radius: Radius [m].
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _positive("sphere radius", self.radius)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along the z axis, centred at its frame.
+
+    Attributes:
+        radius: Radius [m].
+        length: Height [m].
+    """
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _positive("cylinder radius", self.radius)
+        _positive("cylinder length", self.length)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A capsule along the z axis, centred at its frame: all points within `radius` of a segment.
+
+    Attributes:
+        radius: Radius [m].
+        length: Length of the segment, without the two round ends [m].
+    """
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _positive("capsule radius", self.radius)
+        _positive("capsule length", self.length)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh in a file.
+
+    Attributes:
+        path: The file (STL, OBJ or DAE).
+        scale: Factors along x, y and z.
+    """
+
+    path: Path
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+Geometry: TypeAlias = Box | Sphere | Cylinder | Capsule | Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A geometry fixed to a link.
+
+    Attributes:
+        name: Unique name.
+        link: The link that carries it.
+        geometry: The geometry, in its own frame.
+        transform_shape_to_link: (4, 4), read-only.
+        color: Red, green, blue and opacity, 0 to 1.
+    """
+
+    name: str
+    link: str
+    geometry: Geometry
+    transform_shape_to_link: NDArray[np.float64]
+    color: tuple[float, float, float, float] = (0.8, 0.8, 0.8, 1.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "transform_shape_to_link", read_only(self.transform_shape_to_link))
+
+
+def read_only(array: ArrayLike) -> NDArray[np.float64]:
+    """Copy an array of floats and forbid writing to the copy."""
+    copy = np.array(array, dtype=float)
+    copy.setflags(write=False)
+    return copy
+
+
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+    """Return Rz(yaw) Ry(pitch) Rx(roll), the rotation of URDF's rpy [rad], shape (3, 3)."""
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def transform(position: ArrayLike = (0.0, 0.0, 0.0), rpy: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    """Return the (4, 4) transform of a position [m] and a URDF rpy [rad]."""
+    result = np.eye(4)
+    result[:3, :3] = rotation_rpy(*(float(v) for v in np.asarray(rpy, dtype=float)))
+    result[:3, 3] = position
+    return result
+
+
+def rotation_to_axis(axis: ArrayLike) -> NDArray[np.float64]:
+    """Return a rotation, shape (3, 3), that maps z to the direction of `axis`, shape (3,)."""
+    z = np.asarray(axis, dtype=float)
+    z = z / np.linalg.norm(z)
+    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

@@ -1,0 +1,1 @@
+"""The visual shapes of Pepper, lofted from measured sections."""
