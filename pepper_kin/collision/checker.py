@@ -127,7 +127,6 @@ class CollisionChecker:
 
             geometry_data = pinocchio.GeometryData(self._model)
             for request in geometry_data.distanceRequests:
-                request.enable_nearest_points = True
                 request.enable_signed_distance = True
             data = self._local.data = (self.pepper.pinocchio_model.createData(), geometry_data)
         return data

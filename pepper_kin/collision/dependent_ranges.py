@@ -1,9 +1,9 @@
 """Neighbouring bodies that capsules cannot tell apart: where one joint's free range depends on another.
 
 The capsules of pelvis and trunk, trunk and head, upper arm and forearm overlap in postures in which the
-bodies are well apart.  For these pairs the free interval of one joint is tabulated against the other, computed
-from the surfaces in steps of 0.01 rad (the tighter side of left and right is kept for both).  Between
-two rows the intersection of both intervals holds, so that contact is never missed for want of a row.
+bodies are well apart.  For these pairs the free interval of one joint is tabulated against the other,
+computed from the surfaces in steps of 0.01 rad (the tighter side of left and right is kept for both).
+Between two rows the intersection of both intervals holds, so that no contact is missed for want of a row.
 """
 
 from __future__ import annotations
