@@ -6,18 +6,28 @@ if result.success:
     curve = smooth(problem, shortcut(problem, result.path))
 """
 
+from .certificate import Certificate, certify
 from .deadline import Deadline
 from .metric import Metric
 from .oracle import Advance, Oracle, StateValidity
 from .path import Path
 from .problem import Problem
+from .result import Result, Status
+from .rrt_connect import rrt_connect
+from .smooth_path import SmoothPath
 
 __all__ = [
     "Advance",
+    "Certificate",
     "Deadline",
     "Metric",
     "Oracle",
     "Path",
     "Problem",
+    "Result",
+    "SmoothPath",
     "StateValidity",
+    "Status",
+    "certify",
+    "rrt_connect",
 ]
