@@ -14,6 +14,7 @@ from .path import Path
 from .problem import Problem
 from .result import Result, Status
 from .rrt_connect import rrt_connect
+from .shortcut import shortcut
 from .smooth_path import SmoothPath
 
 __all__ = [
@@ -30,4 +31,5 @@ __all__ = [
     "Status",
     "certify",
     "rrt_connect",
+    "shortcut",
 ]
