@@ -15,6 +15,7 @@ from .problem import Problem
 from .result import Result, Status
 from .rrt_connect import rrt_connect
 from .shortcut import shortcut
+from .smooth import smooth
 from .smooth_path import SmoothPath
 
 __all__ = [
@@ -32,4 +33,5 @@ __all__ = [
     "certify",
     "rrt_connect",
     "shortcut",
+    "smooth",
 ]
