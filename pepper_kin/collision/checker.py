@@ -42,20 +42,22 @@ class CollisionChecker:
     Args:
         pepper: The robot.
         scene: The world around it; None for none.
+        margin: Distance to the scene below which `in_collision` says yes [m]; self-collision keeps none.
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene | None = None) -> None:
+    def __init__(self, pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0) -> None:
         import pinocchio
 
         self.pepper = pepper
+        self.margin = float(margin)
         self.scene = scene if scene is not None else Scene()
         self._ranges = dependent_ranges(pepper)
         self._model: Any = pinocchio.GeometryModel()
         self._owners: list[str] = []
         self._add_robot()
-        robot_count = len(self._owners)
+        self._robot_count = len(self._owners)
         self._add_scene()
-        self._add_pairs(robot_count)
+        self._add_pairs()
         shapes = [item.geometry for item in self._model.geometryObjects]
         for shape in shapes:
             shape.computeLocalAABB()
@@ -128,6 +130,8 @@ class CollisionChecker:
             geometry_data = pinocchio.GeometryData(self._model)
             for request in geometry_data.distanceRequests:
                 request.enable_signed_distance = True
+            for request, second in zip(geometry_data.collisionRequests, self._pairs[1], strict=True):
+                request.security_margin = self.margin if second >= self._robot_count else 0.0
             data = self._local.data = (self.pepper.pinocchio_model.createData(), geometry_data)
         return data
 
@@ -189,15 +193,15 @@ class CollisionChecker:
             self._model.addGeometryObject(pinocchio.GeometryObject(name, 0, 0, placement, geometry))
             self._owners.append(item.name)
 
-    def _add_pairs(self, robot_count: int) -> None:
+    def _add_pairs(self) -> None:
         import pinocchio
 
         disabled = self.pepper.semantics.disabled_pairs
         objects = self._model.geometryObjects
-        for i in range(robot_count):
+        for i in range(self._robot_count):
             for j in range(i + 1, len(objects)):
                 a, b = sorted((self._owners[i], self._owners[j]))
-                of_robot = j < robot_count
+                of_robot = j < self._robot_count
                 # Shapes on one joint never move against one another; a base that does not move against the
                 # scene is still checked, because a plan in a wall should be refused.
                 if of_robot and (objects[i].parentJoint == objects[j].parentJoint or (a, b) in disabled):
@@ -234,6 +238,6 @@ def _coal_mesh(mesh: Mesh) -> Any:
 
 
 @lru_cache(maxsize=16)
-def checker_for(pepper: PepperModel, scene: Scene | None = None) -> CollisionChecker:
+def checker_for(pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0) -> CollisionChecker:
     """Return the checker of a robot in a scene, built once and kept for the next call."""
-    return CollisionChecker(pepper, scene)
+    return CollisionChecker(pepper, scene, margin)

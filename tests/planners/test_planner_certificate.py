@@ -4,11 +4,11 @@ import subprocess
 import sys
 
 import numpy as np
-import pepper_kin.planners as planners
 import pytest
-from pepper_kin.planners import Path, Problem, certify, smooth
 
+import pepper_kin.planners as planners
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.planners import Path, Problem, certify, smooth
 
 
 def left_half(states: np.ndarray) -> np.ndarray:

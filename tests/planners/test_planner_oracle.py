@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pepper_kin.planners import Deadline, Metric, Oracle, StateValidity
-from pepper_kin.planners.oracle import MAX_BATCH, visiting_order
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.planners import Deadline, Metric, Oracle, StateValidity
+from pepper_kin.planners.oracle import MAX_BATCH, visiting_order
 
 
 class Recorder:

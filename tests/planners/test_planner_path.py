@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pepper_kin.planners import Path
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.planners import Path
 
 polylines = st.integers(1, 8).flatmap(lambda k: arrays(float, (k, 3), elements=st.floats(-10, 10, width=16)))
 weight_vectors = arrays(float, 3, elements=st.floats(0.25, 4))

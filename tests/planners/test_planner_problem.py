@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pepper_kin.planners import Metric, Problem
 
 from pepper_kin.exceptions import InvalidValueError, PepperKinError
+from pepper_kin.planners import Metric, Problem
 
 
 def everywhere(states: np.ndarray) -> np.ndarray:

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.planners import Metric, Oracle, Problem, Status, certify, rrt_connect
 from pepper_kin.planners.oracle import MAX_BATCH
 from pepper_kin.planners.tree import Tree
-
-from pepper_kin.exceptions import InvalidValueError
 
 UNIT = (np.zeros(2), np.ones(2))
 LEFT, RIGHT = [0.1, 0.1], [0.9, 0.15]

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pepper_kin.planners import Oracle, Path, Problem, rrt_connect, shortcut
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.planners import Oracle, Path, Problem, rrt_connect, shortcut
 
 ENDS = ([0.1, 0.1], [0.9, 0.15])
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pepper_kin.planners import Path, Problem, SmoothPath, certify, rrt_connect, shortcut, smooth
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.planners import Path, Problem, SmoothPath, certify, rrt_connect, shortcut, smooth
 
 
 def everywhere(states: np.ndarray) -> np.ndarray:
