@@ -54,7 +54,7 @@ _ADVICE = {
     PlanStatus.SOLVED: "Time the path with retime().",
     PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
     PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold, such as Stand.",
-    PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks with the scene so that free goals are sought.",
+    PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
     PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
     PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
     PlanStatus.NO_PATH_IN_TIME: "Raise the timeout, try another seed, or free more joints.",
@@ -283,7 +283,7 @@ def _free_joints(
 def _margin(
     checker: CollisionChecker, start: NDArray[np.float64], goals: NDArray[np.float64], margin: float
 ) -> float:
-    """Return the margin to the scene that is kept: the wanted one, or as much of it as both ends allow [m]."""
+    """Return the margin kept to the scene [m]: the wanted one, or as much as both ends allow."""
     wanted = float(margin)
     if not (np.isfinite(wanted) and wanted >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")

@@ -124,12 +124,12 @@ def test_pickle_gives_the_same_robot():
 
 def test_collision_capsules_are_read_back_as_capsules():
     pepper = pk.load_pepper()
-    bicep = [shape for shape in pepper.collision_shapes if shape.link == "LBicep"]
-    assert [shape.geometry for shape in bicep][0].radius == 0.04449
-    assert isinstance(bicep[0].geometry, pk.model.Capsule)
+    bicep = next(shape for shape in pepper.collision_shapes if shape.link == "LBicep")
+    assert isinstance(bicep.geometry, pk.model.Capsule)
+    assert bicep.geometry.radius == 0.04449
     ends = np.array([[-0.00435, 0.0044, 0.00211], [0.14574, 0.0186, -0.00388]])
-    half = bicep[0].geometry.length / 2
-    found = [(bicep[0].transform_shape_to_link @ [0, 0, z, 1])[:3] for z in (-half, half)]
+    half = bicep.geometry.length / 2
+    found = [(bicep.transform_shape_to_link @ [0, 0, z, 1])[:3] for z in (-half, half)]
     np.testing.assert_allclose(found, ends, atol=1e-9)
 
 

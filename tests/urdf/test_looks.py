@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 import xacro
+
 from pepper_kin.urdf.looks.build import MACROS_FILE, MESH_FOLDER, files, looks
 from pepper_kin.urdf.looks.measurements import features, link_shape
 from pepper_kin.urdf.looks.part import MATERIALS

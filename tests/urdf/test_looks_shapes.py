@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
 from pepper_kin.urdf.looks.decals import Projector, Relief, band, ring, spot, strip
 from pepper_kin.urdf.looks.loft import Loft, superellipse
 from pepper_kin.urdf.looks.measurements import link_shape
@@ -13,8 +15,6 @@ from pepper_kin.urdf.looks.mesh import Mesh, join
 from pepper_kin.urdf.looks.part import measured_loft
 from pepper_kin.urdf.looks.solids import drum, ellipsoid
 from pepper_kin.urdf.looks.stl import corners_from_bytes, to_bytes
-
-from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
 
 RADII = np.array([0.05, 0.08, 0.11])
 CENTRE = np.array([0.01, -0.02, 0.03])
