@@ -74,6 +74,18 @@ def free_joints(
     start: NDArray[np.float64],
     goals: NDArray[np.float64],
 ) -> NDArray[np.int64]:
+    """Return the indices of the joints that the planner moves, rising, shape (k,).
+
+    Args:
+        pepper: The robot.
+        joints: A group, names, or None for those in which start and goals differ.
+        start: Start configuration, shape (n,).
+        goals: Goal configurations, shape (m, n).
+
+    Raises:
+        InvalidValueError: where a goal differs from the start in a joint that may not move.
+        UnknownNameError: for an unknown joint or group.
+    """
     moved = np.flatnonzero(np.any(np.abs(goals - start) > 1e-9, axis=0))
     if joints is None:
         return moved

@@ -99,7 +99,7 @@ def plan(
 def _embedding(
     frozen: NDArray[np.float64], free: NDArray[np.int64], problem: planners.Problem
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return the map from states of the moving joints, shape (m, k), to whole configurations, shape (m, n)."""
+    """Return the map from states of the moving joints to whole configurations."""
 
     def embed(states: NDArray[np.float64]) -> NDArray[np.float64]:
         q = np.tile(frozen, (len(states), 1))

@@ -91,6 +91,7 @@ class Ending:
         self.joint_names, self.begin, self.seed, self.planner = pepper.joint_names, begin, seed, planner
 
     def __call__(self, status: PlanStatus, message: str, **more: Any) -> Plan:
+        """Return the plan of an ending; `more` are its other fields."""
         elapsed = time.perf_counter() - self.begin
         return Plan(
             status, message, self.joint_names, time=elapsed, seed=self.seed, planner=self.planner, **more
