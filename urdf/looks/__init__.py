@@ -1,1 +1,4 @@
-"""The visual shapes of Pepper, lofted from measured sections."""
+"""Pepper's visible shape, made by code from measured cross-sections.
+
+`python -m pepper_kin.urdf.looks` rewrites `urdf/meshes/*.stl` and `urdf/xacro/looks.xacro`.
+"""

@@ -1,0 +1,63 @@
+"""Collision and clearance as plain functions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision.checker import ClosestPair, checker_for
+from pepper_kin.collision.scene import Scene
+from pepper_kin.model import PepperModel
+
+
+def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.bool_]:
+    """Whether the robot touches itself or the scene.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        scene: The world around it; None checks the robot against itself only.
+
+    Returns:
+        Booleans, shape (...,).
+
+    Raises:
+        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+    """
+    return checker_for(pepper, scene).in_collision(q)
+
+
+def clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.float64]:
+    """Return the exact smallest distance of the robot to itself and the scene.
+
+    Neighbouring bodies that `in_collision` decides by joint ranges have no distance and do not count here.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        scene: The world around it; None for the robot against itself only.
+
+    Returns:
+        Distances [m], shape (...,); below zero where shapes overlap.
+
+    Raises:
+        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+    """
+    return checker_for(pepper, scene).clearance(q)
+
+
+def closest_pair(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> ClosestPair | None:
+    """Return the nearest pair of bodies at one configuration, with distance and nearest points.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (n,).
+        scene: The world around it; None for the robot against itself only.
+
+    Returns:
+        The pair; None where nothing is checked.
+
+    Raises:
+        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+    """
+    return checker_for(pepper, scene).closest_pair(q)
