@@ -1,1 +1,6 @@
-"""Under construction."""
+"""Pictures of the robot: a live page, recordings that need no server, images."""
+
+from pepper_kin.viewer.drawable import Drawable, marker
+from pepper_kin.viewer.recording import write_motion_page
+
+__all__ = ["Drawable", "marker", "write_motion_page"]
