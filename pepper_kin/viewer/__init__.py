@@ -2,6 +2,16 @@
 
 from pepper_kin.viewer.browser import find_chromium, screenshot
 from pepper_kin.viewer.drawable import Drawable, marker
+from pepper_kin.viewer.joint_motion import JointMotion
 from pepper_kin.viewer.recording import write_motion_page
+from pepper_kin.viewer.viewer import Viewer
 
-__all__ = ["Drawable", "find_chromium", "marker", "screenshot", "write_motion_page"]
+__all__ = [
+    "Drawable",
+    "JointMotion",
+    "Viewer",
+    "find_chromium",
+    "marker",
+    "screenshot",
+    "write_motion_page",
+]
