@@ -1,0 +1,75 @@
+"""What a viewer can play: joint positions over time, whatever they came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+from pepper_kin.model.shapes import read_only
+
+Playable: TypeAlias = "JointMotion | ArrayLike"
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """Joint positions over time, with curves to plot beside them.
+
+    Attributes:
+        times: Sample times, shape (T,), strictly increasing [s].
+        positions: Joint positions at those times, shape (T, n) [rad or m].
+        series: Curves, name (with unit) to values of shape (T,).
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        times = read_only(as_finite(self.times, "times", (None,)))
+        positions = read_only(as_finite(self.positions, "positions", (times.size, None)))
+        curves = {
+            name: read_only(as_finite(values, f"series {name!r}", (times.size,)))
+            for name, values in self.series.items()
+        }
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "series", MappingProxyType(curves))
+
+
+def still(pepper: PepperModel, q: ArrayLike) -> JointMotion:
+    """Return the motion that stays at joint positions q, shape (n,) [rad or m].
+
+    Raises:
+        InvalidValueError: for a q of wrong shape, or with NaN or infinity.
+    """
+    positions = as_joint_vectors(pepper, q, "q")
+    if positions.ndim != 1:
+        raise InvalidValueError("q", f"shape {positions.shape}", f"shape ({pepper.n},)")
+    return JointMotion(np.zeros(1), positions[None])
+
+
+def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
+    """Return anything that can be played as joint positions over time.
+
+    Args:
+        pepper: The robot.
+        motion: A `JointMotion`, or joint positions of shape (n,).
+
+    Returns:
+        The motion.
+
+    Raises:
+        InvalidValueError: for a motion of another robot, or with NaN or infinity.
+    """
+    if isinstance(motion, JointMotion):
+        as_joint_vectors(pepper, motion.positions, "positions")
+        return motion
+    return still(pepper, motion)

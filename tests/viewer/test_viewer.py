@@ -1,0 +1,161 @@
+"""The viewer on Pepper: what it draws is where kinematics says it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.viewer import JointMotion, Viewer
+
+
+@pytest.fixture(scope="module")
+def pepper():
+    return pk.load_pepper()
+
+
+@pytest.fixture(scope="module")
+def waving(pepper):
+    """Two seconds at 200 Hz: the left arm goes up, the head turns."""
+    start = pepper.posture("Stand")
+    goal = pepper.joint_vector({"LShoulderPitch": -1.2, "LElbowRoll": -1.0, "HeadYaw": 0.8})
+    times = np.linspace(0.0, 2.0, 401)
+    share = (0.5 - 0.5 * np.cos(np.pi * times / 2.0))[:, None]
+    return JointMotion(times, start + share * (goal - start), {"effort [N m]": np.sin(times)})
+
+
+def test_a_recording_has_every_link_where_kinematics_puts_it(pepper, waving, tmp_path, content_of):
+    path = Viewer(pepper).save_html(tmp_path / "motion.html", waving, fps=20.0)
+    motion = content_of(path)["motion"]
+    assert motion["times"].size == 41
+    names = [link["name"] for link in motion["links"]]
+    assert set(names) == {shape.link for shape in pepper.visual_shapes}
+    positions = motion["positions"].reshape(41, -1, 3)
+    quaternions = motion["quaternions"].reshape(41, -1, 4)
+    for frame in (0, 13, 40):
+        q = waving.positions[np.argmin(np.abs(waving.times - motion["times"][frame]))]
+        for index, name in enumerate(names):
+            pose = pk.kinematics.frame_pose(pepper, q, name)
+            np.testing.assert_allclose(positions[frame, index], pose[:3, 3], atol=1e-6)
+            turn = Rotation.from_quat(quaternions[frame, index]).inv() * Rotation.from_matrix(pose[:3, :3])
+            assert turn.magnitude() < 1e-6
+
+
+def test_a_recording_shows_looks_scene_targets_and_curves(pepper, waving, tmp_path, content_of):
+    scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
+    viewer = Viewer(pepper).add_scene(scene).add_target("left hand", (0.4, 0.2, 0.9))
+    path = viewer.save_html(tmp_path / "motion.html", waving, title="Over the table")
+    content = content_of(path)
+    paths = [command["path"] for command in content["commands"] if command["type"] == "set_object"]
+    assert len(paths) == len(pepper.visual_shapes) + 2
+    assert [p.split(" ", 1)[1] for p in paths if p.startswith("/world/")] == ["table", "left hand"]
+    assert [entry["name"] for entry in content["markers"]] == ["left hand"]
+    assert [curve["name"] for curve in content["motion"]["series"]] == ["effort [N m]"]
+    assert content["title"] == "Over the table"
+    table = next(c for c in content["commands"] if c["type"] == "set_transform" and "/world/" in c["path"])
+    assert table["matrix"][12:15] == [0.55, 0.0, 0.70]
+
+
+def test_ten_seconds_of_pepper_stay_below_three_megabytes(pepper, tmp_path):
+    times = np.linspace(0.0, 10.0, 1001)
+    motion = JointMotion(times, pepper.posture("Stand") + 0.02 * np.sin(times)[:, None])
+    assert Viewer(pepper).save_html(tmp_path / "motion.html", motion).stat().st_size < 3_000_000
+
+
+def test_collision_shapes_can_be_shown_instead(pepper, tmp_path, content_of):
+    viewer = Viewer(pepper, looks="collision")
+    content = content_of(viewer.save_html(tmp_path / "shapes.html", pepper.posture("Stand")))
+    assert len(content["commands"]) == 2 * len(pepper.collision_shapes)
+    assert content["motion"]["times"].size == 1
+
+
+def test_without_a_motion_pepper_stands(pepper, tmp_path, content_of):
+    motion = content_of(Viewer(pepper).save_html(tmp_path / "stand.html"))["motion"]
+    names = [link["name"] for link in motion["links"]]
+    hand = motion["positions"].reshape(-1, 3)[names.index("l_wrist")]
+    pose = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "l_wrist")
+    np.testing.assert_allclose(hand, pose[:3, 3], atol=1e-6)
+
+
+def test_a_motion_is_copied_and_read_only(pepper):
+    positions = np.zeros((2, pepper.n))
+    motion = JointMotion(np.array([0.0, 1.0]), positions)
+    positions[:] = 9.0
+    assert (motion.positions == 0.0).all()
+    with pytest.raises(ValueError, match="read-only"):
+        motion.positions[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        (np.zeros(3), r"q: got shape \(3,\), expected shape \(\.\.\., 15\)"),
+        (np.full(15, np.nan), "q: got nan at joint"),
+        (np.zeros((2, 15)), r"q: got shape \(2, 15\), expected shape \(15,\)"),
+        (JointMotion(np.array([0.0, 1.0]), np.zeros((2, 4))), r"positions: got shape \(2, 4\)"),
+        (JointMotion(np.array([1.0, 0.0]), np.zeros((2, 15))), "times: got 1 s followed by 0 s"),
+    ],
+)
+def test_motions_that_do_not_fit_are_refused_by_name(pepper, tmp_path, motion, message):
+    with pytest.raises(InvalidValueError, match=message):
+        Viewer(pepper).save_html(tmp_path / "a.html", motion)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_series_targets_and_looks_are_refused_by_name(pepper, waving, tmp_path):
+    with pytest.raises(InvalidValueError, match=r"series 'x': got shape \(2,\), expected shape \(401,\)"):
+        Viewer(pepper).save_html(tmp_path / "a.html", waving, series={"x": [1.0, 2.0]})
+    with pytest.raises(InvalidValueError, match="position of 'hand': got inf"):
+        Viewer(pepper).add_target("hand", (np.inf, 0, 0))
+    with pytest.raises(UnknownNameError, match="unknown looks 'shiny'; available: visual, collision"):
+        Viewer(pepper, looks="shiny")
+
+
+@pytest.mark.browser
+def test_a_picture_shows_a_white_robot_in_the_middle(chromium_path, pepper, tmp_path):
+    path = Viewer(pepper).save_image(tmp_path / "pepper.png", size=(240, 300), view="front")
+    pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    assert pixels.shape == (300, 240, 3)
+    middle, edge = pixels[60:250, 100:140], pixels[60:250, :15]
+    assert np.ptp(middle) > 150  # white shell and dark tablet, neck and waist
+    assert np.ptp(edge) < 120  # floor and sky alone
+    columns = np.nonzero((pixels.max(axis=2) < 40).any(axis=0))[0]  # tablet, neck, elbows, waist
+    assert abs(columns.min() + columns.max() - 239) < 10  # from the front it is symmetric
+
+
+@pytest.mark.browser
+def test_a_live_page_shows_and_plays(browser, pepper, waving):
+    where = (
+        "viewer.scene_tree.find(['links', 'l_wrist']).object.getWorldPosition(new MeshCat.THREE.Vector3())"
+    )
+    read = f"() => {{ viewer.scene.updateMatrixWorld(true); const p = {where}; return [p.x, -p.z, p.y]; }}"
+
+    def hand(q):
+        return pk.kinematics.frame_pose(pepper, q, "l_wrist")[:3, 3]
+
+    def reaches(page, point):
+        for _ in range(1000):
+            if np.abs(np.array(page.evaluate(read)) - point).max() < 1e-4:
+                return True
+            page.wait_for_timeout(20)
+        return False
+
+    with Viewer(pepper) as viewer:
+        assert viewer.url is None
+        url = viewer.show(waving.positions[0])
+        assert url.startswith("http://127.0.0.1:")
+        page = browser.new_page()
+        page.goto(url)
+        assert reaches(page, hand(waving.positions[0]))
+        assert viewer.show(waving.positions[-1]) == url
+        assert reaches(page, hand(waving.positions[-1]))
+        assert viewer.play(waving) == viewer.url == url
+        page.evaluate("viewer.animator.seek(1)")
+        page.evaluate("viewer.animator.pause()")
+        page.evaluate("viewer.animator.seek(1)")
+        assert reaches(page, hand(waving.positions[200]))
+        page.close()
+    assert viewer.url is None
