@@ -14,8 +14,9 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory import Trajectory
 
-Playable: TypeAlias = "JointMotion | ArrayLike"
+_TRAJECTORY_STEP = 0.005  # [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,10 @@ class JointMotion:
         object.__setattr__(self, "series", MappingProxyType(curves))
 
 
+Playable: TypeAlias = JointMotion | Trajectory | ArrayLike
+"""What a viewer can play; an array of shape (n,) is a posture held still."""
+
+
 def still(pepper: PepperModel, q: ArrayLike) -> JointMotion:
     """Return the motion that stays at joint positions q, shape (n,) [rad or m].
 
@@ -61,15 +66,39 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
 
     Args:
         pepper: The robot.
-        motion: A `JointMotion`, or joint positions of shape (n,).
+        motion: A `JointMotion`, a trajectory (its velocities become curves), or joint positions of shape
+            (n,).
 
     Returns:
         The motion.
 
     Raises:
-        InvalidValueError: for a motion of another robot, or with NaN or infinity.
+        InvalidValueError: for a motion of another robot, with NaN or infinity, or for something else.
     """
     if isinstance(motion, JointMotion):
         as_joint_vectors(pepper, motion.positions, "positions")
         return motion
+    if isinstance(motion, Trajectory):
+        return _of_trajectory(pepper, motion)
     return still(pepper, motion)
+
+
+def _of_trajectory(pepper: PepperModel, trajectory: Trajectory) -> JointMotion:
+    if trajectory.joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
+        )
+    samples = trajectory.sample(_TRAJECTORY_STEP)
+    return JointMotion(
+        samples.time, samples.position, _curves(pepper, "velocity", ("rad/s", "m/s"), samples.velocity)
+    )
+
+
+def _curves(
+    pepper: PepperModel, quantity: str, units: tuple[str, str], values: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return one curve per joint; `units` are those of a turning and of a sliding joint."""
+    return {
+        f"{joint} {quantity} [{units[unit == 'm']}]": values[:, index]
+        for index, (joint, unit) in enumerate(zip(pepper.joint_names, pepper.joint_units, strict=True))
+    }

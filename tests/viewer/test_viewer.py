@@ -80,6 +80,28 @@ def test_without_a_motion_pepper_stands(pepper, tmp_path, content_of):
     np.testing.assert_allclose(hand, pose[:3, 3], atol=1e-6)
 
 
+def test_a_trajectory_plays_with_its_velocities(pepper, tmp_path, content_of):
+    start, goal = pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.2, "HeadYaw": 0.5})
+    cubic = np.stack([start, 0 * start, 3 * (goal - start), -2 * (goal - start)])
+    trajectory = pk.Trajectory(pepper.joint_names, [0.0, 1.0], cubic[None])
+    motion = content_of(Viewer(pepper).save_html(tmp_path / "a.html", trajectory))["motion"]
+    assert (motion["times"][0], motion["times"][-1]) == (0.0, 1.0)
+    curves = {curve["name"]: curve["value"] for curve in motion["series"]}
+    assert len(curves) == pepper.n
+    times = motion["times"]
+    expected = (6 * times - 6 * times**2) * (0.5 - start[pepper.joint_index("HeadYaw")])
+    np.testing.assert_allclose(curves["HeadYaw velocity [rad/s]"], expected, atol=1e-6)
+    names = [link["name"] for link in motion["links"]]
+    hand = motion["positions"].reshape(times.size, -1, 3)[-1, names.index("l_wrist")]
+    np.testing.assert_allclose(hand, pk.kinematics.frame_pose(pepper, goal, "l_wrist")[:3, 3], atol=1e-6)
+
+
+def test_a_trajectory_of_another_robot_is_refused(pepper, tmp_path):
+    other = pk.Trajectory(("Elbow",), [0.0, 1.0], np.zeros((1, 2, 1)))
+    with pytest.raises(InvalidValueError, match="joints of the trajectory: got Elbow, expected KneePitch"):
+        Viewer(pepper).save_html(tmp_path / "a.html", other)
+
+
 def test_a_motion_is_copied_and_read_only(pepper):
     positions = np.zeros((2, pepper.n))
     motion = JointMotion(np.array([0.0, 1.0]), positions)
