@@ -140,7 +140,11 @@ def test_duration_agrees_with_toppra_used_directly(pepper, seed):
     grid = np.unique(np.concatenate(pieces))
     grid[-1] = breaks[-1]
     solver = toppra.algorithm.TOPPRA(
-        constraints, Geometry(), gridpoints=grid, parametrizer="ParametrizeConstAccel", solver_wrapper="seidel"
+        constraints,
+        Geometry(),
+        gridpoints=grid,
+        parametrizer="ParametrizeConstAccel",
+        solver_wrapper="seidel",
     )
     theirs = solver.compute_trajectory().duration
     assert retime(pepper, curve, gridpoints=240).duration == pytest.approx(theirs, rel=2e-3)
@@ -289,7 +293,9 @@ def test_torque_that_cannot_hold_is_named(pepper):
 
 
 def test_a_path_without_any_limit_is_refused():
-    text = ONE_JOINT.format(axis="0 0 1", velocity=2, acceleration=0, effort=0).replace("revolute", "continuous")
+    text = ONE_JOINT.format(axis="0 0 1", velocity=2, acceleration=0, effort=0).replace(
+        "revolute", "continuous"
+    )
     start, end = text.index("<limit"), text.index("</joint>")
     with pytest.raises(InvalidValueError, match="no finite velocity, acceleration or torque limit"):
         retime(pk.load_robot(text[:start] + text[end:]), [[0.0], [1.0]])
