@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,7 +45,24 @@ class JointMotion:
         object.__setattr__(self, "series", MappingProxyType(curves))
 
 
-Playable: TypeAlias = JointMotion | Trajectory | ArrayLike
+class ExecutedMotion(Protocol):
+    """What the viewer reads of a run of the twin.
+
+    Attributes:
+        time: Sample times, shape (T,) [s].
+        position: Joint positions, shape (T, n) [rad or m].
+        torque: Joint torques or forces, shape (T, n) [N m or N].
+    """
+
+    @property
+    def time(self) -> NDArray[np.float64]: ...  # noqa: D102
+    @property
+    def position(self) -> NDArray[np.float64]: ...  # noqa: D102
+    @property
+    def torque(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+
+Playable: TypeAlias = JointMotion | Trajectory | ExecutedMotion | NDArray[np.float64] | Sequence[float]
 """What a viewer can play; an array of shape (n,) is a posture held still."""
 
 
@@ -66,8 +83,8 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
 
     Args:
         pepper: The robot.
-        motion: A `JointMotion`, a trajectory (its velocities become curves), or joint positions of shape
-            (n,).
+        motion: A `JointMotion`, a trajectory (its velocities become curves), a run of the twin (its torques
+            become curves), or joint positions of shape (n,).
 
     Returns:
         The motion.
@@ -80,7 +97,9 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
         return motion
     if isinstance(motion, Trajectory):
         return _of_trajectory(pepper, motion)
-    return still(pepper, motion)
+    if isinstance(motion, np.ndarray | Sequence):
+        return still(pepper, motion)
+    return _of_run(pepper, motion)
 
 
 def _of_trajectory(pepper: PepperModel, trajectory: Trajectory) -> JointMotion:
@@ -92,6 +111,17 @@ def _of_trajectory(pepper: PepperModel, trajectory: Trajectory) -> JointMotion:
     return JointMotion(
         samples.time, samples.position, _curves(pepper, "velocity", ("rad/s", "m/s"), samples.velocity)
     )
+
+
+def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
+    try:
+        times, positions, torques = run.time, run.position, run.torque
+    except AttributeError as error:
+        allowed = "a run, a trajectory, a JointMotion or joint positions"
+        raise InvalidValueError("motion", type(run).__name__, allowed) from error
+    positions = as_joint_vectors(pepper, positions, "positions of the run")
+    torques = as_joint_vectors(pepper, torques, "torques of the run")
+    return JointMotion(times, positions, _curves(pepper, "torque", ("N m", "N"), torques))
 
 
 def _curves(
