@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, clearance
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.ik import HandPosition, LookAt
+from pepper_kin.ik import HandPosition, IKResult, LookAt, Status, solve
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
@@ -112,7 +112,7 @@ def reach(
         return ReachOutcome(hand, target, gaze, scene, found, message=message, **{**fields, **more})
 
     if not found.success or found.path is None:
-        return outcome(_why_not(found))
+        return outcome(_why_not(pepper, tasks[0], scene, found, seed))
     if len(found.path) < 2:
         return outcome("The hand is there already: nothing to move.")
     clock.enter("timing")
@@ -132,11 +132,23 @@ def reach(
     return outcome(message, trajectory=trajectory, certificate=certificate, run=run, figures=figures)
 
 
-def _why_not(found: Plan) -> str:
-    """Say in one line why there is no path; for a target out of reach, how near the hand can get."""
-    return (
-        found.ik.headline() if found.status is PlanStatus.NO_IK and found.ik is not None else found.report()
-    )
+def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan, seed: int) -> str:
+    """Say in one line why there is no path; for a hand out of reach, how far the nearest point is."""
+    if found.status is not PlanStatus.NO_IK or found.ik is None:
+        return found.report()
+    # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
+    alone = solve(pepper, [task], q0=pepper.neutral(), scene=scene, seed=seed)
+    palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
+    wanted, point = (f"({', '.join(f'{x:.3f}' for x in p)})" for p in (task.target, palm))
+    if alone.success:
+        return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
+    gap = float(np.linalg.norm(palm - task.target))
+    cause = ", without a collision," if alone.status is Status.CLOSEST_COLLISION else ""
+    return f"The hand cannot reach {wanted}: the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away."
+
+
+def _unmet(result: IKResult) -> str:
+    return "; ".join(error.shortfall for error in result.errors if not error.met)
 
 
 def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate) -> str:

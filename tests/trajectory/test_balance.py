@@ -91,5 +91,7 @@ def test_a_robot_without_wheels_has_no_balance():
         <joint name="j" type="revolute"><parent link="w"/><child link="l"/><axis xyz="0 0 1"/>
         <limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>"""
     )
-    with pytest.raises(InvalidValueError, match=r"balance: got 0.01, expected None for a robot without Wheel"):
+    with pytest.raises(
+        InvalidValueError, match=r"balance: got 0.01, expected None for a robot without Wheel"
+    ):
         pk.retime(arm, np.array([[0.0], [1.0]]), balance=0.01)
