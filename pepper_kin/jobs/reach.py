@@ -144,7 +144,8 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
         return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
     gap = float(np.linalg.norm(palm - task.target))
     cause = ", without a collision," if alone.status is Status.CLOSEST_COLLISION else ""
-    return f"The hand cannot reach {wanted}: the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away."
+    near = f"the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away"
+    return f"The hand cannot reach {wanted}: {near}."
 
 
 def _unmet(result: IKResult) -> str:
