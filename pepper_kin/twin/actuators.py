@@ -96,9 +96,9 @@ class ActuatorParameters:
 def actuator_parameters(pepper: PepperModel) -> ActuatorParameters:
     """Return the servos of a robot.
 
-    Pepper's come from `data/actuators.json`, where each says its source or "assumed".  Any other joint gets a
-    generic one: full torque at 5 mrad (5 mm) of error, or 50 rad/s where the torque is unlimited, and critical
-    damping for the joint's own inertia in the neutral posture.
+    Pepper's come from `data/actuators.json`, where each says its source or "assumed".  Any other joint gets
+    a generic one: full torque at 5 mrad (5 mm) of error, or 50 rad/s where the torque is unlimited, and
+    critical damping for the joint's own inertia in the neutral posture.
 
     Args:
         pepper: The robot.

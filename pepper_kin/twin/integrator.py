@@ -15,6 +15,8 @@ from pepper_kin.twin.actuators import ActuatorParameters
 Array = NDArray[np.float64]
 
 GREATEST_TIMESTEP = 0.05  # [s]
+_FAR = 1e12  # [rad or m] stands for infinity in a joint's range, so that 0 times it is 0
+_BLOCK_ROUNDS = 4  # in which all joints' guesses are corrected at once
 
 
 class Integrator:
@@ -27,21 +29,28 @@ class Integrator:
         tau = Kp (q_r - q+) + Kd (v_r - v+) + f           (the servo sees the end of the step: implicit)
         M(q) a + b(q, v) = tau
 
-    Inserted, (M + h^2 Kp + h Kd) a = Kp (q_r - q - h v) + Kd (v_r - v) + f - b: the articulated-body algorithm
-    with h^2 Kp + h Kd added to the joints' inertia ("armature"), so that a step costs one pass over the links.
-    Where |tau| exceeds the torque limit, tau is the limit and its gains are zero; where q+ lies beyond a
-    position limit, a stop pushes back with Ks (limit - q+) - Ds v+, implicit in the same way and never pulling
-    in; the step is solved again until both sets are consistent, n times at most.
+    Inserted, (M + h^2 Kp + h Kd) a = Kp (q_r - q - h v) + Kd (v_r - v) + f - b: the articulated-body
+    algorithm with h^2 Kp + h Kd added to the joints' inertia ("armature"), so that a step costs one pass over
+    the links.
 
-    Order: one in h, for position and velocity.  Stability: the servo is damped for every h > 0, as in implicit
-    Euler, however high its gains; M and b are taken at the start of the step, which bounds h by the speed of
-    the links (far above 0.05 s for Pepper's velocities).  Without servo, friction and stops, the
-    scheme is symplectic for constant M: the energy of a swing oscillates by O(h) and does not drift.
+    A servo's torque is clipped at its limit.  At a position limit stands a stop, a stiff spring that only
+    pushes, max(0, Ks (q+ - limit) + Ds v+), implicit in the same way; its damper Ds acts once the
+    joint is beyond the limit.  Both make a joint's force a decreasing, piecewise linear function of its own
+    acceleration, so that the step has exactly one solution.  Where the unclipped step exceeds a limit, that
+    solution is found by block principal pivoting: guess which servos are clipped and which stops push, solve,
+    correct the guess; from the fifth round on for one joint at a time, which cannot cycle.
+
+    Order: one in h, for position and velocity.  Stability: the servo is damped for every h > 0, as in
+    implicit Euler, however high its gains; M and b are taken at the start of the step, which bounds h by the
+    speed of the links.  Without servo and stops, the scheme is symplectic for constant M: the energy of a
+    swing oscillates by O(h) and does not drift.
 
     Robots with mimic joints use M = E^T M_full E, formed and solved densely.
 
     Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), I.1.2 and VI.3; Featherstone,
-    Rigid Body Dynamics Algorithms (2008), table 7.1.
+    Rigid Body Dynamics Algorithms (2008), table 7.1; Judice and Pires, A block principal pivoting algorithm
+    for large-scale strictly monotone linear complementarity problems, Computers & Operations Research 21
+    (1994).
 
     Args:
         pepper: The robot; its Pinocchio model is copied, not changed.
@@ -68,13 +77,14 @@ class Integrator:
         self._own_armature = np.array(self._model.armature)
         self._map = pepper.full_map if pepper.is_coupled else None
         self._offset = pepper.full_offset
-        self._lower, self._upper = np.array(pepper.lower_limits), np.array(pepper.upper_limits)
+        self._lower = np.maximum(pepper.lower_limits, -_FAR)
+        self._upper = np.minimum(pepper.upper_limits, _FAR)
         self._kp, self._kd = np.array(actuators.stiffness), np.array(actuators.damping)
         self._ks, self._ds = np.array(actuators.stop_stiffness), np.array(actuators.stop_damping)
         self._limit = np.array(actuators.torque_limit)
+        self._finite_limit = np.where(np.isfinite(self._limit), self._limit, 0.0)
         h = self.timestep
         self._inertia = h * h * self._kp + h * self._kd
-        self._stop_inertia = h * h * self._ks + h * self._ds
         self._n = pepper.n
 
     def gravity_torque(self, q: Array) -> Array:
@@ -121,49 +131,48 @@ class Integrator:
         tau = drive - self._inertia * a
         v_next = v + h * a
         q_next = q + h * v_next
-        limited = abs(tau) > self._limit
-        beyond = (q_next > self._upper) | (q_next < self._lower)
-        if limited.any() or beyond.any():  # False for NaN, which the caller looks for
-            return self._constrained(q, v, drive, load, limited, beyond, tau, q_next)
+        beyond = (q_next > self._upper) | (q_next < self._lower) | (q > self._upper) | (q < self._lower)
+        if beyond.any() or (abs(tau) > self._limit).any():  # False for NaN, which the caller looks for
+            return self._constrained(q, v, drive, load, a)
         return q_next, v_next, tau
 
     def _constrained(
-        self,
-        q: Array,
-        v: Array,
-        drive: Array,
-        load: Array | None,
-        limited: NDArray[np.bool_],
-        stopped: NDArray[np.bool_],
-        tau: Array,
-        q_next: Array,
+        self, q: Array, v: Array, drive: Array, load: Array | None, a: Array
     ) -> tuple[Array, Array, Array]:
-        """Solve the step again with saturated servos and touched stops until both sets are consistent."""
+        """Solve the step with clipped servos and touched stops, from the acceleration without either."""
         h = self.timestep
-        v_next = v
-        sign = np.sign(tau)
-        side = np.where(q_next > self._upper, 1.0, -1.0)  # which stop, where one is touched
-        for _ in range(self._n + 1):
-            inertia = np.where(limited, 0.0, self._inertia) + np.where(stopped, self._stop_inertia, 0.0)
-            gap = np.where(side > 0, self._upper, self._lower) - q
-            push = np.zeros_like(q)
-            push[stopped] = (self._ks * (gap - h * v) - self._ds * v)[stopped]
-            force = np.where(limited, sign * self._limit, drive) + push
-            a = self._acceleration(q, v, force if load is None else force + load, inertia)
-            v_next = v + h * a
-            q_next = q + h * v_next
-            wanted = drive - self._inertia * a
-            tau = np.where(limited, sign * self._limit, wanted)
-            pulls = stopped & ((push - self._stop_inertia * a) * side > 0.0)
-            over, under = q_next > self._upper, q_next < self._lower
-            new_limited, new_sign = abs(wanted) > self._limit, np.sign(wanted)
-            new_stopped = (stopped & ~pulls) | over | under
-            same_sign = np.array_equal(new_sign[limited], sign[limited])
-            if same_sign and np.array_equal(new_limited, limited) and np.array_equal(new_stopped, stopped):
+        reach = [self._ks * (q + h * v - limit) for limit in (self._upper, self._lower)]
+        inside = [q <= self._upper, q >= self._lower]
+        # Push of either stop is -(base + inertia a), where that points away from the limit.
+        damping = [np.where(free, 0.0, self._ds) for free in inside]
+        base = [r + d * v for r, d in zip(reach, damping, strict=True)]
+        inertia = [h * h * self._ks + h * d for d in damping]
+        clipped, upper, lower = self._sets(drive, a, base, inertia)
+        for round_ in range(_BLOCK_ROUNDS + 10 * self._n):
+            extra = np.where(upper, inertia[0], 0.0) + np.where(lower, inertia[1], 0.0)
+            push = -np.where(upper, base[0], 0.0) - np.where(lower, base[1], 0.0)
+            force = np.where(clipped == 0, drive, clipped * self._finite_limit) + push
+            extra += np.where(clipped == 0, self._inertia, 0.0)
+            a = self._acceleration(q, v, force if load is None else force + load, extra)
+            found = self._sets(drive, a, base, inertia)
+            found[0][found[0] * clipped < 0] = 0  # from one limit to the other by way of neither
+            wrong = (found[0] != clipped) | (found[1] != upper) | (found[2] != lower)
+            if not wrong.any():
                 break
-            side = np.where(stopped, side, np.where(over, 1.0, -1.0))
-            limited, sign, stopped = new_limited, new_sign, new_stopped
-        return q_next, v_next, np.clip(tau, -self._limit, self._limit)
+            if round_ >= _BLOCK_ROUNDS:
+                wrong[int(np.argmax(wrong)) + 1 :] = False
+            for now, better in zip((clipped, upper, lower), found, strict=True):
+                now[wrong] = better[wrong]
+        v_next = v + h * a
+        return q + h * v_next, v_next, np.clip(drive - self._inertia * a, -self._limit, self._limit)
+
+    def _sets(
+        self, drive: Array, a: Array, base: list[Array], inertia: list[Array]
+    ) -> tuple[NDArray[np.int_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which servos are clipped (-1, 0, 1) and which upper and lower stops push, for a given a."""
+        wanted = drive - self._inertia * a
+        clipped = (wanted > self._limit).astype(int) - (wanted < -self._limit).astype(int)
+        return clipped, base[0] + inertia[0] * a > 0.0, base[1] + inertia[1] * a < 0.0
 
     def _acceleration(self, q: Array, v: Array, force: Array, inertia: Array) -> Array:
         """Return a of (M + diag(inertia)) a + b = force."""

@@ -127,8 +127,9 @@ class Run:
         head = [
             f"Run of {self.duration:.3f} s in {len(self) - 1} steps: {self.status}"
             + (f" ({self.message})" if self.message else ""),
-            f"  worst tracking: {names[worst]}, at most {self.max_error[worst]:.3g} {self.joint_units[worst]}; "
-            f"hardest work: {names[hardest]}, {self.torque_use[hardest]:.0%} of its torque",
+            f"  worst tracking: {names[worst]}, at most {self.max_error[worst]:.3g} "
+            f"{self.joint_units[worst]}; hardest work: {names[hardest]}, "
+            f"{self.torque_use[hardest]:.0%} of its torque",
             f"  {'joint':<16}{'rms error':>12}{'max error':>12}{'peak torque':>14}{'of limit':>10}",
         ]
         rows = [
@@ -203,4 +204,14 @@ def read_run(path: PathName, pepper: Any) -> Run:
     time = as_finite(table[TIME], TIME, (None,))
     if time[0] != 0.0:
         raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
-    return Run(names, pepper.joint_units, time=time, torque_limit=pepper.effort_limits, **values)
+    return Run(
+        names,
+        pepper.joint_units,
+        time,
+        values["position"],
+        values["velocity"],
+        values["torque"],
+        values["reference_position"],
+        values["reference_velocity"],
+        pepper.effort_limits,
+    )

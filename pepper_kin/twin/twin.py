@@ -161,8 +161,8 @@ class Twin:
         Args:
             trajectory: What to follow; its joints must be the robot's.
             settle: Time to hold the end afterwards [s].
-            from_present: Start where the twin is; otherwise it is first put at the trajectory's start, with its
-                velocity.
+            from_present: Start where the twin is; otherwise it is first put at the trajectory's start, with
+                its velocity.
 
         Returns:
             The run; where the state diverged its status is "stopped", its message names joint, step and
@@ -184,7 +184,7 @@ class Twin:
             start = trajectory(0.0)
             self.reset(start.position, start.velocity)
         steps = int(np.ceil((trajectory.duration + settle) / self.timestep - 1e-9))
-        time = self.timestep * np.arange(steps + 1)
+        time: Array = self.timestep * np.arange(steps + 1, dtype=float)
         reference = trajectory(np.minimum(time, trajectory.duration))
         after = time > trajectory.duration
         reference.velocity[after], reference.acceleration[after] = 0.0, 0.0
@@ -237,7 +237,9 @@ class Twin:
         bad = ~(np.isfinite(q) & np.isfinite(v) & np.isfinite(tau))
         j = int(np.argmax(bad)) if bad.any() else int(np.argmax(np.abs(v)))
         step = self._step + 1
-        cause = f"velocity became {v[j]:.3g} after {self._v[j]:.3g}, position {q[j]:.3g} after {self._q[j]:.3g}"
+        cause = (
+            f"velocity became {v[j]:.3g} after {self._v[j]:.3g}, position {q[j]:.3g} after {self._q[j]:.3g}"
+        )
         advice = "; lower the timestep, or check masses and inertias of the links it moves"
         return DivergedError(self.pepper.joint_names[j], step, step * self.timestep, cause + advice)
 
