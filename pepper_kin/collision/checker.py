@@ -42,14 +42,21 @@ class CollisionChecker:
     Args:
         pepper: The robot.
         scene: The world around it; None for none.
-        margin: Distance to the scene below which `in_collision` says yes [m]; self-collision keeps none.
+        margin: Distance to the scene below which `in_collision` says yes [m].
+        self_margin: The same for two parts of the robot [m].
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0) -> None:
+    def __init__(
+        self,
+        pepper: PepperModel,
+        scene: Scene | None = None,
+        margin: float = 0.0,
+        self_margin: float = 0.0,
+    ) -> None:
         import pinocchio
 
         self.pepper = pepper
-        self.margin = float(margin)
+        self.margin, self.self_margin = float(margin), float(self_margin)
         self.scene = scene if scene is not None else Scene()
         self._ranges = dependent_ranges(pepper)
         self._model: Any = pinocchio.GeometryModel()
@@ -131,7 +138,8 @@ class CollisionChecker:
             for request in geometry_data.distanceRequests:
                 request.enable_signed_distance = True
             for request, second in zip(geometry_data.collisionRequests, self._pairs[1], strict=True):
-                request.security_margin = self.margin if second >= self._robot_count else 0.0
+                to_scene = second >= self._robot_count
+                request.security_margin = self.margin if to_scene else self.self_margin
             data = self._local.data = (self.pepper.pinocchio_model.createData(), geometry_data)
         return data
 
@@ -237,7 +245,9 @@ def _coal_mesh(mesh: Mesh) -> Any:
         raise FileFormatError(mesh.path, f"cannot be read as a mesh: {error}") from error
 
 
-@lru_cache(maxsize=16)
-def checker_for(pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0) -> CollisionChecker:
+@lru_cache(maxsize=32)
+def checker_for(
+    pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0, self_margin: float = 0.0
+) -> CollisionChecker:
     """Return the checker of a robot in a scene, built once and kept for the next call."""
-    return CollisionChecker(pepper, scene, margin)
+    return CollisionChecker(pepper, scene, margin, self_margin)

@@ -50,9 +50,11 @@ def plan(
         planner: "rrt_connect": bidirectional RRT, then short-cutting and smoothing.
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ.
-        margin: Distance that is kept to the scene [m]; less where start or goal are nearer than that.
+        margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
+            nearer than that.
         seed: Seed of all random choices.
-        timeout: Time budget of IK and search [s]; short-cutting and smoothing get a fifth of it more.
+        timeout: Time budget of IK and search [s].  Short-cutting stops after a number of attempts, so that
+            the same seed gives the same path, or after as much time again.
 
     Returns:
         The plan; without a path, its status and message tell why.
@@ -81,16 +83,16 @@ def plan(
     if free.size == 0:
         message = "Start and goal are the same."
         return ended(PlanStatus.SOLVED, message, ik=ik, **_path_figures(checker, q_start[None]))
-    kept = _margin(checker, q_start, goals, margin)
-    problem = _problem(checker_for(pepper, scene, kept), q_start, goals, free)
-    relaxed = _problem(checker_for(pepper, scene, kept / 2), q_start, goals, free)
+    kept, kept_self = _margins(checker, q_start, goals, margin)
+    problem = _problem(checker_for(pepper, scene, kept, kept_self), q_start, goals, free)
+    relaxed = _problem(checker_for(pepper, scene, kept / 2, kept_self / 2), q_start, goals, free)
     left = max(timeout - (time.perf_counter() - begin), 1e-3)
     result = planners.rrt_connect(problem, seed=seed, timeout=left)
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
     embed = _embedding(q_start, free, problem)
-    path = waypoints_of(pepper, problem, relaxed, result.path, embed, seed=seed, timeout=0.2 * timeout)
+    path = waypoints_of(pepper, problem, relaxed, result.path, embed, seed=seed, timeout=timeout)
     figures = _path_figures(checker, path)
     message = f"Path of {len(path)} way-points with a clearance of {figures['clearance'] * 1000:.1f} mm."
     return ended(PlanStatus.SOLVED, message, ik=ik, states_checked=result.states_checked, **figures)
@@ -125,13 +127,21 @@ def _path_figures(checker: CollisionChecker, path: NDArray[np.float64]) -> dict[
     }
 
 
-def _margin(
+def _margins(
     checker: CollisionChecker, start: NDArray[np.float64], goals: NDArray[np.float64], margin: float
-) -> float:
-    """Return the margin kept to the scene [m]: the wanted one, or as much as both ends allow."""
+) -> tuple[float, float]:
+    """Return the margins kept to the scene and to the robot itself [m]: as wanted, or what the ends allow."""
     wanted = float(margin)
     if not (np.isfinite(wanted) and wanted >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    alone = checker_for(checker.pepper)
+    ends = min(float(alone.clearance(start)), float(alone.clearance(goals).max()))
+    return _scene_margin(checker, start, goals, wanted), max(min(wanted, ends / 2), 0.0)
+
+
+def _scene_margin(
+    checker: CollisionChecker, start: NDArray[np.float64], goals: NDArray[np.float64], wanted: float
+) -> float:
     while wanted > 1e-4:
         padded = checker_for(checker.pepper, checker.scene, wanted)
         if not padded.in_collision(start) and not padded.in_collision(goals).all():

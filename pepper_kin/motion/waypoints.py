@@ -14,6 +14,7 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 _PIECES = 6
 _MOST_WAYPOINTS = 400
+_SHORTCUTS = 80
 
 
 def waypoints_of(
@@ -44,7 +45,10 @@ def waypoints_of(
     Returns:
         Way-points, shape (m, n) [rad or m]; the polyline's own ends come first and last.
     """
-    short = planners.shortcut(problem, path, seed=seed, timeout=timeout)
+    resolution = problem.resolution / 2 if problem.resolution is not None else None
+    short = planners.shortcut(
+        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=resolution
+    )
     for candidate in (short, path):
         try:
             curve = planners.smooth(relaxed, candidate, spacing=candidate.length / _PIECES)

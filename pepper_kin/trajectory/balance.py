@@ -29,6 +29,37 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     return np.array([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
 
 
+def edge_moments(
+    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, margin: float = 0.0
+) -> Array:
+    """Return how firmly the robot stands on each edge of its support polygon.
+
+    With (f, n) the wrench of the floor, p a vertex of the edge and i the unit vector that points inward,
+        h = i . (-n_y, n_x) - (i . p + margin) f_z = (distance of the zero-moment point - margin) f_z:
+    zero where the zero-moment point is `margin` inside the edge, and linear in the accelerations.
+
+    Args:
+        pepper: The robot.
+        polygon: Vertices in base coordinates, counter-clockwise [m], shape (k, 2).
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+        margin: Distance from the edge that is wanted [m].
+
+    Returns:
+        h of every edge [N m], positive where it stands, shape (..., k).
+    """
+    from pepper_kin import dynamics
+
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+    vertices, inward = _to_world(pepper, q, polygon, inward)
+    wrench = dynamics.base_wrench(pepper, q, v, a)
+    tilt = np.stack([-wrench[..., 4], wrench[..., 3]], axis=-1)
+    reach = np.sum(inward * vertices, axis=-1) + margin
+    return np.einsum("...ki,...i->...k", inward, tilt) - reach * wrench[..., 2:3]
+
+
 def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array) -> Array:
     """Return the distance of the zero-moment point from the nearest edge of the support polygon.
 
@@ -47,6 +78,17 @@ def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: A
     inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
     distance = np.einsum("tki,ki->tk", point[:, None, :] - polygon, inward).min(axis=1)
     return np.where(np.isnan(distance), -np.inf, distance)
+
+
+def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -> tuple[Array, Array]:
+    """Return points and directions of the base, shape (k, 2), in the world, shape (..., k, 2)."""
+    if not set(_BASE_JOINTS) <= set(pepper.joint_names):
+        shape = (*q.shape[:-1], *points.shape)
+        return np.broadcast_to(points, shape), np.broadcast_to(directions, shape)
+    x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in _BASE_JOINTS)
+    turn = np.stack([np.stack([np.cos(yaw), -np.sin(yaw)], -1), np.stack([np.sin(yaw), np.cos(yaw)], -1)], -2)
+    turned = [np.einsum("...ij,kj->...ki", turn, vectors) for vectors in (points, directions)]
+    return turned[0] + np.stack([x, y], axis=-1)[..., None, :], turned[1]
 
 
 def _zero_moment_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> Array:

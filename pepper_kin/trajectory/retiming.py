@@ -34,6 +34,7 @@ def retime(
     acceleration_scale: float = 1.0,
     torque_scale: float = 1.0,
     torque: bool = True,
+    balance: float | None = None,
     gridpoints: int = 100,
     solver: str = "toppra",
 ) -> Trajectory:
@@ -59,6 +60,8 @@ def retime(
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
         torque: Whether to keep within the effort limits.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
+            lets the base be held from below.
         gridpoints: Least number of intervals of the grid, at least 2.
         solver: "toppra".
 
@@ -76,6 +79,7 @@ def retime(
         pepper.velocity_limits * _share("velocity_scale", velocity_scale),
         pepper.acceleration_limits * _share("acceleration_scale", acceleration_scale),
         pepper.effort_limits * _share("torque_scale", torque_scale) if torque else None,
+        None if balance is None else _distance(balance),
     )
     if isinstance(gridpoints, bool) or not isinstance(gridpoints, (int, np.integer)) or gridpoints < 2:
         raise InvalidValueError("gridpoints", gridpoints, "a whole number of at least 2")
@@ -90,10 +94,16 @@ def _share(quantity: str, value: float) -> float:
     return share
 
 
+def _distance(balance: float) -> float:
+    if isinstance(balance, bool) or not (np.isfinite(balance) and balance >= 0):
+        raise InvalidValueError("balance", balance, "a finite distance of 0 or more [m], or None")
+    return float(balance)
+
+
 def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, intervals: int) -> Trajectory:
     """Solve, examine and tighten until the limits hold or nearly so, then stretch time until they do."""
     grid = make_grid(curve, intervals)
-    rows = path_limits(pepper, grid, limits.velocity, limits.acceleration, limits.torque)
+    rows = path_limits(pepper, grid, limits.velocity, limits.acceleration, limits.torque, limits.balance)
     _refuse_unbounded(rows)
     row_scale, velocity_scale = np.ones(len(rows.names)), np.ones(pepper.n)
     best: Trajectory | None = None
@@ -111,7 +121,8 @@ def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, interv
             break
         velocity_scale = velocity_scale / np.maximum(1.0, use.share["velocity"])
         row_scale = row_scale / [
-            max(1.0, use.share[quantity][pepper.joint_index(joint)]) for quantity, joint in rows.names
+            1.0 if quantity == "balance" else max(1.0, use.share[quantity][pepper.joint_index(joint)])
+            for quantity, joint in rows.names
         ]
     if best is None:
         raise _infeasible(grid, rows, failed_at)
@@ -167,6 +178,13 @@ def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None) -> Infeasib
             f"and its limit is {limit:.4g} N m"
         )
         return InfeasibleError("trajectory", reason, "choose a path with less load on that joint")
+    tipping = [i for i, (quantity, _) in enumerate(rows.names) if quantity == "balance"]
+    lean = (rows.c + rows.bound)[..., tipping]
+    if tipping and lean.min() < 0:
+        end, interval, _ = np.unravel_index(int(np.argmin(lean)), lean.shape)
+        share = (grid.s[interval + int(end)] - grid.s[0]) / total
+        reason = f"{share:.0%} along the path the robot would tip over even at rest"
+        return InfeasibleError("trajectory", reason, "choose a path that leans less, or a smaller margin")
     where = "" if failed_at is None else f" from {(grid.s[failed_at] - grid.s[0]) / total:.0%} of it on"
     return InfeasibleError(
         "trajectory",
