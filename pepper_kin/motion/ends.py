@@ -38,17 +38,25 @@ def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tu
 
 
 def goals_of(
-    pepper: PepperModel,
+    checker: CollisionChecker,
     start: NDArray[np.float64],
     goal: ArrayLike | Sequence[Any],
-    checker: CollisionChecker,
     joints: str | Sequence[str] | None,
+    margin: float,
     seed: int,
     timeout: float,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
-    """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none."""
+    """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
+
+    Tasks are solved with the margin to the scene first, and without it where that fails.
+    """
+    pepper = checker.pepper
     if _are_tasks(goal):
-        ik = solve(pepper, goal, q0=start, scene=checker.scene, seed=seed, joints=joints, timeout=timeout / 2)
+        ik: IKResult
+        for scene in (checker.scene.padded(margin), checker.scene):
+            ik = solve(pepper, goal, q0=start, scene=scene, seed=seed, joints=joints, timeout=timeout / 3)
+            if ik.success and fault_of(checker, ik.q, "goal") is None:
+                break
         if not ik.success:
             return np.empty((0, pepper.n)), ik, (PlanStatus.NO_IK, ik.report())
         candidates, result = ik.q[None], ik
