@@ -65,14 +65,7 @@ def plan(
         UnknownNameError: for an unknown joint or group.
     """
     begin = time.perf_counter()
-    check_choice("planner", planner, PLANNERS)
-    check_positive("timeout", timeout, "[s]")
-    if not (np.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    q_start = as_joint_vectors(pepper, start, "start")
-    if q_start.ndim != 1:
-        raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
-    check_within_limits(pepper, q_start, "start")
+    q_start = _checked_start(pepper, start, planner, margin, timeout)
     ended = Ending(pepper, begin, seed, planner)
     checker = checker_for(pepper, scene)
     fault = fault_of(checker, q_start, "start")
@@ -98,6 +91,21 @@ def plan(
     figures = _path_figures(checker, path)
     message = f"Path of {len(path)} way-points with a clearance of {figures['clearance'] * 1000:.1f} mm."
     return ended(PlanStatus.SOLVED, message, ik=ik, states_checked=result.states_checked, **figures)
+
+
+def _checked_start(
+    pepper: PepperModel, start: ArrayLike, planner: str, margin: float, timeout: float
+) -> NDArray[np.float64]:
+    """Check what was asked for; return the start, shape (n,)."""
+    check_choice("planner", planner, PLANNERS)
+    check_positive("timeout", timeout, "[s]")
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    q_start = as_joint_vectors(pepper, start, "start")
+    if q_start.ndim != 1:
+        raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
+    check_within_limits(pepper, q_start, "start")
+    return q_start
 
 
 def _embedding(
