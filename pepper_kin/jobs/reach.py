@@ -144,7 +144,8 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
         return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
     gap = float(np.linalg.norm(palm - task.target))
     cause = ", without a collision," if alone.status is Status.CLOSEST_COLLISION else ""
-    return f"The hand cannot reach {wanted}: the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away."
+    near = f"the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away"
+    return f"The hand cannot reach {wanted}: {near}."
 
 
 def _unmet(result: IKResult) -> str:
@@ -185,8 +186,6 @@ def _figures(
     palm = frame_pose(pepper, q_end, reached.frame)[:3, 3]
     gaze_error = _gaze_error(frame_pose(pepper, q_end, CAMERA), tasks[1].target) if len(tasks) > 1 else None
     executed = clearance(pepper, run.position[::5], scene)
-    use = np.abs(run.torque).max(axis=0) / pepper.effort_limits
-    error = run.position - run.reference_position
     return {
         "hand_error_m": float(np.linalg.norm(palm - reached.target)),
         "gaze_error_rad": gaze_error,
@@ -195,11 +194,9 @@ def _figures(
         "duration_s": trajectory.duration,
         "smallest_clearance_planned_m": found.clearance,
         "smallest_clearance_executed_m": float(executed.min()),
-        "peak_torque_use": dict(zip(pepper.joint_names, use.tolist(), strict=True)),
-        "tracking_error_rms": dict(
-            zip(pepper.joint_names, np.sqrt(np.mean(error**2, axis=0)).tolist(), strict=True)
-        ),
-        "tracking_error_max": float(np.abs(error).max()),
+        "peak_torque_use": dict(zip(pepper.joint_names, run.torque_use.tolist(), strict=True)),
+        "tracking_error_rms": dict(zip(pepper.joint_names, run.rms_error.tolist(), strict=True)),
+        "tracking_error_max": float(run.max_error.max()),
     }
 
 
