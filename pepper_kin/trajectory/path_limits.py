@@ -154,13 +154,13 @@ def _balance_coefficients(
     polygon = support_polygon(pepper)
     if polygon is None:
         raise InvalidValueError("balance", margin, f"None for a robot without {', '.join(WHEELS)}")
-    c, a, b = edge_moments(pepper, polygon, *_three_states(q, first, second), margin=margin)
+    states, rates, accelerations = _three_states(q, first, second)
+    c, a, b = edge_moments(pepper, polygon, states, rates, accelerations, margin)
     most = np.full(len(polygon), 9.81 * dynamics.total_mass(pepper))
     return a - c, b - c, c - most, most
 
 
-def _three_states(q: Array, first: Array, second: Array) -> list[Array]:
+def _three_states(q: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:
     """Return q, v and a of rest, of unit path acceleration and of unit path speed, shape (3, ..., n) each."""
     still = np.zeros_like(q)
-    states = [(q, still, still), (q, still, first), (q, first, second)]
-    return [np.stack(part) for part in zip(*states, strict=True)]
+    return np.stack([q, q, q]), np.stack([still, still, first]), np.stack([still, first, second])

@@ -323,3 +323,24 @@ def test_path_is_duck_typed(pepper):
     curve = as_cubic_path(pepper, random_waypoints(pepper, 2))
     assert retime(pepper, Curve(curve)) == retime(pepper, curve)
     assert not read_only(curve.breaks).flags.writeable
+
+
+def test_smooth_paths_of_the_planners_are_followed_exactly(pepper):
+    from pepper_kin import planners
+
+    points = random_waypoints(pepper, 21, count=3)
+    box = planners.Problem(
+        start=points[0],
+        goals=points[-1:],
+        lower=pepper.lower_limits,
+        upper=pepper.upper_limits,
+        oracle=lambda q: np.ones(len(q), dtype=bool),
+    )
+    curve = planners.smooth(box, planners.Path(points))
+    trajectory = retime(pepper, curve)
+    assert trajectory.check(pepper).acceleration.ok
+    np.testing.assert_allclose(trajectory.start, curve.start, atol=1e-12)
+    np.testing.assert_allclose(trajectory.end, curve.goal, atol=1e-9)
+    dense = curve.sample(curve.length / 20_000)
+    for q in trajectory(np.linspace(0, trajectory.duration, 20)).position:
+        assert np.linalg.norm(dense - q, axis=1).min() < 1e-3

@@ -119,7 +119,7 @@ def test_bad_values_are_refused(pepper, trajectory):
     for call, message in [
         (lambda: twin.step(q * np.nan), "position: got nan at joint KneePitch"),
         (lambda: twin.step(q, q[:3]), r"velocity: got shape \(3,\)"),
-        (lambda: twin.step(q, load=np.inf * q), "load: got"),
+        (lambda: twin.step(q, load=np.full(15, np.inf)), "load: got"),
         (lambda: twin.step(np.tile(q, (2, 1))), r"position: got shape \(2, 15\), expected shape \(15,\)"),
         (lambda: twin.reset(q * np.nan), "q: got nan"),
         (lambda: twin.execute(trajectory, settle=-1), "settle: got -1"),
