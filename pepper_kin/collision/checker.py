@@ -17,6 +17,9 @@ from pepper_kin.model import Box, Capsule, Cylinder, Geometry, Mesh, PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.model.shapes import read_only
 
+LEVER = 0.1
+"""About how far from their joint neighbouring bodies meet [m]: turns a distance kept into an angle kept."""
+
 
 @dataclass(frozen=True, eq=False)
 class ClosestPair:
@@ -42,20 +45,29 @@ class CollisionChecker:
     Args:
         pepper: The robot.
         scene: The world around it; None for none.
+        margin: Distance to the scene below which `in_collision` says yes [m].
+        self_margin: The same for two parts of the robot [m].
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene | None = None) -> None:
+    def __init__(
+        self,
+        pepper: PepperModel,
+        scene: Scene | None = None,
+        margin: float = 0.0,
+        self_margin: float = 0.0,
+    ) -> None:
         import pinocchio
 
         self.pepper = pepper
+        self.margin, self.self_margin = float(margin), float(self_margin)
         self.scene = scene if scene is not None else Scene()
         self._ranges = dependent_ranges(pepper)
         self._model: Any = pinocchio.GeometryModel()
         self._owners: list[str] = []
         self._add_robot()
-        robot_count = len(self._owners)
+        self._robot_count = len(self._owners)
         self._add_scene()
-        self._add_pairs(robot_count)
+        self._add_pairs()
         shapes = [item.geometry for item in self._model.geometryObjects]
         for shape in shapes:
             shape.computeLocalAABB()
@@ -77,7 +89,7 @@ class CollisionChecker:
         flat = q_all.reshape(-1, self.pepper.n)
         touching = np.zeros(flat.shape[0], dtype=bool)
         for table in self._ranges:
-            touching |= table.violated(flat)
+            touching |= table.violated(flat, self.self_margin / LEVER)
         for i in np.flatnonzero(~touching):
             touching[i] = self._touches(flat[i])
         return touching.reshape(q_all.shape[:-1])
@@ -127,8 +139,10 @@ class CollisionChecker:
 
             geometry_data = pinocchio.GeometryData(self._model)
             for request in geometry_data.distanceRequests:
-                request.enable_nearest_points = True
                 request.enable_signed_distance = True
+            for request, second in zip(geometry_data.collisionRequests, self._pairs[1], strict=True):
+                to_scene = second >= self._robot_count
+                request.security_margin = self.margin if to_scene else self.self_margin
             data = self._local.data = (self.pepper.pinocchio_model.createData(), geometry_data)
         return data
 
@@ -190,15 +204,15 @@ class CollisionChecker:
             self._model.addGeometryObject(pinocchio.GeometryObject(name, 0, 0, placement, geometry))
             self._owners.append(item.name)
 
-    def _add_pairs(self, robot_count: int) -> None:
+    def _add_pairs(self) -> None:
         import pinocchio
 
         disabled = self.pepper.semantics.disabled_pairs
         objects = self._model.geometryObjects
-        for i in range(robot_count):
+        for i in range(self._robot_count):
             for j in range(i + 1, len(objects)):
                 a, b = sorted((self._owners[i], self._owners[j]))
-                of_robot = j < robot_count
+                of_robot = j < self._robot_count
                 # Shapes on one joint never move against one another; a base that does not move against the
                 # scene is still checked, because a plan in a wall should be refused.
                 if of_robot and (objects[i].parentJoint == objects[j].parentJoint or (a, b) in disabled):
@@ -234,7 +248,9 @@ def _coal_mesh(mesh: Mesh) -> Any:
         raise FileFormatError(mesh.path, f"cannot be read as a mesh: {error}") from error
 
 
-@lru_cache(maxsize=16)
-def checker_for(pepper: PepperModel, scene: Scene | None = None) -> CollisionChecker:
+@lru_cache(maxsize=32)
+def checker_for(
+    pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0, self_margin: float = 0.0
+) -> CollisionChecker:
     """Return the checker of a robot in a scene, built once and kept for the next call."""
-    return CollisionChecker(pepper, scene)
+    return CollisionChecker(pepper, scene, margin, self_margin)

@@ -1,9 +1,9 @@
 """Neighbouring bodies that capsules cannot tell apart: where one joint's free range depends on another.
 
 The capsules of pelvis and trunk, trunk and head, upper arm and forearm overlap in postures in which the
-bodies are well apart.  For these pairs the free interval of one joint is tabulated against the other, computed
-from the surfaces in steps of 0.01 rad (the tighter side of left and right is kept for both).  Between
-two rows the intersection of both intervals holds, so that contact is never missed for want of a row.
+bodies are well apart.  For these pairs the free interval of one joint is tabulated against the other,
+computed from the surfaces in steps of 0.01 rad (the tighter side of left and right is kept for both).
+Between two rows the intersection of both intervals holds, so that no contact is missed for want of a row.
 """
 
 from __future__ import annotations
@@ -42,15 +42,20 @@ class DependentRange:
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
 
-    def violated(self, q: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether the links touch, shape (...,), at joint positions q, shape (..., n) [rad]."""
+    def violated(self, q: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.bool_]:
+        """Whether the links touch, shape (...,), at joint positions q, shape (..., n) [rad].
+
+        Args:
+            q: Joint positions.
+            margin: Angle that the second joint keeps from a contact [rad].
+        """
         x, y = q[..., self.first], q[..., self.second]
         last = len(self.positions) - 1
         below = np.clip(np.searchsorted(self.positions, x, side="right") - 1, 0, last)
         above = np.clip(np.searchsorted(self.positions, x, side="left"), 0, last)
         lower = np.maximum(self.lower[below], self.lower[above])
         upper = np.minimum(self.upper[below], self.upper[above])
-        return np.asarray((y < lower) | (y > upper))
+        return np.asarray((y < lower + margin) | (y > upper - margin))
 
 
 @lru_cache(maxsize=32)

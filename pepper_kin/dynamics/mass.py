@@ -1,4 +1,4 @@
-"""The joint-space mass matrix."""
+"""Mass: of all links, and as seen by the joints."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.model import PepperModel
 from pepper_kin.model.batch import over_states
+
+
+def total_mass(pepper: PepperModel) -> float:
+    """Return the mass of all links, those fixed to the floor included [kg]."""
+    return float(sum(inertia.mass for inertia in pepper.pinocchio_model.inertias))
 
 
 def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:

@@ -1,1 +1,19 @@
-"""Under construction."""
+"""Pictures of the robot: a live page, recordings that need no server, images."""
+
+from pepper_kin.viewer.browser import find_chromium, screenshot
+from pepper_kin.viewer.drawable import Drawable, marker
+from pepper_kin.viewer.joint_motion import JointMotion
+from pepper_kin.viewer.reach_page import save_reach_html
+from pepper_kin.viewer.recording import write_motion_page
+from pepper_kin.viewer.viewer import Viewer
+
+__all__ = [
+    "Drawable",
+    "JointMotion",
+    "Viewer",
+    "find_chromium",
+    "marker",
+    "save_reach_html",
+    "screenshot",
+    "write_motion_page",
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pepper_kin.urdf.looks.build import MESH_FOLDER, write
+from .build import MESH_FOLDER, write
 
 
 def main() -> None:

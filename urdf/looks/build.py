@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pepper_kin.urdf.looks import arm, head, leg, torso
-from pepper_kin.urdf.looks.macros import macros_file
-from pepper_kin.urdf.looks.part import Part
-from pepper_kin.urdf.looks.stl import to_bytes
+from . import arm, head, leg, torso
+from .macros import macros_file
+from .part import Part
+from .stl import to_bytes
 
 URDF_FOLDER = Path(__file__).resolve().parent.parent
 MESH_FOLDER = URDF_FOLDER / "meshes"
@@ -15,7 +15,7 @@ MACROS_FILE = URDF_FOLDER / "xacro" / "looks.xacro"
 
 
 def looks() -> dict[str, list[Part]]:
-    """Return the visuals of every link by its name; `phalanx` and `fingertip` stand for all fingers' links."""
+    """Return the visuals of every link by its name; `phalanx` and `fingertip` serve all fingers."""
     left = {
         "LBicep": arm.left_bicep(),
         "LForeArm": arm.left_forearm(),

@@ -1,7 +1,7 @@
 """Thin plates that follow a surface: eyes, windows, seams, caps, bands.
 
-A decal keeps the colour of one visual away from the next without cutting the shell underneath: its visible side
-lies a fraction of a millimetre above the shell, its hidden side below, its border dips into the shell.
+A decal gives a part of a shell another colour without cutting the shell underneath: its visible side lies a
+fraction of a millimetre above the shell, its hidden side below, its border dips into the shell.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.urdf.looks.loft import Loft, superellipse
-from pepper_kin.urdf.looks.mesh import Mesh
-from pepper_kin.urdf.looks.stitching import disc, hoop, plate
+from .loft import Loft
+from .mesh import Mesh
+from .stitching import disc, hoop, plate
 
 Array = NDArray[np.float64]
 
@@ -43,10 +43,10 @@ class Projector:
     @property
     def direction(self) -> Array:
         """Unit vector along the rays, shape (3,)."""
-        return np.cross(self.right, self.up)
+        return np.asarray(np.cross(self.right, self.up), dtype=float)
 
     def onto(self, surface: Loft, across: ArrayLike, upward: ArrayLike) -> Array:
-        """Return where rays at slide coordinates (across, upward) [m] meet the surface, shape (..., 3) [m]."""
+        """Return where rays at slide coordinates (across, upward) [m] meet the surface [m]."""
         one, two = np.asarray(across, dtype=float)[..., None], np.asarray(upward, dtype=float)[..., None]
         return surface.hit(self.origin + one * self.right + two * self.up, self.direction)
 
@@ -62,8 +62,8 @@ class Relief:
         edge: Steepness of the rim: 2 is a dome, 8 a plateau with a rounded rim.
     """
 
-    lift: float = 0.0006
-    sink: float = 0.0006
+    lift: float = 0.0008
+    sink: float = 0.0010
     depth: float = 0.003
     edge: float = 8.0
 
@@ -79,6 +79,21 @@ FLAT = Relief()
 def _rim_fractions(rings: int) -> Array:
     """Return fractions from 0 to 1 that are denser toward the border, shape (rings,)."""
     return np.sin(np.linspace(0.0, np.pi / 2.0, rings))
+
+
+def _outline(size: tuple[float, float], exponent: float, segments: int) -> Array:
+    """Return a superellipse [m], shape (2, segments), with most of its corners where it bends most.
+
+    The points are (a |cos t|^(2/n) sgn cos t, b |sin t|^(2/n) sgn sin t) at even steps of t.
+    """
+    t = (np.arange(segments) + 0.5) * (2.0 * np.pi / segments)
+    power = 2.0 / exponent
+    return np.stack(
+        [
+            size[0] * np.sign(np.cos(t)) * np.abs(np.cos(t)) ** power,
+            size[1] * np.sign(np.sin(t)) * np.abs(np.sin(t)) ** power,
+        ]
+    )
 
 
 def spot(
@@ -102,14 +117,15 @@ def spot(
         segments: Corners around.
         rings: Rings from the middle to the border.
     """
-    phi = np.arange(segments) * (2.0 * np.pi / segments)
-    outline = superellipse(phi, np.asarray(exponent)) * np.stack([np.cos(phi), np.sin(phi)])
+    outline = _outline(size, exponent, segments)
     fraction = _rim_fractions(rings + 1)[1:, None]
-    on = projector.onto(surface, size[0] * fraction * outline[0], size[1] * fraction * outline[1])
+    on = projector.onto(surface, fraction * outline[0], fraction * outline[1])
     middle = projector.onto(surface, 0.0, 0.0)
     along = projector.direction
     outer = on + relief.height(fraction)[..., None] * along
-    return disc(outer, on[-1] - relief.depth * along, middle + relief.lift * along, middle - relief.depth * along)
+    return disc(
+        outer, on[-1] - relief.depth * along, middle + relief.lift * along, middle - relief.depth * along
+    )
 
 
 def ring(
@@ -121,7 +137,7 @@ def ring(
     relief: Relief = FLAT,
     exponent: float = 2.0,
     segments: int = 40,
-    rows: int = 4,
+    rows: int = 3,
 ) -> Mesh:
     """Return a ring of constant width that lies on a surface.
 
@@ -135,14 +151,14 @@ def ring(
         segments: Corners around.
         rows: Points across the ring.
     """
-    phi = np.arange(segments) * (2.0 * np.pi / segments)
-    outline = superellipse(phi, np.asarray(exponent)) * np.stack([np.cos(phi), np.sin(phi)])
     across = np.linspace(-1.0, 1.0, rows)[:, None]
-    half = np.array(size) - 0.5 * width
+    inside = _outline((size[0] - width, size[1] - width), exponent, segments)
+    outside = _outline(size, exponent, segments)
+    way = 0.5 * (across + 1.0)
     on = projector.onto(
         surface,
-        (half[0] + 0.5 * width * across) * outline[0],
-        (half[1] + 0.5 * width * across) * outline[1],
+        inside[0] + way * (outside[0] - inside[0]),
+        inside[1] + way * (outside[1] - inside[1]),
     )
     along = projector.direction
     return hoop(on + relief.height(across)[..., None] * along, on - relief.depth * along)
@@ -185,8 +201,8 @@ def strip(
 
     Args:
         surface: What it lies on.
-        origins: Starts of the rays inside the surface [m], shape (m, n, 3); seen from outside, columns run right
-            and rows run up.
+        origins: Starts of the rays inside the surface [m], shape (m, n, 3); seen from outside, columns run
+            right and rows run up.
         directions: Unit vectors, shape (m, n, 3).
         relief: How it stands out.
     """

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.urdf.looks.decals import FLAT, Projector, Relief, ring, spot, strip
-from pepper_kin.urdf.looks.loft import Loft
-from pepper_kin.urdf.looks.measurements import features
-from pepper_kin.urdf.looks.mesh import Mesh, join
-from pepper_kin.urdf.looks.part import Part, measured_loft
-from pepper_kin.urdf.looks.solids import drum
+from .decals import FLAT, Projector, Relief, ring, spot, strip
+from .loft import Loft
+from .measurements import features
+from .mesh import Mesh, join
+from .part import Part, measured_loft
+from .solids import drum
 
 Array = NDArray[np.float64]
 
@@ -47,11 +47,13 @@ def skull() -> Loft:
 
 def _cap(surface: Loft, margin: float, relief: Relief) -> Mesh:
     """Return the skull cap: from the forehead over the top to the back of the head."""
-    angle = np.linspace(np.radians(24.0) - margin / 0.1, np.radians(208.0) + margin / 0.1, 37)
-    half = np.interp(np.degrees(angle), [24.0, 60.0, 110.0, 160.0, 208.0], [0.040, 0.054, 0.060, 0.066, 0.060])
+    angle = np.linspace(np.radians(24.0) - margin / 0.1, np.radians(208.0) + margin / 0.1, 31)
+    half = np.interp(
+        np.degrees(angle), [24.0, 60.0, 110.0, 160.0, 208.0], [0.040, 0.054, 0.060, 0.066, 0.060]
+    )
     way = np.linspace(-0.985, 0.985, len(angle))
     half *= (1.0 - way**6) ** (1.0 / 3.0)
-    across = np.linspace(1.0, -1.0, 17)
+    across = np.linspace(1.0, -1.0, 13)
     origins = np.broadcast_to(_MIDDLE, (len(angle), len(across), 3)).copy()
     origins[..., 1] = -(half + margin)[:, None] * across
     along = np.stack([np.cos(angle), np.zeros_like(angle), np.sin(angle)], axis=1)
@@ -80,14 +82,18 @@ def _ears() -> list[Part]:
     ears = features()["head"]["ears"]
     x, _, z = ears["centre_left"]
     outside, radius = 0.1061, ears["radius"]
-    pod = drum("y", [0.0, 0.0, z + 0.002], (0.047, 0.047), (0.055, 0.1035), fillets=(0.0, 0.012))
-    disc = drum("y", [x, 0.0, z], (radius, radius), (0.09, outside), fillets=(0.0, 0.004))
+    pod = drum("y", [0.0, 0.0, z + 0.002], (0.047, 0.047), (0.084, 0.1035), fillets=(0.0, 0.012))
+    disc = drum("y", [x, 0.0, z], (radius, radius), (0.1, outside), fillets=(0.0, 0.004))
     halo = ring(
-        pod, Projector.toward([x, 0.07, z], [0.0, 1.0, 0.0]), (radius + 0.004, radius + 0.004), 0.0042, segments=48
+        pod,
+        Projector.toward([x, 0.09, z], [0.0, 1.0, 0.0]),
+        (radius + 0.004, radius + 0.004),
+        0.0042,
+        segments=44,
     )
     both = {
-        "head_ear_pods": ("pepper_light_grey", pod.mesh(44, 9)),
-        "head_ear_discs": ("pepper_white", disc.mesh(40, 6)),
+        "head_ear_pods": ("pepper_light_grey", pod.mesh(44, 6)),
+        "head_ear_discs": ("pepper_white", disc.mesh(40, 5)),
         "head_ear_rings": ("pepper_led", halo),
     }
     return [Part(name, material, join([mesh, mesh.mirrored()])) for name, (material, mesh) in both.items()]
@@ -97,7 +103,11 @@ def _mouth_and_cameras(surface: Loft) -> list[Part]:
     mouth = features()["head"]["mouth"]
     size = (0.5 * mouth["width_y"], 0.5 * mouth["height_z"])
     slit = spot(
-        surface, Projector.toward([0.0, 0.0, mouth["centre"][2]], [1.0, 0.0, 0.0]), size, relief=FLAT, exponent=2.5
+        surface,
+        Projector.toward([0.0, 0.0, mouth["centre"][2]], [1.0, 0.0, 0.0]),
+        size,
+        relief=FLAT,
+        exponent=2.5,
     )
     camera = spot(
         surface, Projector.toward([0.0, 0.0, 0.1631], [1.0, 0.0, 0.0]), (0.0042, 0.0042), segments=24, rings=3
@@ -109,7 +119,7 @@ def head() -> list[Part]:
     """Return the visuals of `Head`."""
     surface = skull()
     return [
-        Part("head_shell", "pepper_white", surface.mesh(64, 40)),
+        Part("head_shell", "pepper_white", surface.mesh(64, 36)),
         Part("head_cap_seam", "pepper_light_grey", _cap(surface, 0.0026, Relief(0.0007, 0.0006, edge=6.0))),
         Part("head_cap", "pepper_white", _cap(surface, 0.0, Relief(0.0014, -0.0003, edge=10.0))),
         *_eyes(surface),
@@ -121,4 +131,4 @@ def head() -> list[Part]:
 def neck() -> list[Part]:
     """Return the visuals of `Neck`."""
     column = measured_loft("Neck", round_ends=(False, False), fillets=(0.0, 0.004), skip=(0.0325,))
-    return [Part("neck_column", "pepper_dark", column.mesh(36, 12))]
+    return [Part("neck_column", "pepper_dark", column.mesh(36, 8))]

@@ -8,19 +8,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.urdf.looks.decals import Projector, Relief, band, ring, spot
-from pepper_kin.urdf.looks.loft import Loft, superellipse
-from pepper_kin.urdf.looks.measurements import features
-from pepper_kin.urdf.looks.mesh import join
-from pepper_kin.urdf.looks.part import Part, measured_loft
-from pepper_kin.urdf.looks.solids import ellipsoid
+from .decals import Projector, Relief, band, ring, spot
+from .loft import Loft, superellipse
+from .measurements import features, link_shape
+from .mesh import join
+from .part import Part, measured_loft
+from .solids import drum, ellipsoid
 
 Array = NDArray[np.float64]
 
-_HARMONICS = 12
+_HARMONICS = 24
 _SKIRT, _SHIN = -0.215, -0.105
 _BUMPER_TOP, _SHELL_BOTTOM, _SHELL_TOP = -0.266, -0.2625, -0.0126
 _HIP_AXIS = 0.268
+_KNEE_STEP = np.array([0.0, 0.0, 0.0, 0.002, 0.003, 0.0])
 
 
 def _cross(one: Array, two: Array) -> Array:
@@ -39,18 +40,18 @@ def _footprint_harmonics() -> Array:
     begin, edge = scaled, np.roll(scaled, -1, axis=0) - scaled
     keep = np.linalg.norm(edge, axis=1) > 1e-9
     begin, edge = begin[keep], edge[keep]
-    # Distance to the line of each edge, t = (b x e) / (d x e); the hull is convex, so the nearest one ahead counts.
+    # Distance to each edge's line, t = (b x e) / (d x e); the hull is convex: the nearest line ahead counts.
     ahead = _cross(rays[:, None], edge[None])
     with np.errstate(divide="ignore"):
         distance = np.where(ahead > 1e-12, _cross(begin, edge)[None] / ahead, np.inf)
     outline = distance.min(axis=1)
     order = np.arange(_HARMONICS + 1)
-    weight = np.where(order == 0, 1.0, 2.0) * np.exp(-((order / 9.0) ** 4))
+    weight = np.where(order == 0, 1.0, 2.0) * np.exp(-((order / 18.0) ** 4))
     return np.asarray(weight * (np.cos(order[:, None] * phi) @ outline) / len(phi))
 
 
 def _skirt_radial(phi: Array, s: Array) -> Array:
-    """Return rho(phi, s): the three-lobed footprint below, an ellipse at the shin, a rounded box at the knee."""
+    """Return rho(phi, s): three-lobed footprint below, ellipse at the shin, rounded box at the knee."""
     order = np.arange(_HARMONICS + 1)
     angle, position = np.broadcast_arrays(np.asarray(phi, dtype=float), np.asarray(s, dtype=float))
     lobes = np.cos(angle[..., None] * order) @ _footprint_harmonics()
@@ -73,22 +74,29 @@ def tibia() -> list[Part]:
     gap = whole.between(_BUMPER_TOP - 0.006, _SHELL_BOTTOM + 0.006)
     gap = replace(gap, sections=gap.sections - np.array([0.0, 0.0, 0.0, 0.004, 0.004, 0.0]))
     knee = whole.between(_SHELL_TOP - 0.008, 0.0394)
-    knee = replace(knee, end=whole.end, round_ends=(False, True))
+    knee = replace(knee, end=whole.end, round_ends=(False, True), sections=knee.sections - _KNEE_STEP)
     front = Projector.toward([-0.01, 0.0, -0.0692], [1.0, 0.0, 0.0])
-    window = spot(shell, front, (0.046, 0.0115), exponent=2.6, relief=Relief(0.0008))
+    window = spot(shell, front, (0.046, 0.0115), exponent=2.6, relief=Relief(0.0008), rings=3)
     sides = [
-        spot(shell, Projector.toward([-0.018, 0.0, -0.0759], [0.0, y, 0.0]), (0.030, 0.0105), exponent=2.6, relief=Relief(0.0008))
+        spot(
+            shell,
+            Projector.toward([-0.018, 0.0, -0.0759], [0.0, y, 0.0]),
+            (0.030, 0.0105),
+            exponent=2.6,
+            relief=Relief(0.0008),
+            rings=3,
+        )
         for y in (1.0, -1.0)
     ]
     sonars = [
-        spot(shell, Projector.toward([0.0, 0.0, z], [x, 0.0, 0.0]), (0.013, 0.013), relief=Relief(0.0007))
+        spot(shell, Projector.toward([0.0, 0.0, z], [x, 0.0, 0.0]), (0.013, 0.013), segments=28, rings=2)
         for x, z in ((1.0, -0.1023), (-1.0, -0.0534))
     ]
     return [
-        Part("tibia_shell", "pepper_white", shell.mesh(72, 28)),
-        Part("tibia_bumper", "pepper_light_grey", bumper.mesh(72, 8)),
+        Part("tibia_shell", "pepper_white", shell.mesh(72, 24)),
+        Part("tibia_bumper", "pepper_light_grey", bumper.mesh(72, 6)),
         Part("tibia_gap", "pepper_dark", gap.mesh(72, 3)),
-        Part("tibia_knee", "pepper_dark", knee.mesh(48, 10)),
+        Part("tibia_knee", "pepper_dark", knee.mesh(44, 8)),
         Part("tibia_windows", "pepper_black", join([window, *sides])),
         Part("tibia_sonars", "pepper_grey", join(sonars)),
     ]
@@ -98,21 +106,28 @@ def pelvis() -> list[Part]:
     """Return the visuals of `Pelvis`: shell and the hubs of knee and hip pitch."""
     surface = measured_loft("Pelvis", round_ends=(False, True), fillets=(0.010, 0.0))
     hubs = [
-        ring(surface, Projector.toward([0.0, 0.0, z], [0.0, y, 0.0]), (r, r), 0.004, segments=48)
-        for z, r in ((_HIP_AXIS, 0.034),)
+        ring(surface, Projector.toward([0.0, 0.0, _HIP_AXIS], [0.0, y, 0.0]), (0.034, 0.034), 0.004)
         for y in (1.0, -1.0)
     ]
     seam = band(surface, 0.0600, 0.0622, relief=Relief(0.0003, 0.0003))
     return [
-        Part("pelvis_shell", "pepper_white", surface.mesh(60, 26)),
+        Part("pelvis_shell", "pepper_white", surface.mesh(56, 24)),
         Part("pelvis_hubs", "pepper_light_grey", join(hubs)),
         Part("pelvis_seam", "pepper_light_grey", seam),
     ]
 
 
 def hip() -> list[Part]:
-    """Return the visuals of `Hip`: the dark cross-joint of the waist."""
-    return [Part("hip_drum", "pepper_dark", measured_loft("Hip").mesh(44, 18))]
+    """Return the visuals of `Hip`: a drum about the pitch axis, and the waist above it."""
+    measured = measured_loft("Hip")
+    radius = -float(link_shape("Hip").bounds[0, 2])
+    drum_ = drum("y", [0.0, 0.0, 0.0], (radius, radius), (-0.0485, 0.0485), fillets=(0.008, 0.008))
+    rows = measured.sections[measured.sections[:, 0] > 0.04]
+    waist = Loft("z", rows, float(rows[0, 0]), measured.end, (False, True))
+    return [
+        Part("hip_drum", "pepper_light_grey", drum_.mesh(56, 8)),
+        Part("hip_waist", "pepper_dark", waist.mesh(40, 9)),
+    ]
 
 
 def wheel() -> list[Part]:
@@ -120,6 +135,6 @@ def wheel() -> list[Part]:
     ball = ellipsoid([0.0, 0.0, 0.0], [0.0695, 0.0695, 0.0695], "y")
     groove = band(ball, -0.004, 0.004, relief=Relief(0.0005, 0.0004), segments=40)
     return [
-        Part("wheel_ball", "pepper_light_grey", ball.mesh(36, 18)),
+        Part("wheel_ball", "pepper_light_grey", ball.mesh(32, 16)),
         Part("wheel_groove", "pepper_dark", groove),
     ]

@@ -1,14 +1,15 @@
 """A closed surface through measured cross-sections.
 
-Along the main axis s, a section is described by its centre c(s), its half widths h(s) along the two other axes
-and a radial shape rho(phi, s) in coordinates scaled by the half widths:
+Along the main axis s, a section is described by its centre c(s), its half widths h(s) along the two other
+axes and a radial shape rho(phi, s) in coordinates scaled by the half widths:
 
     p(phi, s) = c(s) + h(s) * rho(phi, s) * (cos phi, sin phi)
 
 For a superellipse of exponent n, rho = (|cos phi|^n + |sin phi|^n)^(-1/n) (Lame curve in polar coordinates).
 Centres and exponents are interpolated by monotone cubics (PCHIP, Fritsch and Carlson 1980), half widths by
 monotone cubics of their squares: the square of an ellipsoid's half width is a parabola in s, so round ends
-close smoothly where the square reaches zero.
+close smoothly where the square reaches zero.  A narrow Gaussian then blurs the jumps in curvature that
+monotone cubics leave at every section (they show as bands on a glossy shell).
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.urdf.looks.mesh import Mesh
-from pepper_kin.urdf.looks.stitching import rings_to_mesh
+
+from .mesh import Mesh
+from .stitching import rings_to_mesh
 
 Array = NDArray[np.float64]
 Radial = Callable[[Array, Array], Array]
@@ -32,7 +34,11 @@ Carving = Callable[[Array], Array]
 
 _AXES = {"x": (0, 1, 2), "y": (1, 2, 0), "z": (2, 0, 1)}
 _BISECTIONS = 44
-_DENSE = 1600
+_DENSE = 800
+_BEND_SHARE = 0.25
+_BLUR = 0.45
+_BLUR_NODES, _BLUR_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+_BLUR_WEIGHTS = _BLUR_WEIGHTS / _BLUR_WEIGHTS.sum()
 
 
 def superellipse(phi: Array, exponent: Array) -> Array:
@@ -84,7 +90,16 @@ class Loft:
         """Return centre (..., 2) [m], half widths (..., 2) [m] and exponent (...) at positions s [m]."""
         position = np.clip(np.asarray(s, dtype=float), self.start, self.end)
         knots, values = self._knots()
-        table = PchipInterpolator(knots, values, axis=0)(position)
+        sigma = _BLUR * float(np.median(np.diff(knots)))
+        around = position[..., None] + sigma * _BLUR_NODES
+        inside = np.clip(around, self.start, self.end)
+        # Beyond an end the curve goes on point-symmetrically, so that blurring leaves its end values alone.
+        curve = PchipInterpolator(knots, values, axis=0)
+        sampled = curve(np.clip(2.0 * inside - around, self.start, self.end))
+        beyond = (around != inside)[..., None]
+        table = np.einsum(
+            "k,...kj->...j", _BLUR_WEIGHTS, np.where(beyond, 2.0 * curve(inside) - sampled, sampled)
+        )
         centre, exponent = table[..., 0:2], table[..., 4]
         half = np.sqrt(np.maximum(table[..., 2:4], 0.0)) - self._inset(position)[..., None]
         return centre, np.maximum(half, 0.0), exponent
@@ -146,7 +161,7 @@ class Loft:
         return replace(self, sections=rows, start=low, end=high, round_ends=(False, False), fillets=fillets)
 
     def stations(self, rings: int) -> Array:
-        """Return positions [m] of rings that lie evenly along the outline, shape (rings,).
+        """Return positions [m] of rings along the outline, denser where it bends, shape (rings,).
 
         Args:
             rings: How many, at least 3, the two ends included.
@@ -154,10 +169,17 @@ class Loft:
         # Cosine spacing follows the outline closely where round ends turn it by a right angle.
         dense = self.start + (self.end - self.start) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _DENSE)))
         centre, half, _ = self.section(dense)
-        outline = np.concatenate([centre + half, centre - half], axis=1)
-        steps = np.abs(np.diff(outline, axis=0)).max(axis=1)
-        length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(dense), steps))])
-        return np.asarray(np.interp(np.linspace(0.0, length[-1], rings), length, dense))
+        outline = np.diff(np.concatenate([centre + half, centre - half], axis=1), axis=0)
+        along = np.diff(dense)[:, None]
+        length = np.hypot(along[:, 0], np.abs(outline).max(axis=1))
+        bend = np.abs(np.diff(np.arctan2(outline, along), axis=0)).max(axis=1)
+        bend = np.convolve(np.concatenate([[0.0], bend]), np.full(_DENSE // 16, 16.0 / _DENSE), mode="same")
+        density = (1.0 - _BEND_SHARE) * length / length.sum() + _BEND_SHARE * bend / max(bend.sum(), 1e-9)
+        way = np.concatenate([[0.0], np.cumsum(density)])
+        s = np.interp(np.linspace(0.0, way[-1], rings), way, dense)
+        # Rounded so that noise in the bends, which are second differences, cannot move a ring.
+        s[1:-1] = np.round(s[1:-1], 5)
+        return np.asarray(s)
 
     def points(self, phi: ArrayLike, s: ArrayLike, lift: ArrayLike = 0.0) -> Array:
         """Return points of the surface, shape (..., 3) [m].

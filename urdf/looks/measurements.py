@@ -61,4 +61,5 @@ def link_shape(name: str) -> LinkShape:
     sections, bounds = np.array(entry["sections"]), np.array(entry["bounds"])
     for array in (sections, bounds):
         array.setflags(write=False)
-    return LinkShape(entry["axis"], sections, *entry["range"], bounds)
+    start, end = entry["range"]
+    return LinkShape(entry["axis"], sections, start, end, bounds)

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pepper_kin.urdf.looks.loft import Loft
-from pepper_kin.urdf.looks.measurements import link_shape
-from pepper_kin.urdf.looks.mesh import Mesh
+from .loft import Loft
+from .measurements import link_shape
+from .mesh import Mesh
 
 MATERIALS: dict[str, tuple[float, float, float, float]] = {
     "pepper_white": (0.94, 0.94, 0.95, 1.0),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.urdf.looks.loft import Loft
+from .loft import Loft
 
 _ORDER = {"x": [1, 2], "y": [2, 0], "z": [0, 1]}
 _MAIN = {"x": 0, "y": 1, "z": 2}

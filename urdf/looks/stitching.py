@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.urdf.looks.mesh import Mesh
+
+from .mesh import Mesh
 
 Array = NDArray[np.float64]
 
@@ -47,8 +48,8 @@ def plate(outer: Array, inner: Array, hub: Array) -> Mesh:
     """Close a grid into a curved plate: a wall along its border, a hidden fan behind it.
 
     Args:
-        outer: Points of the visible side [m], shape (m, n, 3); rows x columns turn counter-clockwise seen from
-            outside when columns run right and rows run up.
+        outer: Points of the visible side [m], shape (m, n, 3); seen from outside, columns run right and
+            rows run up.
         inner: The same points on the hidden side [m], shape (m, n, 3); only the border counts.
         hub: Where the hidden fan meets [m], shape (3,).
     """
@@ -68,8 +69,8 @@ def disc(outer: Array, rim: Array, outer_centre: Array, inner_centre: Array) -> 
     """Close a polar grid into a curved disc with a hidden fan behind it.
 
     Args:
-        outer: Rings of the visible side [m], from the middle outwards, shape (m, n, 3), counter-clockwise seen
-            from outside.
+        outer: Rings of the visible side [m], from the middle outwards, shape (m, n, 3), counter-clockwise
+            seen from outside.
         rim: The border of the hidden side [m], shape (n, 3).
         outer_centre: Middle of the visible side [m], shape (3,).
         inner_centre: Middle of the hidden side [m], shape (3,).
@@ -81,8 +82,8 @@ def hoop(outer: Array, inner: Array) -> Mesh:
     """Close two grids that go around (last column next to the first) into a ring.
 
     Args:
-        outer: Rings of the visible side [m], from the middle outwards, shape (m, n, 3), counter-clockwise seen
-            from outside.
+        outer: Rings of the visible side [m], from the middle outwards, shape (m, n, 3), counter-clockwise
+            seen from outside.
         inner: The same for the hidden side, of which only first and last ring count.
     """
     loops = np.concatenate([inner[[0, -1]], outer[::-1]])

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.urdf.looks.mesh import Mesh
+
+from .mesh import Mesh
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER = b"pepper_kin: generated from measured sections, metres".ljust(80)

@@ -1,0 +1,28 @@
+"""The demonstration: the left hand goes over a table's edge to its top while the head looks at the spot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from pepper_kin.collision import Scene
+from pepper_kin.jobs.reach import ReachOutcome, reach
+from pepper_kin.model import PepperModel
+
+TARGET = (0.38, 0.22, 0.82)
+GAZE = (0.47, 0.12, 0.79)
+
+
+def demo_scene() -> Scene:
+    """Return the table, with a cup on it, that stands between the hanging hand and its target."""
+    return (
+        Scene()
+        .add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+        .add_cylinder("cup", radius=0.035, length=0.12, position=GAZE)
+    )
+
+
+def run_demo(
+    pepper: PepperModel, *, seed: int = 0, on_stage: Callable[[str], None] = lambda stage: None
+) -> ReachOutcome:
+    """Run the main job with the built-in targets; see `reach`."""
+    return reach(pepper, "left", TARGET, GAZE, demo_scene(), seed=seed, on_stage=on_stage)

@@ -1,0 +1,207 @@
+"""The main job: reach with a hand, look at a point, and do it safely."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision import Scene, clearance
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.ik import HandPosition, IKResult, LookAt, Status, solve
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+from pepper_kin.motion import Plan, PlanStatus, plan
+from pepper_kin.trajectory import Certificate, Trajectory, retime
+from pepper_kin.twin import Run, Twin
+
+CAMERA = "CameraTop_frame"
+BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
+SETTLE = 0.5  # [s] that the twin goes on after the motion's end
+
+
+@dataclass(frozen=True, eq=False)
+class ReachOutcome:
+    """What became of one reach.
+
+    Attributes:
+        hand: "left" or "right".
+        target: Where the palm should go [m], shape (3,).
+        gaze: Where the camera should look [m], shape (3,), or None.
+        scene: The world.
+        plan: IK and path; unsuccessful where there is none.
+        trajectory: The timed motion, or None.
+        certificate: The check of the motion by code other than the planner's, or None.
+        run: What the twin did, or None.
+        figures: Numbers of the report by name, in SI units.
+        message: One sentence: what happened.
+    """
+
+    hand: str
+    target: NDArray[np.float64]
+    gaze: NDArray[np.float64] | None
+    scene: Scene
+    plan: Plan
+    trajectory: Trajectory | None
+    certificate: Certificate | None
+    run: Run | None
+    figures: dict[str, Any]
+    message: str
+
+    @property
+    def success(self) -> bool:
+        """Whether the hand got there, safely and within all limits."""
+        return self.run is not None and self.certificate is not None and self.certificate.ok
+
+
+def reach(
+    pepper: PepperModel,
+    hand: str,
+    at: ArrayLike,
+    look_at: ArrayLike | None = None,
+    scene: Scene | None = None,
+    *,
+    start: ArrayLike | None = None,
+    seed: int = 0,
+    timeout: float = 10.0,
+    timestep: float = 0.001,
+    on_stage: Callable[[str], None] = lambda stage: None,
+) -> ReachOutcome:
+    """Reach with a hand, look at a point, and do it safely.
+
+    Targets -> whole-body IK -> collision-free path -> TOPP-RA within velocity, acceleration and torque limits
+    -> executed by the twin -> numbers.
+
+    Args:
+        pepper: The robot.
+        hand: "left" or "right".
+        at: Where the palm should go, in the world [m], shape (3,).
+        look_at: Where the top camera should look [m], shape (3,); None leaves the gaze free.
+        scene: The world around the robot.
+        start: Start configuration [rad or m], shape (n,); None for Stand.
+        seed: Seed of all random choices.
+        timeout: Time budget of IK and planning [s].
+        timestep: Step of the twin [s].
+        on_stage: Called with the name of each stage as it begins.
+
+    Returns:
+        The outcome; where a target cannot be reached, its message tells how near the hand can get.
+
+    Raises:
+        PepperKinError: on misuse, naming what is wrong.
+    """
+    scene = scene if scene is not None else Scene()
+    target = read_only(as_finite(at, "at", (3,)))
+    gaze = None if look_at is None else read_only(as_finite(look_at, "look_at", (3,)))
+    q_start = pepper.neutral() if start is None else np.asarray(start, dtype=float)
+    tasks: list[Any] = [HandPosition(hand, target)]
+    if gaze is not None:
+        tasks.append(LookAt(gaze, camera=CAMERA))
+    clock = _Clock(on_stage)
+    clock.enter("inverse kinematics and path")
+    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout)
+
+    def outcome(message: str, **more: Any) -> ReachOutcome:
+        fields: dict[str, Any] = {"trajectory": None, "certificate": None, "run": None, "figures": {}}
+        return ReachOutcome(hand, target, gaze, scene, found, message=message, **{**fields, **more})
+
+    if not found.success or found.path is None:
+        return outcome(_why_not(pepper, tasks[0], scene, found, seed))
+    if len(found.path) < 2:
+        return outcome("The hand is there already: nothing to move.")
+    clock.enter("timing")
+    try:
+        trajectory = retime(pepper, found.path, balance=BALANCE)
+    except InfeasibleError as error:
+        return outcome(str(error))
+    clock.enter("certificate")
+    certificate = trajectory.check(pepper, scene=scene)
+    clock.enter("twin")
+    run = Twin(pepper, timestep=timestep).execute(trajectory, settle=SETTLE)
+    clock.enter("report")
+    figures = _figures(pepper, tasks, scene, found, trajectory, run)
+    clock.enter("done")
+    figures["stage_seconds"] = clock.seconds
+    message = _sentence(hand, figures, certificate)
+    return outcome(message, trajectory=trajectory, certificate=certificate, run=run, figures=figures)
+
+
+def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan, seed: int) -> str:
+    """Say in one line why there is no path; for a hand out of reach, how far the nearest point is."""
+    if found.status is not PlanStatus.NO_IK or found.ik is None:
+        return found.report()
+    # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
+    alone = solve(pepper, [task], q0=pepper.neutral(), scene=scene, seed=seed)
+    palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
+    wanted, point = (f"({', '.join(f'{x:.3f}' for x in p)})" for p in (task.target, palm))
+    if alone.success:
+        return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
+    gap = float(np.linalg.norm(palm - task.target))
+    cause = ", without a collision," if alone.status is Status.CLOSEST_COLLISION else ""
+    near = f"the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away"
+    return f"The hand cannot reach {wanted}: {near}."
+
+
+def _unmet(result: IKResult) -> str:
+    return "; ".join(error.shortfall for error in result.errors if not error.met)
+
+
+def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate) -> str:
+    palm = f"The {hand} hand ends {figures['hand_error_m'] * 1000:.1f} mm from its target"
+    gaze = figures["gaze_error_rad"]
+    look = "" if gaze is None else f", the gaze {np.degrees(gaze):.2f} degrees off"
+    checked = "all limits are kept" if certificate.ok else certificate.report()
+    return f"{palm}{look}, after {figures['duration_s']:.2f} s; {checked}."
+
+
+class _Clock:
+    """Measures the stages and announces them."""
+
+    def __init__(self, announce: Callable[[str], None]) -> None:
+        self.announce, self.seconds = announce, dict[str, float]()
+        self._stage: tuple[str, float] | None = None
+
+    def enter(self, stage: str) -> None:
+        now = time.perf_counter()
+        if self._stage is not None:
+            self.seconds[self._stage[0]] = now - self._stage[1]
+        self._stage = (stage, now)
+        if stage != "done":
+            self.announce(stage)
+
+
+def _figures(
+    pepper: PepperModel, tasks: list[Any], scene: Scene, found: Plan, trajectory: Trajectory, run: Run
+) -> dict[str, Any]:
+    """Measure the executed motion: nothing here is taken from the solver's or planner's word."""
+    q_end = run.position[-1]
+    reached = tasks[0]
+    palm_path = frame_pose(pepper, run.position[::10], reached.frame)[:, :3, 3]
+    palm = frame_pose(pepper, q_end, reached.frame)[:3, 3]
+    gaze_error = _gaze_error(frame_pose(pepper, q_end, CAMERA), tasks[1].target) if len(tasks) > 1 else None
+    executed = clearance(pepper, run.position[::5], scene)
+    return {
+        "hand_error_m": float(np.linalg.norm(palm - reached.target)),
+        "gaze_error_rad": gaze_error,
+        "path_length_joint": found.length,
+        "hand_path_length_m": float(np.sum(np.linalg.norm(np.diff(palm_path, axis=0), axis=1))),
+        "duration_s": trajectory.duration,
+        "smallest_clearance_planned_m": found.clearance,
+        "smallest_clearance_executed_m": float(executed.min()),
+        "peak_torque_use": dict(zip(pepper.joint_names, run.torque_use.tolist(), strict=True)),
+        "tracking_error_rms": dict(zip(pepper.joint_names, run.rms_error.tolist(), strict=True)),
+        "tracking_error_max": float(run.max_error.max()),
+    }
+
+
+def _gaze_error(transform_camera_to_world: NDArray[np.float64], gaze: NDArray[np.float64]) -> float:
+    """Angle between the camera's x axis and the direction to a point [rad]."""
+    direction = gaze - transform_camera_to_world[:3, 3]
+    axis = transform_camera_to_world[:3, 0]
+    return float(np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction))

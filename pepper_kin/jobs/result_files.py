@@ -1,0 +1,103 @@
+"""Files of a reach: summary, trajectory and run."""
+
+from __future__ import annotations
+
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from pepper_kin import atomic_file
+from pepper_kin.jobs.reach import ReachOutcome
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory import write_csv
+from pepper_kin.twin import GestureReport
+
+CSV_STEP = 0.001  # [s] between rows of trajectory.csv
+_LIBRARIES = ("pin", "placo", "proxsuite", "coal", "toppra", "meshcat", "numpy")
+
+
+def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
+    """Return all that is to be told of an outcome, as values that JSON can hold; SI units."""
+    certificate = outcome.certificate
+    return {
+        "robot": pepper.name,
+        "joints": list(pepper.joint_names),
+        "success": outcome.success,
+        "message": outcome.message,
+        "hand": outcome.hand,
+        "target_m": outcome.target.tolist(),
+        "gaze_m": None if outcome.gaze is None else outcome.gaze.tolist(),
+        "obstacles": {
+            name: {
+                "geometry": repr(item.geometry),
+                "position_m": item.transform_object_to_world[:3, 3].tolist(),
+            }
+            for name, item in outcome.scene.objects.items()
+        },
+        "plan": {
+            "status": outcome.plan.status.value,
+            "waypoints": 0 if outcome.plan.path is None else len(outcome.plan.path),
+            "states_checked": outcome.plan.states_checked,
+            "seconds": outcome.plan.time,
+            "seed": outcome.plan.seed,
+        },
+        "certificate": None
+        if certificate is None
+        else {"ok": certificate.ok, "report": certificate.report()},
+        **outcome.figures,
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("pepper_kin", *_LIBRARIES)},
+        },
+    }
+
+
+def write_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path) -> dict[str, Path]:
+    """Write `summary.json` and, where there is a motion, `trajectory.csv`, `run.csv` and `columns.json`.
+
+    Args:
+        pepper: The robot.
+        outcome: What to write.
+        folder: Where; made if it is not there.
+
+    Returns:
+        The files written, by name.
+
+    Raises:
+        PepperKinError: where the folder cannot be written to; no half-written file is left.
+    """
+    folder = atomic_file.make_folder(folder)
+    files: dict[str, Path] = {}
+    if outcome.trajectory is not None and outcome.run is not None:
+        files["trajectory.csv"] = write_csv(folder / "trajectory.csv", outcome.trajectory, dt=CSV_STEP)
+        files["run.csv"] = outcome.run.save(folder / "run.csv")
+        files["columns.json"] = folder / "columns.json"
+    text = json.dumps(summary(pepper, outcome), indent=2) + "\n"
+    files["summary.json"] = atomic_file.write_text(folder / "summary.json", text)
+    return files
+
+
+def write_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:
+    """Write `summary.json`, `trajectory.csv`, `run.csv` and `columns.json` of a gesture.
+
+    Args:
+        report: The replayed gesture.
+        folder: Where; made if it is not there.
+
+    Returns:
+        The files written, by name.
+
+    Raises:
+        PepperKinError: where the folder cannot be written to; no half-written file is left.
+    """
+    folder = atomic_file.make_folder(folder)
+    return {
+        "trajectory.csv": write_csv(folder / "trajectory.csv", report.trajectory, dt=CSV_STEP),
+        "run.csv": report.run.save(folder / "run.csv"),
+        "columns.json": folder / "columns.json",
+        "summary.json": atomic_file.write_text(
+            folder / "summary.json", json.dumps(report.as_dict(), indent=2) + "\n"
+        ),
+    }

@@ -1,0 +1,98 @@
+"""What planning returns."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.ik import IKResult
+from pepper_kin.model import PepperModel
+
+
+class PlanStatus(Enum):
+    """How planning ended; `advice` says what to try."""
+
+    SOLVED = "solved"
+    START_IN_COLLISION = "start_in_collision"
+    START_TOO_HEAVY = "start_too_heavy"
+    GOAL_IN_COLLISION = "goal_in_collision"
+    GOAL_TOO_HEAVY = "goal_too_heavy"
+    NO_IK = "no_ik"
+    NO_PATH_IN_TIME = "no_path_in_time"
+
+    @property
+    def advice(self) -> str:
+        """One sentence: what to try."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    PlanStatus.SOLVED: "Time the path with retime().",
+    PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
+    PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold, such as Stand.",
+    PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
+    PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
+    PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
+    PlanStatus.NO_PATH_IN_TIME: "Raise the timeout, try another seed, or free more joints.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The outcome of planning.
+
+    Attributes:
+        status: How it ended.
+        message: What happened, in a sentence with names and numbers.
+        joint_names: Order of the joints.
+        path: Way-points, shape (k, n), read-only [rad or m]; None unless solved.  The spline that `retime`
+            draws through them has been checked against the scene, not only the way-points.
+        goal: The configuration reached, shape (n,); None unless solved.
+        ik: Result of inverse kinematics where the goal was given as tasks.
+        length: Length of the path in joint space [rad and m mixed]; nan unless solved.
+        clearance: Smallest distance along the path, recomputed by coal [m]; nan unless solved.
+        states_checked: Number of configurations asked about.
+        time: Wall time [s].
+        seed: Seed: the same problem and seed give the same plan.
+    """
+
+    status: PlanStatus
+    message: str
+    joint_names: tuple[str, ...]
+    path: NDArray[np.float64] | None = None
+    goal: NDArray[np.float64] | None = None
+    ik: IKResult | None = None
+    length: float = float("nan")
+    clearance: float = float("nan")
+    states_checked: int = 0
+    time: float = 0.0
+    seed: int = 0
+    planner: str = "rrt_connect"
+
+    @property
+    def success(self) -> bool:
+        """Whether a path was found."""
+        return self.status is PlanStatus.SOLVED
+
+    def report(self) -> str:
+        """Say in plain words what was found, or why nothing was and what to try."""
+        return f"{self.message} {self.status.advice}"
+
+
+class Ending:
+    """Makes the plan that is returned, with what is the same for all endings filled in."""
+
+    def __init__(self, pepper: PepperModel, begin: float, seed: int, planner: str) -> None:
+        self.joint_names, self.begin, self.seed, self.planner = pepper.joint_names, begin, seed, planner
+
+    def __call__(self, status: PlanStatus, message: str, **more: Any) -> Plan:
+        """Return the plan of an ending; `more` are its other fields."""
+        elapsed = time.perf_counter() - self.begin
+        return Plan(
+            status, message, self.joint_names, time=elapsed, seed=self.seed, planner=self.planner, **more
+        )

@@ -1,0 +1,95 @@
+"""From a planner's polyline to way-points whose spline is collision-free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import planners
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.path import CubicPath, as_cubic_path
+
+_PIECES = 6
+_MOST_WAYPOINTS = 400
+_SHORTCUTS = 80
+
+
+def waypoints_of(
+    pepper: PepperModel,
+    problem: planners.Problem,
+    relaxed: planners.Problem,
+    path: planners.Path,
+    embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    seed: int,
+    timeout: float,
+) -> NDArray[np.float64]:
+    """Shorten and smooth a polyline, and return way-points for `retime`.
+
+    `retime` draws a spline through way-points; so the spline itself is checked here, and way-points are added
+    until it is valid everywhere at the problem's resolution.
+
+    Args:
+        pepper: The robot.
+        problem: The planning problem, of the joints that move.
+        relaxed: The same with half the margin: a curve that rounds the corners of a path along the margin's
+            edge needs a little room beside it.
+        path: A valid polyline of those joints.
+        embed: From states of the moving joints, shape (m, k), to whole configurations, shape (m, n).
+        seed: Seed of short-cutting.
+        timeout: Time budget of short-cutting [s].
+
+    Returns:
+        Way-points, shape (m, n) [rad or m]; the polyline's own ends come first and last.
+    """
+    resolution = problem.resolution / 2 if problem.resolution is not None else None
+    short = planners.shortcut(
+        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=resolution
+    )
+    for candidate in (short, path):
+        try:
+            curve = planners.smooth(relaxed, candidate, spacing=candidate.length / _PIECES)
+        except InfeasibleError:
+            continue
+        found = _interpolated(pepper, relaxed, curve, embed)
+        if found is not None:
+            return found
+    # A polyline with no room to round its corners: way-points so dense that their spline follows it.
+    return embed(short.resample(problem.resolution).points)
+
+
+def _interpolated(
+    pepper: PepperModel,
+    problem: planners.Problem,
+    curve: planners.SmoothPath,
+    embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> NDArray[np.float64] | None:
+    """Return the fewest equidistant points of a curve whose spline is valid; None where none are."""
+    pieces = _PIECES
+    while pieces <= _MOST_WAYPOINTS:
+        points = embed(curve(np.linspace(curve.breaks[0], curve.breaks[-1], pieces + 1)))
+        if _spline_is_valid(problem, as_cubic_path(pepper, points), embed):
+            return points
+        pieces *= 2
+    return None
+
+
+def _spline_is_valid(
+    problem: planners.Problem,
+    spline: CubicPath,
+    embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> bool:
+    moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
+    ends = spline.at(np.arange(len(spline.breaks) - 1), np.diff(spline.breaks))
+    lengths = problem.metric.distance(spline.coefficients[:, 0][:, moving], ends[:, moving])
+    counts = np.maximum(2, np.ceil(1.5 * lengths / problem.resolution).astype(int))
+    states = np.concatenate(
+        [
+            spline.at(np.full(count, i), np.linspace(0, h, count))
+            for i, (count, h) in enumerate(zip(counts, np.diff(spline.breaks), strict=True))
+        ]
+    )
+    return bool(problem.oracle(np.ascontiguousarray(states[:, moving])).all())

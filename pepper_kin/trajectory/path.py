@@ -1,0 +1,186 @@
+"""The geometric path that a trajectory follows: piecewise cubic in a path parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
+from pepper_kin.model.shapes import read_only
+
+Array = NDArray[np.float64]
+
+_SAME = 1e-9  # [rad or m] way-points no further apart than this are one
+_LIMIT_TOLERANCE = 1e-9  # [rad or m]
+
+
+@runtime_checkable
+class PiecewiseCubic(Protocol):
+    """Any piecewise cubic curve, such as `pepper_kin.planners.SmoothPath`.
+
+    On piece i, where breaks[i] <= s <= breaks[i + 1],
+        q(s) = sum_p coefficients[i, p] (s - breaks[i])^p,   p = 0 ... 3: constant term first.
+    """
+
+    @property
+    def breaks(self) -> Array:
+        """Ends of the pieces, rising, shape (m + 1,)."""
+
+    @property
+    def coefficients(self) -> Array:
+        """Constant term first, shape (m, 4, n)."""
+
+
+PathLike: TypeAlias = ArrayLike | PiecewiseCubic
+
+
+@dataclass(frozen=True, eq=False)
+class CubicPath:
+    """A continuous piecewise cubic curve of joint positions; arrays are read-only.
+
+    Attributes:
+        breaks: Ends of the pieces, rising, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n).
+    """
+
+    breaks: Array
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        """Copy and check the fields.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN, breaks that do not rise, or pieces that do not meet.
+        """
+        breaks = read_only(as_finite(self.breaks, "breaks of the path", (None,)))
+        if breaks.size < 2 or np.any(np.diff(breaks) <= 0):
+            raise InvalidValueError("breaks of the path", f"{breaks.size} numbers", "two or more that rise")
+        shape = (breaks.size - 1, 4, None)
+        coefficients = read_only(as_finite(self.coefficients, "coefficients of the path", shape))
+        object.__setattr__(self, "breaks", breaks)
+        object.__setattr__(self, "coefficients", coefficients)
+        ends = self.at(np.arange(breaks.size - 1), np.diff(breaks))
+        gaps = np.abs(ends[:-1] - coefficients[1:, 0])
+        if gaps.size and gaps.max() > 1e-6:
+            at = int(np.argmax(gaps.max(axis=1)))
+            raise InvalidValueError(
+                "path",
+                f"a jump of {gaps.max():.3g} at parameter {breaks[at + 1]:.6g}",
+                "pieces that meet",
+            )
+
+    def at(self, piece: ArrayLike, local: ArrayLike, derivative: int = 0) -> Array:
+        """Return a derivative of q with respect to s on chosen pieces.
+
+        Args:
+            piece: Indices of pieces, shape (...).
+            local: s minus the piece's first break, shape (...).
+            derivative: 0 to 3.
+
+        Returns:
+            Shape (..., n).
+        """
+        chosen = self.coefficients[np.asarray(piece)]
+        x = np.asarray(local, dtype=float)[..., None]
+        value = np.zeros(np.broadcast_shapes(chosen[..., 0, :].shape, x.shape))
+        for power in range(3, derivative - 1, -1):
+            factor = float(np.prod(np.arange(power - derivative + 1, power + 1)))
+            value = value * x + factor * chosen[..., power, :]
+        return value
+
+    def extremes(self) -> Array:
+        """Return all positions where a joint may be extreme, ends of pieces and dq/ds = 0, shape (k, n)."""
+        h = np.diff(self.breaks)
+        pieces = np.arange(h.size)
+        found = [self.coefficients[:, 0], self.at(pieces[-1:], h[-1:])]
+        a, b, c = (self.coefficients[:, p] * f for p, f in ((3, 3.0), (2, 2.0), (1, 1.0)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = np.sqrt(b * b - 4 * a * c)
+            # The stable pair of roots of a x^2 + b x + c; linear where a = 0.
+            w = -(b + np.where(b >= 0, root, -root)) / 2
+            roots = [w / a, c / w]
+        for x in roots:
+            inside = (x > 0) & (x < h[:, None])  # False for NaN
+            piece, joint = np.nonzero(inside)
+            found.append(self.at(piece, x[piece, joint]))
+        return np.concatenate(found)
+
+
+def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
+    """Turn way-points or a piecewise cubic curve into a `CubicPath` within the position limits.
+
+    Way-points are joined by a cubic spline with continuous second derivative over the chord length, with unit
+    speed along the first and the last chord.  Between way-points it leaves the polyline (two way-points give
+    the straight line): where that matters, give a curve that was checked, such as
+    `pepper_kin.planners.smooth` makes.  A joint that the spline would carry out of its limits although
+    all way-points are inside follows a monotone cubic instead (Fritsch and Butland, 1984), which has no
+    overshoot and a continuous first derivative only.
+
+    Args:
+        pepper: The robot.
+        path: Way-points [rad or m], shape (k, n), k >= 2; or an object with `breaks` and `coefficients` as
+            in `PiecewiseCubic`.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidValueError: for one way-point, two successive ones that are the same, a start that equals the
+            goal, NaN, or a wrong shape.
+        LimitError: where the path leaves the position limits, naming the joint.
+    """
+    if isinstance(path, PiecewiseCubic):
+        curve = CubicPath(path.breaks, path.coefficients)
+        if curve.coefficients.shape[2] != pepper.n:
+            raise InvalidValueError("path", f"{curve.coefficients.shape[2]} joints", f"{pepper.n} joints")
+        points = curve.extremes()
+        if np.ptp(points, axis=0).max() <= _SAME:
+            raise InvalidValueError("path", "a path of zero length", "start and goal that differ")
+    else:
+        curve = _through_waypoints(pepper, _waypoints(pepper, path))
+        points = curve.extremes()
+    check_within_limits(pepper, points, "path", _LIMIT_TOLERANCE)
+    return curve
+
+
+def _waypoints(pepper: PepperModel, path: Any) -> Array:
+    points = as_joint_vectors(pepper, path, "way-points")
+    if points.ndim != 2:
+        raise InvalidValueError("way-points", f"shape {points.shape}", f"shape (k, {pepper.n})")
+    if len(points) < 2:
+        raise InvalidValueError("way-points", f"{len(points)} way-point(s)", "at least 2")
+    same = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) <= _SAME)
+    if same.size and len(points) == 2:
+        raise InvalidValueError("way-points", "a start that equals the goal", "a path longer than zero")
+    if same.size:
+        raise InvalidValueError(
+            "way-points", f"numbers {same[0]} and {same[0] + 1} are the same", "successive ones that differ"
+        )
+    for index, point in enumerate(points):
+        check_within_limits(pepper, point, f"way-point {index}", _LIMIT_TOLERANCE)
+    return points
+
+
+def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
+    from scipy.interpolate import CubicSpline, PchipInterpolator  # 0.3 s to import: only here
+
+    chords = np.diff(points, axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    s = np.concatenate([[0.0], np.cumsum(lengths)])
+    slopes = chords / lengths[:, None]
+    spline = CubicSpline(s, points, bc_type=((1, slopes[0]), (1, slopes[-1])))
+    curve = CubicPath(s, np.transpose(spline.c[::-1], (1, 0, 2)))
+    extremes = curve.extremes()
+    excess = np.maximum(pepper.lower_limits - extremes, extremes - pepper.upper_limits).max(axis=0)
+    outside = excess > _LIMIT_TOLERANCE
+    if not outside.any():
+        return curve
+    coefficients = np.array(curve.coefficients)
+    monotone = PchipInterpolator(s, points[:, outside])
+    coefficients[:, :, outside] = np.transpose(monotone.c[::-1], (1, 0, 2))
+    return CubicPath(s, coefficients)

@@ -1,0 +1,166 @@
+"""Limits of a robot along a path, linear in the path's acceleration and squared speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import WHEELS, edge_moments, support_polygon
+from pepper_kin.trajectory.path import CubicPath
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A path cut into intervals, none of which spans a break of the path.
+
+    Attributes:
+        path: The path.
+        s: Path parameter at the grid points, shape (N + 1,).
+        piece: Piece of the path that holds each interval, shape (N,).
+        local: Path parameter at both ends of each interval since the start of its piece, shape (2, N).
+    """
+
+    path: CubicPath
+    s: Array
+    piece: NDArray[np.intp]
+    local: Array
+
+    @property
+    def size(self) -> int:
+        """Number of intervals N."""
+        return int(self.piece.size)
+
+    def at_ends(self, derivative: int) -> Array:
+        """Return a derivative of q(s) at both ends of every interval, from inside it, shape (2, N, n)."""
+        return self.path.at(self.piece, self.local, derivative)
+
+
+def make_grid(path: CubicPath, intervals: int) -> Grid:
+    """Cut a path into at least `intervals` intervals of about equal size that keep all its breaks."""
+    h = np.diff(path.breaks)
+    counts = np.maximum(1, np.ceil(intervals * h / h.sum() - 1e-9)).astype(int)
+    piece = np.repeat(np.arange(h.size), counts)
+    number = np.arange(piece.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    step = h / counts
+    local = np.stack([number * step[piece], (number + 1) * step[piece]])
+    local[1, np.cumsum(counts) - 1] = h
+    s = np.append(path.breaks[piece] + local[0], path.breaks[-1])
+    return Grid(path, s, piece, local)
+
+
+@dataclass(frozen=True, eq=False)
+class PathLimits:
+    """Limits along a path in terms of u = d2s/dt2 and x = (ds/dt)^2.
+
+    At either end of each interval, for every row,
+        |a u + b x + c| <= bound,   and   x <= speed_bound.
+    Acceleration: a = q', b = q'', c = 0.  Torque: a = M q', b = M q'' + C(q, q') q', c = g.  Balance: the
+    moments of the floor's force about the edges of the support polygon.
+    Pham and Pham, A new approach to time-optimal path parameterization based on reachability analysis,
+    IEEE Trans. Robotics 34 (2018).
+
+    Attributes:
+        names: (quantity, joint) of every row; for balance ("balance", edge).
+        a: shape (2, N, r).
+        b: shape (2, N, r).
+        c: shape (2, N, r).
+        bound: shape (r,).
+        velocity: Joint velocity limits [rad/s or m/s], shape (n,).
+        derivative: q' at both ends of each interval, shape (2, N, n).
+    """
+
+    names: tuple[tuple[str, str], ...]
+    a: Array
+    b: Array
+    c: Array
+    bound: Array
+    velocity: Array
+    derivative: Array
+
+    def speed_bound(self, velocity_scale: Array | float = 1.0) -> Array:
+        """Return the greatest x at every grid point that the velocity limits allow, shape (N + 1,)."""
+        with np.errstate(divide="ignore"):
+            x = np.min((velocity_scale * self.velocity / np.abs(self.derivative)) ** 2, axis=-1)
+        bound = np.full(x.shape[1] + 1, np.inf)
+        bound[:-1] = x[0]
+        bound[1:] = np.minimum(bound[1:], x[1])
+        return bound
+
+
+def path_limits(
+    pepper: PepperModel,
+    grid: Grid,
+    velocity: Array,
+    acceleration: Array,
+    torque: Array | None,
+    balance: float | None = None,
+) -> PathLimits:
+    """Evaluate the coefficients at all grid points at once.
+
+    Args:
+        pepper: The robot.
+        grid: The path's grid.
+        velocity: Limits [rad/s or m/s], inf for none, shape (n,).
+        acceleration: Limits [rad/s^2 or m/s^2], inf for none, shape (n,).
+        torque: Limits [N m or N], inf for none, shape (n,); None to leave torque out.
+        balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
+            balance out.
+
+    Returns:
+        The limits; joints without a finite limit have no row.
+    """
+    q, first, second = (grid.at_ends(derivative) for derivative in range(3))
+    kinds = [("acceleration", acceleration, (first, second, np.zeros_like(first)))]
+    if torque is not None and np.isfinite(torque).any():
+        kinds.append(("torque", torque, _torque_coefficients(pepper, q, first, second)))
+    names: list[tuple[str, str]] = []
+    rows: list[tuple[Array, Array, Array, Array]] = []
+    for quantity, limit, (a, b, c) in kinds:
+        finite = np.isfinite(limit)
+        names += [(quantity, joint) for joint, use in zip(pepper.joint_names, finite, strict=True) if use]
+        rows.append((a[..., finite], b[..., finite], c[..., finite], limit[finite]))
+    if balance is not None:
+        names += [("balance", f"edge {k}") for k in range(3)]
+        rows.append(_balance_coefficients(pepper, q, first, second, balance))
+    a, b, c, bound = (np.concatenate(part, axis=-1) for part in zip(*rows, strict=True))
+    return PathLimits(tuple(names), a, b, c, bound, velocity, first)
+
+
+def _torque_coefficients(
+    pepper: PepperModel, q: Array, first: Array, second: Array
+) -> tuple[Array, Array, Array]:
+    from pepper_kin import dynamics
+
+    c, a, b = dynamics.inverse_dynamics(pepper, *_three_states(q, first, second))
+    return a - c, b - c, c
+
+
+def _balance_coefficients(
+    pepper: PepperModel, q: Array, first: Array, second: Array, margin: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return rows that keep each edge moment h = a u + b x + c at zero or above.
+
+    Rows are two-sided, |a u + b x + (c - B)| <= B, with B beyond what any motion reaches: the weight at an
+    arm of a metre.
+    """
+    from pepper_kin import dynamics
+
+    polygon = support_polygon(pepper)
+    if polygon is None:
+        raise InvalidValueError("balance", margin, f"None for a robot without {', '.join(WHEELS)}")
+    c, a, b = edge_moments(pepper, polygon, *_three_states(q, first, second), margin=margin)
+    most = np.full(len(polygon), 9.81 * dynamics.total_mass(pepper))
+    return a - c, b - c, c - most, most
+
+
+def _three_states(q: Array, first: Array, second: Array) -> list[Array]:
+    """Return q, v and a of rest, of unit path acceleration and of unit path speed, shape (3, ..., n) each."""
+    still = np.zeros_like(q)
+    states = [(q, still, still), (q, still, first), (q, first, second)]
+    return [np.stack(part) for part in zip(*states, strict=True)]

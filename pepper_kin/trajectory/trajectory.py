@@ -1,0 +1,299 @@
+"""A trajectory: joint positions as piecewise polynomials of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.shapes import read_only
+
+if TYPE_CHECKING:
+    from pepper_kin.model import PepperModel
+    from pepper_kin.trajectory.certificate import Certificate
+
+Array = NDArray[np.float64]
+
+TIME_TOLERANCE = 1e-9
+_MOST_SAMPLES = 10_000_000
+
+
+class State(NamedTuple):
+    """Joint positions, velocities and accelerations at some times.
+
+    Attributes:
+        position: q [rad or m], shape (..., n).
+        velocity: dq/dt [rad/s or m/s], shape (..., n).
+        acceleration: d2q/dt2 [rad/s^2 or m/s^2], shape (..., n).
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A trajectory at discrete times; the arrays are read-only.
+
+    Attributes:
+        joint_names: Order of the columns.
+        time: [s], shape (T,), rising from 0.
+        position: [rad or m], shape (T, n).
+        velocity: [rad/s or m/s], shape (T, n).
+        acceleration: [rad/s^2 or m/s^2], shape (T, n).
+        joint_units: "rad" or "m" for each joint; all "rad" if omitted.
+    """
+
+    joint_names: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    joint_units: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        names, units = _names_and_units(self.joint_names, self.joint_units)
+        object.__setattr__(self, "joint_names", names)
+        object.__setattr__(self, "joint_units", units)
+        object.__setattr__(self, "time", read_only(as_finite(self.time, "time", (None,))))
+        shape = (self.time.size, len(names))
+        for quantity in ("position", "velocity", "acceleration"):
+            object.__setattr__(self, quantity, read_only(as_finite(getattr(self, quantity), quantity, shape)))
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    def to_trajectory(self) -> Trajectory:
+        """Return the trajectory of degree 5 that meets position, velocity and acceleration at every sample.
+
+        Returns:
+            The trajectory; between samples it is the quintic Hermite interpolant.
+
+        Raises:
+            InvalidValueError: for fewer than two samples, or times that do not rise from 0.
+        """
+        if len(self) < 2:
+            raise InvalidValueError("samples", len(self), "at least 2")
+        h = np.diff(self.time)[:, None]
+        if self.time[0] != 0.0 or np.any(h <= 0):
+            raise InvalidValueError("time", "times that do not rise from 0", "times that rise from 0")
+        q, v, a = self.position, self.velocity, self.acceleration
+        # What is missing at the end of a piece after the Taylor polynomial of its start.
+        dq = q[1:] - q[:-1] - h * v[:-1] - h**2 / 2 * a[:-1]
+        dv = v[1:] - v[:-1] - h * a[:-1]
+        da = a[1:] - a[:-1]
+        cubic = (10 * dq - 4 * h * dv + h**2 / 2 * da) / h**3
+        quartic = (-15 * dq + 7 * h * dv - h**2 * da) / h**4
+        quintic = (6 * dq - 3 * h * dv + h**2 / 2 * da) / h**5
+        powers = [q[:-1], v[:-1], a[:-1] / 2, cubic, quartic, quintic]
+        return Trajectory(self.joint_names, self.time, np.stack(powers, axis=1), self.joint_units)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Joint positions as piecewise polynomials of time; exact, frozen, read-only.
+
+    On piece i, where breaks[i] <= t <= breaks[i + 1],
+        q(t) = sum_p coefficients[i, p] (t - breaks[i])^p.
+    At a break the later piece gives the values, at the end the last.
+
+    Two trajectories are equal (==) when their names, durations, and positions, velocities and accelerations
+    at all times agree to 1e-9; see `is_close`.
+
+    Attributes:
+        joint_names: Order of every joint vector.
+        breaks: Ends of the pieces [s], shape (m + 1,), rising from 0.
+        coefficients: Constant term first, shape (m, k, n) [rad/s^p or m/s^p].
+        joint_units: "rad" or "m" for each joint; all "rad" if omitted.
+    """
+
+    joint_names: tuple[str, ...]
+    breaks: Array
+    coefficients: Array
+    joint_units: tuple[str, ...] = ()
+    _derivatives: tuple[Array, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Copy and check the fields.
+
+        Raises:
+            InvalidValueError: naming the field, for a wrong shape, NaN, breaks that do not rise from 0
+                (a duration of zero among them), or names that are not unique.
+        """
+        names, units = _names_and_units(self.joint_names, self.joint_units)
+        breaks = read_only(as_finite(self.breaks, "breaks", (None,)))
+        if breaks.size < 2 or breaks[0] != 0.0 or np.any(np.diff(breaks) <= 0):
+            raise InvalidValueError(
+                "breaks", np.array2string(breaks, threshold=6), "two or more times that rise from 0"
+            )
+        shape = (breaks.size - 1, None, len(names))
+        coefficients = read_only(as_finite(self.coefficients, "coefficients", shape))
+        if coefficients.shape[1] == 0:
+            raise InvalidValueError("coefficients", f"shape {coefficients.shape}", "at least a constant term")
+        first = _derivative(coefficients)
+        for name, value in (
+            ("joint_names", names),
+            ("joint_units", units),
+            ("breaks", breaks),
+            ("coefficients", coefficients),
+            ("_derivatives", (coefficients, first, _derivative(first))),
+        ):
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        return f"Trajectory({self.n} joints, {self.duration:.4g} s, {self.breaks.size - 1} pieces)"
+
+    def __call__(self, t: ArrayLike) -> State:
+        """Return position, velocity and acceleration at given times.
+
+        Args:
+            t: Times within [0, duration] [s], shape (...).
+
+        Returns:
+            Arrays of shape (..., n).
+
+        Raises:
+            InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
+        """
+        time = np.asarray(t, dtype=float)
+        if not np.all((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE)):
+            wrong = time[~((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE))]
+            raise InvalidValueError("t", f"{wrong.flat[0]} s", f"times within [0, {self.duration:.9g}] s")
+        time = np.clip(time, 0.0, self.duration)
+        piece = np.searchsorted(self.breaks, time, side="right") - 1
+        piece = np.minimum(piece, self.breaks.size - 2)
+        return self.at_pieces(piece, time - self.breaks[piece])
+
+    def at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> State:
+        """Return the state of chosen pieces, which tells the two sides of a break apart.
+
+        Args:
+            piece: Indices of pieces, shape (...).
+            local_time: Time since the start of the piece [s], shape (...).
+
+        Returns:
+            Arrays of shape (..., n).
+        """
+        index, local = np.asarray(piece), np.asarray(local_time, dtype=float)[..., None]
+        return State(*(_horner(coefficients[index], local) for coefficients in self._derivatives))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return float(self.breaks[-1])
+
+    @property
+    def knots(self) -> Array:
+        """Times where pieces meet, both ends included [s], shape (m + 1,)."""
+        return self.breaks
+
+    @property
+    def start(self) -> Array:
+        """First position [rad or m], shape (n,)."""
+        return self.coefficients[0, 0]
+
+    @property
+    def end(self) -> Array:
+        """Last position [rad or m], shape (n,)."""
+        return self(self.duration).position
+
+    def sample(self, dt: float) -> Samples:
+        """Return the trajectory at 0, dt, 2 dt, ... and exactly at its duration.
+
+        Args:
+            dt: Time between samples [s]; the last interval may be shorter.
+
+        Returns:
+            The samples.
+
+        Raises:
+            InvalidValueError: for a dt that is not above zero, or below a ten-millionth of the duration.
+        """
+        time = sample_times(self.duration, dt)
+        return Samples(self.joint_names, time, *self(time), joint_units=self.joint_units)
+
+    def is_close(self, other: Trajectory, tolerance: float = 1e-9) -> bool:
+        """Return whether two trajectories are the same to a tolerance, however they are cut into pieces.
+
+        Args:
+            other: The other trajectory.
+            tolerance: Greatest difference of duration [s] and of position, velocity and acceleration
+                [SI units], each compared at as many points of every piece as the polynomials need.
+
+        Returns:
+            False also where names or units differ.
+        """
+        if (self.joint_names, self.joint_units) != (other.joint_names, other.joint_units):
+            return False
+        if abs(self.duration - other.duration) > tolerance:
+            return False
+        knots = np.union1d(self.breaks, other.breaks)
+        knots = knots[knots <= min(self.duration, other.duration)]
+        # Inside the pieces, where neither trajectory is at one of its jumps of acceleration.
+        points = max(self.coefficients.shape[1], other.coefficients.shape[1])
+        inside = (np.arange(points) + 0.5) / points
+        time = (knots[:-1, None] + np.diff(knots)[:, None] * inside).ravel()
+        return all(
+            np.allclose(mine, theirs, rtol=0.0, atol=tolerance)
+            for mine, theirs in zip(self(time), other(time), strict=True)
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return self.is_close(other) if isinstance(other, Trajectory) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def check(self, pepper: PepperModel, scene: object | None = None) -> Certificate:
+        """Check limits, continuity, balance and clearance; see `pepper_kin.trajectory.check`."""
+        from pepper_kin.trajectory.check import check
+
+        return check(pepper, self, scene=scene)
+
+
+def sample_times(duration: float, dt: float) -> Array:
+    """Return 0, dt, 2 dt, ... and exactly the duration [s], shape (T,).
+
+    Raises:
+        InvalidValueError: for a dt that is not above zero, or below a ten-millionth of the duration.
+    """
+    dt = check_positive("dt", dt, "s")
+    if duration / dt > _MOST_SAMPLES:
+        raise InvalidValueError("dt", f"{dt} s", f"at least {duration / _MOST_SAMPLES:.3g} s")
+    time = dt * np.arange(int(np.ceil(duration / dt)) + 1)
+    time = time[time < duration - max(TIME_TOLERANCE, 1e-9 * duration)]
+    return np.append(time, duration)
+
+
+def _names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    names = tuple(names)
+    if not names or len(set(names)) != len(names):
+        raise InvalidValueError("joint_names", names, "one or more names, each once")
+    units = tuple(units) or ("rad",) * len(names)
+    if len(units) != len(names) or not set(units) <= {"rad", "m"}:
+        raise InvalidValueError("joint_units", units, f"'rad' or 'm' for each of {len(names)} joints")
+    return names, units
+
+
+def _derivative(coefficients: Array) -> Array:
+    powers = np.arange(1, coefficients.shape[1])
+    if powers.size == 0:
+        return np.zeros_like(coefficients)
+    return coefficients[:, 1:] * powers[:, None]
+
+
+def _horner(coefficients: Array, local: Array) -> Array:
+    value = coefficients[..., -1, :]
+    for power in range(coefficients.shape[-2] - 2, -1, -1):
+        value = value * local + coefficients[..., power, :]
+    return value

@@ -1,0 +1,109 @@
+"""What the viewer draws: a solid, a colour and the link it moves with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import Geometry, Shape, Sphere, read_only
+
+Color: TypeAlias = tuple[float, float, float, float]
+
+TARGET_COLOR: Color = (0.93, 0.36, 0.2, 1.0)
+
+_RIGID_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Drawable:
+    """One solid in the scene.
+
+    Attributes:
+        name: What to call it, unique within its link.
+        link: Name of the link it is fixed to, or None for the world.
+        geometry: The solid.
+        transform_shape_to_link: Pose of the solid in the link (or in the world), shape (4, 4) [m].
+        color: Red, green, blue and opacity, each in [0, 1].
+    """
+
+    name: str
+    link: str | None
+    geometry: Geometry
+    transform_shape_to_link: NDArray[np.float64]
+    color: Color
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.geometry, Geometry):
+            raise InvalidValueError(
+                f"geometry of {self.name!r}",
+                type(self.geometry).__name__,
+                "Box, Sphere, Cylinder, Capsule or Mesh",
+            )
+        quantity = f"transform_shape_to_link of {self.name!r}"
+        pose = rigid_transforms(quantity, self.transform_shape_to_link, (4, 4))
+        object.__setattr__(self, "transform_shape_to_link", pose)
+        color = as_finite(self.color, f"color of {self.name!r}", (4,))
+        if not ((color >= 0.0) & (color <= 1.0)).all():
+            raise InvalidValueError(
+                f"color of {self.name!r}", self.color, "numbers in [0, 1]: r, g, b, opacity"
+            )
+        object.__setattr__(self, "color", tuple(color.tolist()))
+
+    @classmethod
+    def from_shape(cls, shape: Shape) -> Drawable:
+        """Return a robot's shape as a drawable."""
+        return cls(shape.name, shape.link, shape.geometry, shape.transform_shape_to_link, shape.color)
+
+
+def marker(name: str, position: ArrayLike, radius: float = 0.03, color: Color = TARGET_COLOR) -> Drawable:
+    """Make a ball that marks a target.
+
+    Args:
+        name: What the page calls it.
+        position: Its centre in the world, shape (3,) [m].
+        radius: Its radius [m].
+        color: Red, green, blue and opacity, each in [0, 1].
+
+    Returns:
+        The ball, fixed to the world.
+
+    Raises:
+        InvalidValueError: `position` is not three finite numbers, or `color` is not four numbers in [0, 1].
+    """
+    pose = np.eye(4)
+    pose[:3, 3] = as_finite(position, f"position of {name!r}", (3,))
+    return Drawable(name, None, Sphere(radius), pose, color)
+
+
+def rigid_transforms(quantity: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Copy transforms and check that they are rigid.
+
+    Args:
+        quantity: What to call them in an error.
+        value: The transforms.
+        shape: The shape they must have, (..., 4, 4).
+
+    Returns:
+        A read-only copy.
+
+    Raises:
+        InvalidValueError: Wrong shape, NaN or infinite, or not a rotation and a translation.
+    """
+    poses = read_only(as_finite(value, quantity, shape))
+    rotation = poses[..., :3, :3]
+    departure = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).max(axis=(-2, -1))
+    bottom = np.abs(poses[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(axis=-1)
+    wrong = (departure > _RIGID_TOLERANCE) | (bottom > _RIGID_TOLERANCE) | (np.linalg.det(rotation) < 0.0)
+    if wrong.any():
+        index = tuple(int(i) for i in np.argwhere(wrong)[0]) if wrong.ndim else ()
+        raise InvalidValueError(
+            quantity,
+            f"a matrix that is not rigid{f' at index {index}' if index else ''}",
+            "a rotation, a translation and the row 0 0 0 1",
+        )
+    return poses

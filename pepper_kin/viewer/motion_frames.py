@@ -1,0 +1,158 @@
+"""The frames of a recorded motion: poses thinned to what an eye can follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.viewer.drawable import rigid_transforms
+
+
+@dataclass(frozen=True)
+class SampledSeries:
+    """A curve beside the motion, reduced to its frames without losing peaks.
+
+    Attributes:
+        name: What it shows, unit included.
+        value: Value at each frame, shape (F,).
+        low: Smallest value nearer to this frame than to its neighbours, shape (F,).
+        high: Largest such value, shape (F,).
+    """
+
+    name: str
+    value: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MotionFrames:
+    """Frames of a motion.
+
+    Attributes:
+        times: Time of each frame, shape (F,), increasing [s].
+        positions: Origin of each link in the world, shape (F, L, 3) [m].
+        quaternions_xyzw: Orientation of each link in the world, shape (F, L, 4), continuous in time.
+        series: Curves beside the motion.
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    quaternions_xyzw: NDArray[np.float64]
+    series: tuple[SampledSeries, ...]
+
+
+def motion_frames(
+    times: ArrayLike,
+    link_poses: ArrayLike,
+    link_count: int,
+    series: Mapping[str, ArrayLike],
+    fps: float,
+) -> MotionFrames:
+    """Check a motion and keep at most `fps` of its samples per second, the first and the last among them.
+
+    Args:
+        times: Sample times, shape (T,), strictly increasing [s].
+        link_poses: Transforms from link to world, shape (T, L, 4, 4) [m].
+        link_count: L.
+        series: Curves to show, name (with unit) to values of shape (T,).
+        fps: Most frames per second to keep.
+
+    Returns:
+        The frames.
+
+    Raises:
+        InvalidValueError: Wrong shapes, times that do not increase, NaN or infinite values, transforms that
+            are not rigid, or `fps` not positive.
+    """
+    kept = kept_samples(times, fps)
+    samples = np.asarray(times).size
+    poses = rigid_transforms("link_poses", link_poses, (samples, link_count, 4, 4))
+    return frames_of_samples(times, kept, poses[kept], link_count, series)
+
+
+def kept_samples(times: ArrayLike, fps: float) -> NDArray[np.intp]:
+    """Choose the samples nearest to a regular grid, each once, the first and the last among them.
+
+    Frames are samples of the motion itself, not blends of two, so what is shown was really computed.
+
+    Args:
+        times: Sample times, shape (T,), strictly increasing [s].
+        fps: Most frames per second.
+
+    Returns:
+        Indices of the samples, shape (F,), increasing.
+
+    Raises:
+        InvalidValueError: Times that do not increase or are not finite, or `fps` not positive.
+    """
+    instants = _checked_times(times)
+    if not (np.isfinite(fps) and fps > 0):
+        raise InvalidValueError("fps", fps, "a positive number of frames per second")
+    wanted = int(np.ceil((instants[-1] - instants[0]) * fps - 1e-9)) + 1
+    if wanted >= instants.size:
+        return np.arange(instants.size)
+    grid = np.linspace(instants[0], instants[-1], wanted)
+    after = np.clip(np.searchsorted(instants, grid), 1, instants.size - 1)
+    nearer_before = grid - instants[after - 1] < instants[after] - grid
+    return np.unique(after - nearer_before)
+
+
+def frames_of_samples(
+    times: ArrayLike,
+    kept: NDArray[np.intp],
+    kept_poses: ArrayLike,
+    link_count: int,
+    series: Mapping[str, ArrayLike],
+) -> MotionFrames:
+    """Assemble frames where poses are known at the kept samples only.
+
+    Args:
+        times: Times of all samples, shape (T,), strictly increasing [s].
+        kept: Indices from `kept_samples`, shape (F,).
+        kept_poses: Transforms from link to world at those, shape (F, L, 4, 4) [m].
+        link_count: L.
+        series: Curves to show, name (with unit) to values at all samples, shape (T,).
+
+    Returns:
+        The frames.
+
+    Raises:
+        InvalidValueError: As for `motion_frames`.
+    """
+    instants = _checked_times(times)
+    poses = rigid_transforms("link_poses", kept_poses, (kept.size, link_count, 4, 4))
+    quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()
+    quaternions = quaternions.reshape(kept.size, link_count, 4)
+    # q and -q are one orientation; choose signs so that neighbouring frames blend along the short way.
+    turns = np.where(np.einsum("fli,fli->fl", quaternions[1:], quaternions[:-1]) < 0.0, -1.0, 1.0)
+    quaternions[1:] *= np.cumprod(turns, axis=0)[..., None]
+    curves = tuple(_sampled(name, values, instants.size, kept) for name, values in series.items())
+    return MotionFrames(instants[kept], poses[..., :3, 3], quaternions, curves)
+
+
+def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
+    instants = as_finite(times, "times", (None,))
+    if instants.size == 0:
+        raise InvalidValueError("times", "no sample", "at least one time [s]")
+    steps = np.diff(instants)
+    if (steps <= 0.0).any():
+        k = int(np.argmax(steps <= 0.0))
+        raise InvalidValueError(
+            "times", f"{instants[k]:g} s followed by {instants[k + 1]:g} s", "strictly increasing times"
+        )
+    return instants
+
+
+def _sampled(name: str, values: ArrayLike, samples: int, kept: NDArray[np.intp]) -> SampledSeries:
+    curve = as_finite(values, f"series {name!r}", (samples,))
+    borders = np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2])
+    return SampledSeries(
+        name, curve[kept], np.minimum.reduceat(curve, borders), np.maximum.reduceat(curve, borders)
+    )

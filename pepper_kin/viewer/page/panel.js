@@ -1,0 +1,141 @@
+"use strict";
+// The panel: buttons, slider, keys and the address' options (#t=1.5&view=front&panel=0&plots=1&play=1).
+(() => {
+  const element = (id) => document.getElementById(id);
+  const STEP = 0.1; // seconds per arrow key
+
+  function fail(error) {
+    element("failure").textContent = `This page cannot draw: ${error.message}. It needs a browser with WebGL.`;
+    element("failure").hidden = false;
+    document.body.classList.add("bare");
+  }
+
+  function connectTimeline(motion) {
+    const [play, scrub, clock] = ["play", "scrub", "clock"].map(element);
+    const now = document.createElement("b");
+    const whole = document.createElement("span");
+    whole.textContent = ` / ${motion.end.toFixed(2)} s`;
+    clock.append(now, whole);
+    scrub.min = motion.start;
+    scrub.max = motion.end;
+    play.addEventListener("click", () => (motion.playing ? motion.pause() : motion.play()));
+    scrub.addEventListener("input", () => {
+      const time = Number(scrub.value); // pausing tells the panel, which sets the slider
+      motion.pause();
+      motion.seek(time);
+    });
+    motion.listeners.push(() => {
+      scrub.value = motion.time;
+      now.textContent = motion.time.toFixed(2);
+      play.classList.toggle("playing", motion.playing);
+      play.setAttribute("aria-label", motion.playing ? "Pause" : "Play");
+    });
+    element("speed").addEventListener("change", (event) => (motion.speed = Number(event.target.value)));
+    element("loop").addEventListener("click", () => {
+      motion.loop = !motion.loop;
+      element("loop").setAttribute("aria-pressed", motion.loop);
+    });
+  }
+
+  function connectCamera(viewer, points) {
+    const look = (name) => {
+      stage.fitWindow(viewer);
+      stage.look(viewer, points, name);
+    };
+    document.querySelectorAll("[data-view]").forEach((button) => {
+      button.addEventListener("click", () => look(button.dataset.view));
+    });
+    // meshcat sets the pane's size itself after loading and on resizing: come after it.
+    window.addEventListener("load", () => stage.fitWindow(viewer));
+    window.addEventListener("resize", () => stage.fitWindow(viewer));
+    requestAnimationFrame(() => stage.fitWindow(viewer));
+    return look;
+  }
+
+  function connectPlots(viewer, motion, series) {
+    const [list, button] = ["plots", "show-plots"].map(element);
+    const plots = series.map((curve, k) => new Plot(list, motion, curve, (211 + 47 * k) % 360));
+    const draw = () => list.hidden || plots.forEach((plot) => plot.draw());
+    const show = (visible) => {
+      list.hidden = !visible;
+      button.setAttribute("aria-pressed", visible);
+      stage.fitWindow(viewer);
+      draw();
+    };
+    button.hidden = plots.length === 0;
+    button.addEventListener("click", () => show(list.hidden));
+    window.addEventListener("resize", draw);
+    motion.listeners.push(draw);
+    return show;
+  }
+
+  function connectKeys(motion) {
+    const click = (selector) => () => document.querySelector(selector).click();
+    const jump = (time) => {
+      motion.pause();
+      motion.seek(time);
+    };
+    const actions = {
+      " ": click("#play"),
+      ArrowLeft: (event) => jump(motion.time - (event.shiftKey ? 10 : 1) * STEP),
+      ArrowRight: (event) => jump(motion.time + (event.shiftKey ? 10 : 1) * STEP),
+      Home: () => jump(motion.start),
+      End: () => jump(motion.end),
+      l: click("#loop"),
+      p: click("#show-plots"),
+      1: click('[data-view="three-quarter"]'),
+      2: click('[data-view="front"]'),
+      3: click('[data-view="side"]'),
+      4: click('[data-view="top"]'),
+    };
+    document.addEventListener("keydown", (event) => {
+      const own = event.target.closest("select, button") && (event.key === " " || event.target.matches("select"));
+      if (own || event.ctrlKey || event.metaKey || event.altKey || !actions[event.key]) return;
+      event.preventDefault();
+      actions[event.key](event);
+    });
+  }
+
+  function listMarkers(markers) {
+    element("legend").append(...markers.map((marker) => {
+      const item = document.createElement("li");
+      const dot = document.createElement("i");
+      dot.style.background = marker.color;
+      item.append(dot, marker.name);
+      return item;
+    }));
+  }
+
+  function open() {
+    const options = new URLSearchParams(location.hash.slice(1));
+    const { viewer, content } = stage.open();
+    const motion = new Motion(viewer, content.motion);
+    document.body.classList.toggle("still", motion.duration === 0);
+    document.body.classList.toggle("bare", options.get("panel") === "0");
+    listMarkers(content.markers);
+    connectTimeline(motion);
+    const showPlots = connectPlots(viewer, motion, content.motion.series);
+    showPlots(content.motion.series.length > 0 && (options.get("plots") ?? (innerWidth > 900 ? "1" : "0")) === "1");
+    const look = connectCamera(viewer, stage.subject(viewer, motion));
+    connectKeys(motion);
+    look(stage.VIEWS[options.get("view")] ? options.get("view") : "three-quarter");
+    motion.seek(Number(options.get("t") ?? motion.start) || motion.start);
+    if (options.get("play") === "1") motion.play();
+    window.pepperKin = {
+      seek: (time) => motion.seek(time),
+      play: () => motion.play(),
+      pause: () => motion.pause(),
+      get duration() { return motion.duration; },
+      get time() { return motion.time; },
+      get playing() { return motion.playing; },
+      viewer,
+    };
+  }
+
+  try {
+    open();
+  } catch (error) {
+    fail(error);
+    throw error;
+  }
+})();

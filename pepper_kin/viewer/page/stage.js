@@ -1,0 +1,213 @@
+"use strict";
+// The stage: meshcat's viewer with the scene of this page, lights, floor and camera.  World axes: x forward,
+// y left, z up; three.js itself has y up, and meshcat turns its scene so that everything below is z up.
+const stage = (() => {
+  const THREE = MeshCat.THREE;
+  const TYPED_ARRAYS = { Uint8Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array };
+  const FIELD_OF_VIEW = 32; // degrees, vertical: little distortion, like a photograph from a few metres
+  const HORIZON = "#eef2f6";
+  const VIEWS = { // azimuth from the front towards the robot's left, elevation, in degrees
+    "three-quarter": [38, 14],
+    front: [0, 6],
+    side: [90, 6],
+    top: [0, 89.9],
+  };
+
+  function decode(base64) {
+    const text = atob(base64);
+    const bytes = new Uint8Array(text.length);
+    for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
+    return bytes.buffer;
+  }
+
+  // Replace each stand-in {$buffer, $type} by a typed array over that buffer.
+  function revive(value, buffers) {
+    if (Array.isArray(value)) return value.map((item) => revive(item, buffers));
+    if (value === null || typeof value !== "object") return value;
+    if (value.$buffer !== undefined) return new TYPED_ARRAYS[value.$type](buffers[value.$buffer]);
+    return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, revive(item, buffers)]));
+  }
+
+  function readContent() {
+    const raw = JSON.parse(document.getElementById("content").textContent);
+    const buffers = raw.buffers.map(decode);
+    delete raw.buffers;
+    return revive(raw, buffers);
+  }
+
+  function addLights(viewer) {
+    viewer.set_property(["Lights"], "visible", false); // meshcat's own set lights white shells flat
+    viewer.set_property(["Axes"], "visible", false);
+    viewer.renderer.shadowMap.type = THREE.PCFShadowMap; // near as soft as the default, at half its cost
+    const sky = new THREE.HemisphereLight(0xffffff, 0xcbd3dc, 0.66);
+    sky.position.set(0, 0, 1); // in the scene's own axes
+    const key = new THREE.DirectionalLight(0xfff6ea, 0.38);
+    key.position.set(2.2, 1.6, 4.2);
+    key.castShadow = true;
+    key.shadow.mapSize.set(1024, 1024);
+    Object.assign(key.shadow.camera, { left: -2, right: 2, top: 2, bottom: -2, near: 1, far: 9 });
+    key.shadow.radius = 2;
+    key.shadow.normalBias = 0.012;
+    const rim = new THREE.DirectionalLight(0xdfeaff, 0.16);
+    rim.position.set(-2, -3, 2);
+    viewer.set_object(["Stage", "sky"], sky);
+    viewer.set_object(["Stage", "key"], key);
+    viewer.set_object(["Stage", "rim"], rim);
+  }
+
+  // Lines every half metre, finer ones every tenth, that fade out with the distance from the origin.
+  function floorGrid() {
+    const material = new THREE.ShaderMaterial({
+      transparent: true,
+      depthWrite: false,
+      side: THREE.DoubleSide,
+      extensions: { derivatives: true },
+      vertexShader: `
+        varying vec2 place;
+        void main() {
+          place = position.xy;
+          gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+        }`,
+      fragmentShader: `
+        varying vec2 place;
+        float lines(float spacing, float width) {
+          vec2 cell = place / spacing;
+          vec2 pixel = max(fwidth(cell), vec2(1e-6));
+          vec2 away = abs(fract(cell - 0.5) - 0.5) / pixel;
+          float coverage = 1.0 - min(min(away.x, away.y) / width, 1.0);
+          return coverage * (1.0 - smoothstep(0.2, 0.6, max(pixel.x, pixel.y)));
+        }
+        void main() {
+          float fade = 1.0 - smoothstep(1.0, 5.0, length(place));
+          float ink = max(0.30 * lines(0.5, 1.2), 0.12 * lines(0.1, 1.0));
+          gl_FragColor = vec4(0.28, 0.36, 0.46, ink * fade);
+        }`,
+    });
+    return new THREE.Mesh(new THREE.PlaneGeometry(12, 12), material);
+  }
+
+  function addFloor(viewer) {
+    viewer.set_property(["Grid"], "visible", false);
+    const grid = floorGrid();
+    grid.renderOrder = -2;
+    const shade = new THREE.Mesh(new THREE.PlaneGeometry(12, 12), new THREE.ShadowMaterial({ opacity: 0.2 }));
+    shade.receiveShadow = true;
+    shade.material.depthWrite = false;
+    shade.renderOrder = -1;
+    viewer.set_object(["Stage", "grid"], grid);
+    viewer.set_object(["Stage", "shade"], shade);
+    const color = (hex) => new THREE.Color(hex).toArray();
+    viewer.set_property(["Background"], "top_color", color("#cfdae6"));
+    viewer.set_property(["Background"], "bottom_color", color(HORIZON));
+  }
+
+  // Stand where the points fill the part of the window that the panels leave free.
+  function look(viewer, points, name) {
+    const [azimuth, elevation] = VIEWS[name].map(THREE.MathUtils.degToRad);
+    const backward = new THREE.Vector3( // three.js axes: (x, z, -y)
+      Math.cos(elevation) * Math.cos(azimuth),
+      Math.sin(elevation),
+      -Math.cos(elevation) * Math.sin(azimuth),
+    );
+    const right = new THREE.Vector3(0, 1, 0).cross(backward).normalize();
+    const axes = [right, backward.clone().cross(right), backward];
+    const seen = points.map((point) => axes.map((axis) => point.dot(axis)));
+    const middle = [0, 1, 2].map((k) => {
+      const values = seen.map((coordinates) => coordinates[k]);
+      return (Math.min(...values) + Math.max(...values)) / 2;
+    });
+    const free = freeArea();
+    const slope = Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW / 2)) / window.innerHeight;
+    const distances = seen.map(([x, y, depth]) => depth - middle[2] + Math.max(
+      Math.abs(x - middle[0]) / (slope * free.width), Math.abs(y - middle[1]) / (slope * free.height),
+    ));
+    const target = new THREE.Vector3();
+    axes.forEach((axis, k) => target.addScaledVector(axis, middle[k]));
+    viewer.camera.fov = FIELD_OF_VIEW;
+    viewer.camera.near = 0.05;
+    viewer.controls.target.copy(target);
+    viewer.camera.position.copy(target).addScaledVector(backward, 1.08 * Math.max(0.3, ...distances));
+    viewer.controls.update();
+    viewer.set_dirty();
+  }
+
+  function freeArea() {
+    const rectangle = { left: 0, right: window.innerWidth, top: 0, bottom: window.innerHeight };
+    const bounds = (id) => document.getElementById(id).getBoundingClientRect();
+    const [top, panel, plots] = ["top", "panel", "plots"].map(bounds);
+    if (top.height) rectangle.top = Math.min(top.bottom, window.innerHeight / 4);
+    if (panel.height) rectangle.bottom = Math.max(panel.top, window.innerHeight / 2);
+    if (plots.height && plots.width < window.innerWidth / 2) rectangle.right = plots.left;
+    else if (plots.height) rectangle.bottom = Math.max(plots.top, window.innerHeight / 3);
+    rectangle.width = rectangle.right - rectangle.left;
+    rectangle.height = rectangle.bottom - rectangle.top;
+    return rectangle;
+  }
+
+  // Slide the picture so that the camera's target sits in the middle of the free area.
+  function fitWindow(viewer) {
+    viewer.set_3d_pane_size(window.innerWidth, window.innerHeight);
+    const free = freeArea();
+    viewer.camera.setViewOffset(
+      window.innerWidth, window.innerHeight,
+      (window.innerWidth - free.left - free.right) / 2, (window.innerHeight - free.top - free.bottom) / 2,
+      window.innerWidth, window.innerHeight,
+    );
+    viewer.set_dirty();
+  }
+
+  // Corners of the boxes around every part below an object, in three.js' world axes.
+  function corners(object) {
+    const found = [];
+    object.traverse((part) => {
+      if (!part.geometry) return;
+      if (!part.geometry.boundingBox) part.geometry.computeBoundingBox();
+      const { min, max } = part.geometry.boundingBox;
+      for (let k = 0; k < 8; k++) {
+        const corner = new THREE.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
+        found.push(corner.applyMatrix4(part.matrixWorld));
+      }
+    });
+    return found;
+  }
+
+  // Points that the camera should see: the robot all along its motion, and what stands wholly near it.
+  function subject(viewer, motion) {
+    const points = [];
+    for (let k = 0; k <= 12; k++) {
+      motion.seek(motion.start + (k / 12) * motion.duration);
+      viewer.scene.updateMatrixWorld(true);
+      points.push(...corners(viewer.scene_tree.find(["links"]).object));
+    }
+    motion.seek(motion.start);
+    const near = new THREE.Box3().setFromPoints(points).expandByScalar(1);
+    for (const object of viewer.scene_tree.find(["world"]).object.children) {
+      const around = corners(object);
+      if (points.length === 0 || around.every((corner) => near.containsPoint(corner))) points.push(...around);
+    }
+    if (points.length === 0) points.push(new THREE.Vector3(0, 0, 0), new THREE.Vector3(0, 1.2, 0));
+    return points;
+  }
+
+  // Glass throws no shadow; solids throw that of their far side, which cannot speckle the lit one.
+  function castShadows(viewer) {
+    viewer.scene.traverse((object) => {
+      if (!object.material) return;
+      if (object.material.opacity < 0.6) object.castShadow = false;
+      object.material.shadowSide = THREE.BackSide;
+    });
+  }
+
+  function open() {
+    const viewer = new MeshCat.Viewer(document.getElementById("view"));
+    viewer.gui.domElement.style.display = "none"; // the panel below is the page's own
+    const content = readContent();
+    addLights(viewer);
+    addFloor(viewer);
+    content.commands.forEach((command) => viewer.handle_command(command));
+    castShadows(viewer);
+    return { viewer, content };
+  }
+
+  return { open, look, fitWindow, subject, VIEWS };
+})();

@@ -1,0 +1,187 @@
+"""Motions as one self-contained page: no server, no network, opened from disk."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin import atomic_file
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.drawing import draw_commands, link_path
+from pepper_kin.viewer.motion_frames import MotionFrames, motion_frames
+
+_SCRIPTS = ("stage.js", "motion.js", "plots.js", "panel.js")
+
+# Numbers by which MessagePack extensions of meshcat's Python side name JavaScript's typed arrays.
+_ARRAY_TYPES = {0x12: "Uint8Array", 0x15: "Int32Array", 0x16: "Uint32Array", 0x17: "Float32Array"}
+
+
+def write_motion_page(
+    path: str | Path,
+    drawables: Sequence[Drawable],
+    link_names: Sequence[str],
+    times: ArrayLike,
+    link_poses: ArrayLike,
+    *,
+    title: str,
+    series: Mapping[str, ArrayLike] | None = None,
+    markers: Sequence[Drawable] = (),
+    fps: float = 40.0,
+) -> Path:
+    """Write a motion as one HTML file that plays and scrubs it in 3D.
+
+    The file holds meshcat's drawing code, the scene and the poses; a browser opens it from disk.  Between two
+    frames the page blends positions linearly and orientations along the great arc.
+
+    Args:
+        path: The file to write; it appears when it is whole, and an older one is replaced.
+        drawables: The solids of the robot and of the scene.
+        link_names: Names of the L links whose poses are given.
+        times: Sample times, shape (T,), strictly increasing [s]; one sample gives a still scene.
+        link_poses: Transforms from link to world, shape (T, L, 4, 4) [m].
+        title: Title of the page.
+        series: Curves to plot beside the motion, name (with unit) to values of shape (T,).
+        markers: Targets, as made by `marker`; they are listed by name in the page.
+        fps: Most frames per second to keep.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        InvalidValueError: Wrong shapes, times that do not increase, NaN or infinite values, or transforms
+            that are not rigid.
+        UnknownNameError: A drawable sits on a link that is not in `link_names`.
+        FileFormatError: A mesh file cannot be read, or the path cannot be written.
+    """
+    names = tuple(link_names)
+    frames = motion_frames(times, link_poses, len(names), dict(series or {}), fps)
+    return write_frames_page(path, drawables, names, frames, title=title, markers=markers)
+
+
+def write_frames_page(
+    path: str | Path,
+    drawables: Sequence[Drawable],
+    link_names: Sequence[str],
+    frames: MotionFrames,
+    *,
+    title: str,
+    markers: Sequence[Drawable] = (),
+) -> Path:
+    """Write frames that are chosen already as one HTML file; see `write_motion_page`."""
+    names = tuple(link_names)
+    if len(set(names)) != len(names):
+        raise InvalidValueError("link_names", "a name twice", "each link once")
+    everything = (*drawables, *markers)
+    drawn = {drawable.link for drawable in everything}
+    for link in drawn - {None, *names}:
+        raise UnknownNameError("link", link, names)
+    buffers = _Buffers()
+    content = {
+        "title": title,
+        "commands": [buffers.embed(command.lower()) for command in draw_commands(everything)],
+        "markers": [_legend_entry(ball) for ball in markers],
+        "motion": _motion_data(frames, names, drawn, buffers),
+        "buffers": buffers.contents,
+    }
+    return atomic_file.write_text(path, _page(title, content))
+
+
+class _Buffers:
+    """Arrays of the page, each distinct content once, in base64."""
+
+    def __init__(self) -> None:
+        self.contents: list[str] = []
+        self._numbers: dict[bytes, int] = {}
+
+    def add(self, data: bytes, array_type: str) -> dict[str, Any]:
+        """Return the stand-in that the page replaces with a typed array over the data."""
+        if data not in self._numbers:
+            self._numbers[data] = len(self.contents)
+            self.contents.append(base64.b64encode(data).decode("ascii"))
+        return {"$buffer": self._numbers[data], "$type": array_type}
+
+    def floats(self, values: NDArray[np.float64]) -> dict[str, Any]:
+        """Add numbers in single precision, little-endian."""
+        return self.add(np.asarray(values, dtype="<f4").tobytes(), "Float32Array")
+
+    def _array(self, data: bytes, array_type: str) -> dict[str, Any]:
+        """Add an array as it is, or in half the room where it holds small whole numbers (vertex indices)."""
+        if array_type == "Uint32Array":
+            indices = np.frombuffer(data, dtype="<u4")
+            if indices.size and indices.max() < 2**16:
+                return self.add(indices.astype("<u2").tobytes(), "Uint16Array")
+        return self.add(data, array_type)
+
+    def embed(self, value: Any) -> Any:
+        """Return a lowered command whose binary parts are stand-ins and whose numbers are Python's."""
+        import umsgpack
+
+        if isinstance(value, umsgpack.Ext):
+            return self._array(value.data, _ARRAY_TYPES[value.type])
+        if isinstance(value, dict):
+            return {key: self.embed(item) for key, item in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [self.embed(item) for item in value]
+        return value.item() if isinstance(value, np.generic) else value
+
+
+def _motion_data(
+    frames: MotionFrames, names: tuple[str, ...], drawn: set[str | None], buffers: _Buffers
+) -> dict[str, Any]:
+    """Return the frames as the page reads them; links that carry nothing are left out."""
+    columns = [index for index, name in enumerate(names) if name in drawn]
+    return {
+        "times": buffers.add(np.asarray(frames.times, dtype="<f8").tobytes(), "Float64Array"),
+        "links": [{"name": names[k], "path": list(link_path(names[k]))} for k in columns],
+        "positions": buffers.floats(frames.positions[:, columns]),
+        "quaternions": buffers.floats(frames.quaternions_xyzw[:, columns]),
+        "series": [
+            {
+                "name": curve.name,
+                "value": buffers.floats(curve.value),
+                "low": buffers.floats(curve.low),
+                "high": buffers.floats(curve.high),
+            }
+            for curve in frames.series
+        ],
+    }
+
+
+def _legend_entry(ball: Drawable) -> dict[str, str]:
+    red, green, blue = (round(255 * channel) for channel in ball.color[:3])
+    return {"name": ball.name, "color": f"rgb({red}, {green}, {blue})"}
+
+
+def _page(title: str, content: dict[str, Any]) -> str:
+    """Fill the template; every part is escaped for the place where it lands."""
+    folder = files("pepper_kin.viewer") / "page"
+    bundle = (files("meshcat") / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
+    parts = {
+        "title": html.escape(title),
+        "style": (folder / "page.css").read_text(encoding="utf-8"),
+        "meshcat": _inside_script(bundle),
+        "scripts": "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS),
+        # "<" can only stand inside a JSON string, where its escape means the same: no tag can begin here.
+        "content": json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+    }
+    template = (folder / "page.html").read_text(encoding="utf-8")
+    pieces = template.split("{{")
+    filled = [pieces[0]]
+    for piece in pieces[1:]:
+        name, rest = piece.split("}}", 1)
+        filled += [parts[name], rest]
+    return "".join(filled)
+
+
+def _inside_script(code: str) -> str:
+    r"""Return JavaScript that cannot end its own script element: in strings and patterns `<\/` means `</`."""
+    return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")

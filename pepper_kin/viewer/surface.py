@@ -1,0 +1,155 @@
+"""Triangle surfaces to draw: read from STL files or made for shapes that meshcat has no primitive for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from pepper_kin.exceptions import FileFormatError
+
+CREASE_ANGLE = np.deg2rad(35.0)
+"""Edges that bend more than this are drawn sharp, all others smooth [rad]."""
+
+_HEADER_BYTES = 84
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An indexed triangle surface; corners that meet at a sharp edge are separate vertices.
+
+    Attributes:
+        vertices: Positions, shape (V, 3) [m before scaling], float32.
+        faces: Vertex indices of each triangle, counter-clockwise seen from outside, shape (F, 3), uint32.
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices, dtype=np.float32)
+        faces = np.array(self.faces, dtype=np.uint32)
+        vertices.flags.writeable = faces.flags.writeable = False
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+
+def read_stl(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surface:
+    """Read a binary STL file as an indexed surface.
+
+    Corners at the same place become one vertex unless a sharp edge runs between their triangles, so a viewer
+    that averages normals per vertex shades round parts smoothly and keeps hard edges, and the data shrinks to
+    about a quarter of the file's.
+
+    Args:
+        path: The file.
+        crease_angle: Largest angle between neighbouring triangles that is drawn smooth [rad].
+
+    Returns:
+        The surface, in the units of the file.
+
+    Raises:
+        FileFormatError: The file cannot be read, is not binary STL, is cut short, holds no triangle or holds
+            NaN or infinite coordinates.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise FileFormatError(path, f"cannot read the mesh: {error.strerror}") from error
+    if len(data) < _HEADER_BYTES:
+        raise FileFormatError(path, "not a binary STL file: shorter than its header of 84 bytes")
+    count = int.from_bytes(data[80:84], "little")
+    wanted = _HEADER_BYTES + count * _TRIANGLE.itemsize
+    if len(data) != wanted:
+        raise FileFormatError(
+            path, f"not a binary STL file: {count} triangles need {wanted} bytes, the file has {len(data)}"
+        )
+    corners = np.frombuffer(data, _TRIANGLE, count, _HEADER_BYTES)["corners"].reshape(-1, 3)
+    if not np.isfinite(corners).all():
+        raise FileFormatError(path, "a vertex of the mesh is NaN or infinite")
+    places, indices = np.unique(corners, axis=0, return_inverse=True)
+    faces = indices.reshape(-1, 3)
+    flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    if flat.all():
+        raise FileFormatError(path, "the mesh holds no triangle")
+    return split_at_creases(places, faces[~flat], crease_angle)
+
+
+def split_at_creases(vertices: NDArray, faces: NDArray, crease_angle: float) -> Surface:
+    """Give each vertex on a sharp edge one copy per smooth patch that meets there.
+
+    Two corners at the same vertex belong together when their triangles share an edge at that vertex and bend
+    by at most `crease_angle` across it; the patches are the connected components of that relation.
+
+    Args:
+        vertices: Positions, shape (V, 3).
+        faces: Vertex indices, shape (F, 3).
+        crease_angle: Largest bend that is smooth [rad].
+
+    Returns:
+        The surface with the same triangles in the same order.
+    """
+    triangles = np.asarray(vertices, dtype=float)[faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+    # Corner 3 f + k is corner k of face f; edge k runs from corner k to corner k + 1.
+    corner = np.arange(faces.size).reshape(-1, 3)
+    start, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+    vertex = faces.ravel()
+    swap = vertex[start] > vertex[end]
+    low, high = np.where(swap, end, start), np.where(swap, start, end)
+    order = np.lexsort((vertex[high], vertex[low]))
+    low, high = low[order], high[order]
+    same_edge = (vertex[low][1:] == vertex[low][:-1]) & (vertex[high][1:] == vertex[high][:-1])
+    bend = np.einsum("ij,ij->i", normals[low[1:] // 3], normals[low[:-1] // 3])
+    smooth = same_edge & (bend >= np.cos(crease_angle))
+    rows = np.concatenate([low[1:][smooth], high[1:][smooth]])
+    columns = np.concatenate([low[:-1][smooth], high[:-1][smooth]])
+    graph = coo_array((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(faces.size, faces.size))
+    count, patch = connected_components(graph, directed=False)
+    source = np.empty(count, dtype=np.intp)
+    source[patch] = vertex
+    return Surface(np.asarray(vertices)[source], patch.reshape(-1, 3))
+
+
+def capsule_surface(radius: float, length: float, segments: int = 24, rings: int = 8) -> Surface:
+    """Make a capsule around the z axis, centred at the origin.
+
+    Args:
+        radius: Radius of the tube and of its two half spheres [m].
+        length: Length of the straight part [m].
+        segments: Corners around the axis.
+        rings: Steps from each pole to its equator.
+
+    Returns:
+        A closed surface whose vertices lie on the capsule.
+    """
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, 2 * rings + 1)
+    latitude = np.insert(latitude[1:-1], rings - 1, 0.0)  # the equator twice: once per end of the tube
+    offset = np.where(np.arange(2 * rings) < rings, -length / 2, length / 2)
+    longitude = np.arange(segments) * (2 * np.pi / segments)
+    ring = np.stack(
+        np.broadcast_arrays(
+            radius * np.cos(latitude)[:, None] * np.cos(longitude),
+            radius * np.cos(latitude)[:, None] * np.sin(longitude),
+            (radius * np.sin(latitude) + offset)[:, None],
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    poles = np.array([[0.0, 0.0, -length / 2 - radius], [0.0, 0.0, length / 2 + radius]])
+    here = np.arange(segments)
+    after = np.roll(here, -1)
+    last = (2 * rings - 1) * segments
+    south, north = 2 * rings * segments, 2 * rings * segments + 1
+    faces = [np.stack([np.full(segments, south), after, here], axis=1)]
+    for first in range(0, last, segments):
+        faces.append(np.stack([first + here, first + after, first + segments + after], axis=1))
+        faces.append(np.stack([first + here, first + segments + after, first + segments + here], axis=1))
+    faces.append(np.stack([np.full(segments, north), last + here, last + after], axis=1))
+    return Surface(np.concatenate([ring, poles]), np.concatenate(faces))

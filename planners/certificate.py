@@ -1,0 +1,82 @@
+"""An independent second look at a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError
+
+from .path import Path
+from .problem import Problem
+from .smooth_path import SmoothPath
+from .vectors import FloatArray, positive_number
+
+_ROUNDING = 1e-12  # of the box's size
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What a path really does, computed anew from the problem and the path alone.
+
+    Attributes:
+        first_invalid: The first invalid state met, shape (n,); None if there is none.
+        within_bounds: Whether all states checked are inside the box.
+        start_error: Distance of the path's first state from the start [length unit of the metric].
+        goal_error: Distance of its last state from the nearest goal [length unit of the metric].
+        states_checked: Number of states that were checked.
+        resolution: Greatest step between them [length unit of the metric].
+    """
+
+    first_invalid: FloatArray | None
+    within_bounds: bool
+    start_error: float
+    goal_error: float
+    states_checked: int
+    resolution: float
+
+    @property
+    def valid(self) -> bool:
+        """Whether all states checked are valid and inside the box, and the ends are exact."""
+        ends_met = self.start_error == 0.0 and self.goal_error == 0.0
+        return self.first_invalid is None and self.within_bounds and ends_met
+
+
+def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | None = None) -> Certificate:
+    """Check a path against a problem, state by state.
+
+    Args:
+        problem: What was to be planned.
+        path: A polyline or a smooth path.
+        resolution: Greatest step between checked states [length unit of the metric]; the problem's if
+            omitted. A finer one than the planner used shows how much of the validity is owed to coarse
+            checks.
+
+    Returns:
+        The certificate.
+
+    Raises:
+        InvalidValueError: The path has another number of coordinates, or the resolution is not allowed.
+    """
+    if path.n != problem.n:
+        raise InvalidValueError(
+            "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
+        )
+    oracle = problem.counting_oracle(resolution=resolution)
+    spacing = positive_number("resolution", oracle.resolution)
+    if isinstance(path, Path):
+        states = Path(path.points, problem.weights).resample(spacing).points
+    else:
+        states = path.sample(spacing)
+    valid = oracle.states_valid(states)
+    slack = _ROUNDING * (problem.upper - problem.lower)
+    within = (states >= problem.lower - slack) & (states <= problem.upper + slack)
+    return Certificate(
+        first_invalid=None if valid.all() else states[int(np.argmin(valid))],
+        within_bounds=bool(within.all()),
+        start_error=float(problem.metric.distance(states[0], problem.start)),
+        goal_error=float(problem.metric.distance(states[-1], problem.goals).min()),
+        states_checked=len(states),
+        resolution=spacing,
+    )

@@ -1,0 +1,40 @@
+"""The time budget of one run of a planner."""
+
+from __future__ import annotations
+
+import math
+from time import perf_counter
+
+from pepper_kin.exceptions import InvalidValueError
+
+
+class Deadline:
+    """A clock that starts when it is made and runs out after a number of seconds.
+
+    Attributes:
+        timeout: Budget [s]; infinite if there is none.
+    """
+
+    def __init__(self, timeout: float = math.inf) -> None:
+        """Start the clock.
+
+        Args:
+            timeout: Budget [s], above zero; ``math.inf`` for none.
+
+        Raises:
+            InvalidValueError: The budget is NaN, or not above zero.
+        """
+        if not (isinstance(timeout, int | float) and timeout > 0.0):
+            raise InvalidValueError("timeout", timeout, "a number of seconds above 0, or math.inf")
+        self.timeout = float(timeout)
+        self._started = perf_counter()
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return perf_counter() - self._started
+
+    @property
+    def expired(self) -> bool:
+        """Whether the budget is used up."""
+        return self.elapsed >= self.timeout

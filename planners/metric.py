@@ -1,0 +1,70 @@
+"""The metric in which planners measure distances between states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+
+from .vectors import FloatArray, finite_vector
+
+
+@dataclass(frozen=True, eq=False)
+class Metric:
+    """Weighted Euclidean metric ``d(a, b) = sqrt(sum_i (w_i (a_i - b_i))^2)``.
+
+    A weight turns the unit of its coordinate into the common unit of length of the problem: with radians
+    everywhere and weights of one, a distance is in radians; with lever arms [m/rad] as weights it is in
+    metres.
+
+    Attributes:
+        weights: w, shape (n,), each above zero [length unit per coordinate unit].
+    """
+
+    weights: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy and check the weights.
+
+        Raises:
+            InvalidValueError: A weight is not finite or not above zero.
+        """
+        weights = finite_vector("weights", self.weights)
+        for i in np.flatnonzero(weights <= 0.0):
+            raise InvalidValueError(f"weights[{i}]", weights[i], "a finite number above 0")
+        object.__setattr__(self, "weights", weights)
+
+    @classmethod
+    def of(cls, weights: ArrayLike | None, n: int) -> Metric:
+        """Return the metric of n coordinates with these weights, or with weights of one.
+
+        Raises:
+            InvalidValueError: There are not n weights, or one is not finite and above zero.
+        """
+        return cls(np.ones(n) if weights is None else finite_vector("weights", weights, n))
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return int(self.weights.size)
+
+    def distance(self, a: ArrayLike, b: ArrayLike) -> FloatArray:
+        """Return d(a, b) [length unit] of states of shape (..., n), broadcast; shape (...,)."""
+        scaled = (np.asarray(b, dtype=np.float64) - np.asarray(a, dtype=np.float64)) * self.weights
+        return np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
+
+    def arc_lengths(self, points: FloatArray) -> FloatArray:
+        """Return the length [length unit] of a polyline from its first to each of its points.
+
+        Args:
+            points: Way-points, shape (k, n).
+
+        Returns:
+            Shape (k,), starting at 0, never decreasing.
+        """
+        lengths = np.zeros(len(points))
+        np.cumsum(self.distance(points[:-1], points[1:]), out=lengths[1:])
+        return lengths

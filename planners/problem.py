@@ -1,0 +1,158 @@
+"""What is to be planned: a box of states, a start, goals and an oracle of validity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+
+from .deadline import Deadline
+from .metric import Metric
+from .oracle import Oracle, StateValidity
+from .vectors import FloatArray, coordinate_name, finite_points, finite_vector, positive_number, read_only
+
+FINEST_RESOLUTION = 1e-6
+"""Of the diagonal: a finer resolution would put more than a million states on one edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A motion planning problem in a box of n coordinates.
+
+    Everything is checked when the problem is made, and copied; arrays are read-only.  Whether start and goals
+    are *valid* is not asked here: that is a finding, and a status in the planner's result.
+
+    Attributes:
+        lower: Lower bounds of the box that is searched, shape (n,), finite.  A coordinate without bounds
+            needs a finite sampling range here.
+        upper: Upper bounds, shape (n,), finite, none below `lower`.
+        start: Start state, shape (n,), inside the box.
+        goals: Goal states, shape (k, n), inside the box; any of them will do.  One goal may be given as (n,).
+        oracle: Which states are valid; see `StateValidity`.
+        weights: Weights of the metric, shape (n,), see `Metric`; ones if omitted.
+        resolution: Greatest distance between checked states of an edge [length unit of the metric]; a
+            hundredth of the box's diagonal if omitted.
+        labels: Names of the n coordinates, for messages; none if omitted.
+        metric: The metric, made from the weights.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    start: FloatArray
+    goals: FloatArray
+    oracle: StateValidity
+    weights: FloatArray | None = None
+    resolution: float | None = None
+    labels: tuple[str, ...] | None = None
+    metric: Metric = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check and copy all fields.
+
+        Raises:
+            InvalidValueError: A field has the wrong shape or a value that is not allowed; the message names
+                the coordinate by index and label.
+        """
+        labels = _checked_labels(self.labels)
+        n = len(labels) if labels is not None else None
+        lower, upper = _checked_bounds(self.lower, self.upper, n, labels)
+        n = lower.size
+        start = finite_vector("start", self.start, n, labels)
+        _require_inside("start", start, lower, upper, labels)
+        goals = finite_points("goals", _one_or_many(self.goals), n, labels)
+        for k, goal in enumerate(goals):
+            _require_inside(f"goals[{k}]", goal, lower, upper, labels)
+        if not callable(self.oracle):
+            raise InvalidValueError("oracle", self.oracle, "a callable over states of shape (m, n)")
+        metric = Metric.of(self.weights, n)
+        diagonal = float(metric.distance(lower, upper))
+        resolution = _checked_resolution(self.resolution, diagonal)
+        values = dict(lower=lower, upper=upper, start=start, goals=goals, weights=metric.weights)
+        for name, value in (values | dict(resolution=resolution, labels=labels, metric=metric)).items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return int(self.lower.size)
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the box's diagonal [length unit of the metric]."""
+        return float(self.metric.distance(self.lower, self.upper))
+
+    def counting_oracle(self, deadline: Deadline | None = None, resolution: float | None = None) -> Oracle:
+        """Return a fresh oracle adapter whose counters start at zero.
+
+        Args:
+            deadline: Time budget of the run; none if omitted.
+            resolution: Another resolution than the problem's [length unit of the metric].
+
+        Raises:
+            InvalidValueError: The resolution is not allowed.
+        """
+        wanted = self.resolution if resolution is None else resolution
+        return Oracle(self.oracle, self.metric, _checked_resolution(wanted, self.diagonal), deadline)
+
+
+def _one_or_many(goals: ArrayLike) -> ArrayLike:
+    try:
+        return read_only(np.asarray(goals)[None, :].copy()) if np.ndim(goals) == 1 else goals
+    except ValueError:  # ragged rows: refused with a message by the check that follows
+        return goals
+
+
+def _checked_labels(labels: Sequence[str] | None) -> tuple[str, ...] | None:
+    if labels is None:
+        return None
+    allowed = "n different names, or None"
+    if isinstance(labels, str) or not all(isinstance(label, str) for label in labels):
+        raise InvalidValueError("labels", labels, allowed)
+    if not labels or len(set(labels)) != len(labels):
+        raise InvalidValueError("labels", tuple(labels), allowed)
+    return tuple(labels)
+
+
+def _checked_bounds(
+    lower: ArrayLike, upper: ArrayLike, n: int | None, labels: tuple[str, ...] | None
+) -> tuple[FloatArray, FloatArray]:
+    for quantity, value in (("lower", lower), ("upper", upper)):
+        bounds = np.asarray(value)
+        if bounds.dtype.kind == "f" and bounds.ndim == 1 and (labels is None or len(labels) == bounds.size):
+            for i in np.flatnonzero(np.isinf(bounds)):
+                name = coordinate_name(quantity, int(i), labels)
+                raise InvalidValueError(
+                    name, bounds[i], "a finite bound: give an unbounded coordinate a finite sampling range"
+                )
+    low = finite_vector("lower", lower, n, labels)
+    high = finite_vector("upper", upper, low.size, labels)
+    for i in np.flatnonzero(low > high):
+        raise InvalidValueError(
+            coordinate_name("upper", int(i), labels), high[i], f"at least lower, {low[i]:g}"
+        )
+    if not np.any(high > low):
+        raise InvalidValueError("upper", high, "one coordinate or more with upper > lower")
+    return low, high
+
+
+def _require_inside(
+    quantity: str, state: FloatArray, lower: FloatArray, upper: FloatArray, labels: tuple[str, ...] | None
+) -> None:
+    for i in np.flatnonzero((state < lower) | (state > upper)):
+        name = coordinate_name(quantity, int(i), labels)
+        raise InvalidValueError(name, state[i], f"a value within the bounds [{lower[i]:g}, {upper[i]:g}]")
+
+
+def _checked_resolution(resolution: float | None, diagonal: float) -> float:
+    if resolution is None:
+        return diagonal / 100.0
+    value = positive_number("resolution", resolution)
+    if value < FINEST_RESOLUTION * diagonal:
+        raise InvalidValueError(
+            "resolution", value, f"at least {FINEST_RESOLUTION:g} of the diagonal, {diagonal:.6g}"
+        )
+    return value

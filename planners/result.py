@@ -1,0 +1,77 @@
+"""What a planner returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from .path import Path
+
+
+class Status(Enum):
+    """How a run of a planner ended; `advice` says what to do about it."""
+
+    SOLVED = "solved"
+    START_INVALID = "start_invalid"
+    GOAL_INVALID = "goal_invalid"
+    NO_PATH_IN_TIME = "no_path_in_time"
+    OUT_OF_ITERATIONS = "out_of_iterations"
+
+    @property
+    def advice(self) -> str:
+        """One sentence: what the status means and what to try."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Status.SOLVED: "A path was found; shorten it with shortcut() and round its corners with smooth().",
+    Status.START_INVALID: "The oracle refuses the start state; begin at a valid state or reduce the margin.",
+    Status.GOAL_INVALID: "The oracle refuses every goal state; give other goals or reduce the margin.",
+    Status.NO_PATH_IN_TIME: (
+        "No path was found within the time budget; raise the timeout, try another seed, "
+        "or check that the goal can be reached at all."
+    ),
+    Status.OUT_OF_ITERATIONS: (
+        "No path was found within the allowed iterations; raise max_iterations, try another seed, "
+        "or check that the goal can be reached at all."
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The outcome of one run of a planner.
+
+    Attributes:
+        status: How it ended.
+        path: The path from the start to one of the goals; None unless solved.
+        goal_index: Which of the goals was reached; None unless solved.
+        cost: Length of the path [length unit of the metric]; infinite unless solved.
+        iterations: Number of samples drawn.
+        states_checked: Number of states that the oracle was asked about.
+        oracle_calls: Number of batches in which it was asked.
+        time: Wall time [s].
+        seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
+    """
+
+    status: Status
+    path: Path | None
+    goal_index: int | None
+    cost: float
+    iterations: int
+    states_checked: int
+    oracle_calls: int
+    time: float
+    seed: int
+
+    @property
+    def success(self) -> bool:
+        """Whether a path was found."""
+        return self.status is Status.SOLVED
+
+    def __str__(self) -> str:
+        """Summarise the run in a line."""
+        return (
+            f"{self.status.value}: cost {self.cost:.6g}, {self.iterations} iterations, "
+            f"{self.states_checked} states checked, {self.time:.3g} s, seed {self.seed}. {self.status.advice}"
+        )

@@ -1,0 +1,119 @@
+"""Vectors and point lists that are checked once, copied in and read-only out."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def coordinate_name(quantity: str, index: int, labels: Sequence[str] | None = None) -> str:
+    """Name one coordinate of a quantity for a message: ``start[2] (HeadYaw)``."""
+    return f"{quantity}[{index}]" if labels is None else f"{quantity}[{index}] ({labels[index]})"
+
+
+def read_only(array: FloatArray) -> FloatArray:
+    """Return the array itself, locked against writing."""
+    array.setflags(write=False)
+    return array
+
+
+def _numbers(quantity: str, value: ArrayLike, allowed: str) -> FloatArray:
+    try:
+        array = np.asarray(value)
+    except ValueError:  # ragged rows
+        raise InvalidValueError(quantity, value, allowed) from None
+    if array.dtype.kind not in "fiu":
+        raise InvalidValueError(quantity, value, allowed)
+    return np.array(array, dtype=np.float64, order="C")
+
+
+def finite_vector(
+    quantity: str, value: ArrayLike, n: int | None = None, labels: Sequence[str] | None = None
+) -> FloatArray:
+    """Copy a vector, refusing wrong shapes, NaN and infinity.
+
+    Args:
+        quantity: Name of the argument, for the message.
+        value: Anything that numpy reads as numbers.
+        n: Required number of entries; any positive number if None.
+        labels: Names of the coordinates, for the message.
+
+    Returns:
+        A read-only copy, shape (n,).
+
+    Raises:
+        InvalidValueError: The shape is wrong or an entry is not finite; the message names the coordinate.
+    """
+    allowed = f"a vector of shape ({'n' if n is None else n},) of finite numbers"
+    vector = _numbers(quantity, value, allowed)
+    if vector.ndim != 1 or vector.size == 0 or (n is not None and vector.size != n):
+        raise InvalidValueError(quantity, f"shape {vector.shape}", allowed)
+    for i in np.flatnonzero(~np.isfinite(vector)):
+        raise InvalidValueError(coordinate_name(quantity, int(i), labels), vector[i], "a finite number")
+    return read_only(vector)
+
+
+def finite_points(
+    quantity: str, value: ArrayLike, n: int | None = None, labels: Sequence[str] | None = None
+) -> FloatArray:
+    """Copy a list of points, refusing wrong shapes, NaN and infinity.
+
+    Args:
+        quantity: Name of the argument, for the message.
+        value: Anything that numpy reads as a table of numbers.
+        n: Required number of columns; any positive number if None.
+        labels: Names of the coordinates, for the message.
+
+    Returns:
+        A read-only copy, shape (k, n) with k >= 1.
+
+    Raises:
+        InvalidValueError: The shape is wrong or an entry is not finite; the message names row and coordinate.
+    """
+    allowed = f"points of shape (k, {'n' if n is None else n}) with k >= 1, of finite numbers"
+    points = _numbers(quantity, value, allowed)
+    if points.ndim != 2 or points.size == 0 or (n is not None and points.shape[1] != n):
+        raise InvalidValueError(quantity, f"shape {points.shape}", allowed)
+    for row, i in np.argwhere(~np.isfinite(points)):
+        name = coordinate_name(f"{quantity}[{row}]", int(i), labels)
+        raise InvalidValueError(name, points[row, i], "a finite number")
+    return read_only(points)
+
+
+def positive_number(quantity: str, value: float) -> float:
+    """Return a finite number above zero as a float.
+
+    Raises:
+        InvalidValueError: It is not a number, not finite, or not above zero.
+    """
+    allowed = "a finite number above 0"
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidValueError(quantity, value, allowed) from None
+    if not (np.isfinite(number) and number > 0.0):
+        raise InvalidValueError(quantity, value, allowed)
+    return number
+
+
+def whole_number(quantity: str, value: int) -> int:
+    """Return an integer of at least zero (a seed, a number of iterations).
+
+    Raises:
+        InvalidValueError: It is not an integer, or it is negative.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise InvalidValueError(quantity, value, "an integer >= 0") from None
+    if number < 0:
+        raise InvalidValueError(quantity, value, "an integer >= 0")
+    return number

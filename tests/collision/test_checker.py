@@ -1,0 +1,148 @@
+import numpy as np
+import pinocchio
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.collision.dependent_ranges import dependent_ranges
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+
+TABLE = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
+
+
+def random_q(pepper, count, seed=0):
+    return np.random.default_rng(seed).uniform(pepper.lower_limits, pepper.upper_limits, (count, pepper.n))
+
+
+@pytest.mark.parametrize("name", ["Stand", "StandInit", "StandZero"])
+def test_named_postures_are_free(name):
+    pepper = pk.load_pepper()
+    assert not pk.collision.in_collision(pepper, pepper.posture(name))
+    assert pk.collision.clearance(pepper, pepper.posture(name)) > 0.003
+
+
+def point_segment_distance(p, a, b):
+    t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    return np.linalg.norm(p - a - t * (b - a))
+
+
+def test_clearance_to_a_sphere_is_the_closed_form():
+    """A sphere far from all but the forearm: the distance is point to segment less both radii."""
+    pepper = pk.load_pepper()
+    q = pepper.joint_vector({"LShoulderPitch": 0.2, "LElbowRoll": -0.1, "LElbowYaw": 0.0})
+    shape = next(s for s in pepper.collision_shapes if s.link == "LForeArm")
+    pose = pk.kinematics.frame_pose(pepper, q, "LForeArm") @ shape.transform_shape_to_link
+    half = np.array([0, 0, shape.geometry.length / 2])
+    ends = [pose[:3, :3] @ (s * half) + pose[:3, 3] for s in (-1, 1)]
+    centre = pose[:3, 3] + np.array([0.0, 0.2, 0.05])
+    scene = pk.Scene().add_sphere("ball", 0.03, centre)
+    expected = point_segment_distance(centre, *ends) - shape.geometry.radius - 0.03
+    nearest = min(
+        pk.collision.checker_for(pepper, scene).clearance(q), pk.collision.checker_for(pepper).clearance(q)
+    )
+    to_ball = pk.collision.closest_pair(pepper, q, scene)
+    if to_ball.names == ("LForeArm", "ball"):
+        assert to_ball.distance == pytest.approx(expected, abs=1e-6)
+        assert np.linalg.norm(to_ball.points[0] - to_ball.points[1]) == pytest.approx(expected, abs=1e-5)
+    else:
+        assert nearest <= expected
+
+
+def test_clearance_to_the_only_near_thing():
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    head = next(s for s in pepper.collision_shapes if s.link == "Head")
+    pose = pk.kinematics.frame_pose(pepper, q, "Head") @ head.transform_shape_to_link
+    centre = pose[:3, 3] + [0.0, 0.0, 0.2]
+    half = pose[:3, :3] @ [0, 0, head.geometry.length / 2]
+    expected = (
+        point_segment_distance(centre, pose[:3, 3] - half, pose[:3, 3] + half) - head.geometry.radius - 0.0855
+    )
+    found = pk.collision.closest_pair(pepper, q, pk.Scene().add_sphere("lamp", 0.0855, centre))
+    assert found.names == ("Head", "lamp")
+    assert found.distance == pytest.approx(expected, abs=1e-6)
+    assert 0 < expected < 0.0032
+
+
+def test_culled_clearance_equals_the_minimum_over_all_pairs():
+    pepper = pk.load_pepper()
+    checker = pk.collision.checker_for(pepper, TABLE)
+    for q in random_q(pepper, 60):
+        found = checker.clearance(q)
+        data, geometry = checker._data
+        pinocchio.computeDistances(pepper.pinocchio_model, data, checker._model, geometry, q)
+        assert found == pytest.approx(min(r.min_distance for r in geometry.distanceResults), abs=1e-6)
+
+
+def test_collision_is_negative_clearance_or_a_violated_range():
+    pepper = pk.load_pepper()
+    q = random_q(pepper, 200, seed=1)
+    ranges = np.any([table.violated(q) for table in dependent_ranges(pepper)], axis=0)
+    negative = pk.collision.clearance(pepper, q, TABLE) < 0
+    np.testing.assert_array_equal(pk.collision.in_collision(pepper, q, TABLE), negative | ranges)
+    assert 0.2 < ranges.mean() < 0.8
+
+
+@pytest.mark.parametrize(
+    ("values", "links"),
+    [
+        ({"HipRoll": 0.45}, ("Pelvis", "torso")),
+        ({"HeadYaw": 2.0, "HeadPitch": 0.6}, ("torso", "Head")),
+        ({"LElbowYaw": 2.0, "LElbowRoll": -1.5, "LShoulderRoll": 0.6}, ("LBicep", "LForeArm")),
+        ({"RElbowYaw": -2.0, "RElbowRoll": 1.5, "RShoulderRoll": -0.6}, ("RBicep", "RForeArm")),
+    ],
+)
+def test_dependent_ranges_find_contacts_that_capsules_cannot(values, links):
+    pepper = pk.load_pepper()
+    q = pepper.joint_vector(values)
+    assert pk.collision.in_collision(pepper, q)
+    assert links in pk.collision.checker_for(pepper).contacts(q)
+
+
+def test_contacts_name_robot_link_and_object():
+    pepper = pk.load_pepper()
+    hand = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "LArm_effector")[:3, 3]
+    scene = pk.Scene().add_box("cup", (0.05, 0.05, 0.1), hand)
+    assert ("l_wrist", "cup") in pk.collision.checker_for(pepper, scene).contacts(pepper.posture("Stand"))
+
+
+def test_batch_shapes():
+    pepper = pk.load_pepper()
+    q = random_q(pepper, 6).reshape(2, 3, 15)
+    assert pk.collision.in_collision(pepper, q).shape == (2, 3)
+    assert pk.collision.clearance(pepper, q[0, 0]).shape == ()
+    assert pk.collision.in_collision(pepper, np.empty((0, 15))).shape == (0,)
+
+
+def test_scene_is_frozen_and_methods_return_new_ones():
+    moved = TABLE.move("table", (1, 0, 0.7)).add_cylinder("can", 0.03, 0.1, (0.5, 0, 0.8))
+    assert tuple(TABLE.objects) == ("table",)
+    assert TABLE.objects["table"].transform_object_to_world[0, 3] == 0.55
+    assert moved.objects["table"].transform_object_to_world[0, 3] == 1
+    assert tuple(moved.remove("table").objects) == ("can",)
+    with pytest.raises(AttributeError, match="frozen"):
+        TABLE.objects = {}
+    with pytest.raises(TypeError):
+        TABLE.objects["table"] = None
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: TABLE.add_box("table", (1, 1, 1), (0, 0, 0)), "object name: got 'table', .* taken: table"),
+        (lambda: TABLE.add_box("b", (1, 0, 1), (0, 0, 0)), r"box size: got \(1.0, 0.0, 1.0\)"),
+        (lambda: TABLE.add_box("b", (1, 1, 1), (0, np.nan, 0)), "position of 'b': got nan"),
+        (lambda: TABLE.add_sphere("b", -1, (0, 0, 0)), "sphere radius: got -1.0"),
+        (
+            lambda: TABLE.add_box("b", (1, 1), (0, 0, 0)),
+            r"size of 'b': got shape \(2,\), expected shape \(3,\)",
+        ),
+    ],
+)
+def test_bad_objects_are_named(call, message):
+    with pytest.raises(InvalidValueError, match=message):
+        call()
+
+
+def test_unknown_object_is_named():
+    with pytest.raises(UnknownNameError, match="unknown scene object 'chair'; available: table"):
+        TABLE.move("chair", (0, 0, 0))

@@ -1,0 +1,113 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+
+REFERENCE = np.load(Path(__file__).parents[1] / "data" / "fk_reference.npz")
+
+
+def angle(a, b):
+    """Angle of the rotation between two rotation matrices, precise near zero."""
+    return np.linalg.norm(a - b, axis=(-2, -1)) / np.sqrt(2)
+
+
+@pytest.fixture(scope="module")
+def reference_q():
+    pepper = pk.load_pepper(hands="mimic")
+    order = [list(REFERENCE["joints"]).index(name) for name in pepper.joint_names]
+    return pepper, REFERENCE["q"][:, order]
+
+
+@pytest.mark.parametrize("frame", [str(name) for name in REFERENCE["frames"]])
+def test_published_configurations(reference_q, frame):
+    """200 configurations computed from the public descriptions: 1e-6 m and 1e-6 rad."""
+    pepper, q = reference_q
+    expected = REFERENCE["poses"][:, list(REFERENCE["frames"]).index(frame)]
+    if frame == "CameraTop_frame":
+        # The reference uses the older camera position; ours is the newest official one.
+        head = pk.kinematics.frame_pose(pepper, q, "Head")
+        older, newest = np.eye(4), np.eye(4)
+        older[:3, 3], newest[:3, 3] = (0.08601, 0, 0.16284), (0.0868, 0, 0.1631)
+        np.testing.assert_allclose(pk.kinematics.frame_pose(pepper, q, frame), head @ newest, atol=1e-12)
+        found = head @ older
+    else:
+        found = pk.kinematics.frame_pose(pepper, q, frame)
+    assert np.abs(found[:, :3, 3] - expected[:, :3, 3]).max() < 1e-6
+    assert angle(found[:, :3, :3], expected[:, :3, :3]).max() < 1e-6
+
+
+def test_heights_at_zero():
+    pepper = pk.load_pepper()
+    heights = {"torso": 0.681, "torso_naoqi": 0.82, "Tibia": 0.334, "base_footprint": 0.0}
+    for frame, z in heights.items():
+        assert pk.kinematics.frame_pose(pepper, np.zeros(15), frame)[2, 3] == pytest.approx(z, abs=1e-12)
+
+
+def test_positive_joints_move_as_documented():
+    pepper = pk.load_pepper()
+
+    def head(joint):
+        q = np.zeros(15)
+        q[pepper.joint_index(joint)] = 0.3
+        return pk.kinematics.frame_pose(pepper, q, "Head")[:3, 3]
+
+    assert head("KneePitch")[0] < -0.1  # leans backward
+    assert head("HipPitch")[0] < -0.05
+    assert head("HipRoll")[1] > 0.05  # leans to the left
+
+
+def test_batch_axes_lead():
+    pepper = pk.load_pepper()
+    rng = np.random.default_rng(0)
+    q = rng.uniform(pepper.lower_limits, pepper.upper_limits, (2, 3, 15))
+    poses = pk.kinematics.frame_pose(pepper, q, "LArm_effector")
+    assert poses.shape == (2, 3, 4, 4)
+    np.testing.assert_array_equal(poses[1, 2], pk.kinematics.frame_pose(pepper, q[1, 2], "LArm_effector"))
+    assert pk.kinematics.frame_pose(pepper, np.empty((0, 15)), "Head").shape == (0, 4, 4)
+    links = pk.kinematics.link_poses(pepper, q)
+    assert links.shape == (2, 3, len(pepper.link_names), 4, 4)
+    np.testing.assert_array_equal(links[0, 1, pepper.link_names.index("LArm_effector")], poses[0, 1])
+
+
+@pytest.mark.parametrize(
+    ("base", "hands"), [("fixed", "locked"), ("planar", "mimic"), ("fixed", "independent")]
+)
+def test_jacobian_is_the_derivative_of_the_pose(base, hands):
+    pepper = pk.load_pepper(base, hands)
+    rng = np.random.default_rng(1)
+    lower, upper = np.clip(pepper.lower_limits, -2, 2), np.clip(pepper.upper_limits, -2, 2)
+    step = 1e-6
+    for frame in ("LArm_effector", "CameraTop_frame", "RFinger23_link"):
+        q = rng.uniform(lower, upper)
+        jacobian = pk.kinematics.frame_jacobian(pepper, q, frame)
+        rotation = pk.kinematics.frame_pose(pepper, q, frame)[:3, :3]
+        for j in range(pepper.n):
+            move = np.eye(pepper.n)[j] * step
+            ahead = pk.kinematics.frame_pose(pepper, q + move, frame)
+            behind = pk.kinematics.frame_pose(pepper, q - move, frame)
+            linear = (ahead[:3, 3] - behind[:3, 3]) / (2 * step)
+            spin = (ahead[:3, :3] - behind[:3, :3]) / (2 * step) @ rotation.T
+            angular = [spin[2, 1], spin[0, 2], spin[1, 0]]
+            np.testing.assert_allclose(jacobian[:, j], [*linear, *angular], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("q", "message"),
+    [
+        (np.zeros(14), r"q: got shape \(14,\), expected shape \(..., 15\), one value per joint: KneePitch"),
+        (np.full(15, np.nan), "q: got nan at joint KneePitch"),
+        ([*np.zeros(14), np.inf], "q: got inf at joint RWristYaw"),
+        ("hello", "q: got 'hello', expected numbers"),
+    ],
+)
+def test_bad_q_is_named(q, message):
+    with pytest.raises(InvalidValueError, match=message):
+        pk.kinematics.frame_pose(pk.load_pepper(), q, "Head")
+
+
+def test_unknown_frame_lists_frames():
+    with pytest.raises(UnknownNameError, match=r"unknown frame 'Hand'; available: .*LArm_effector"):
+        pk.kinematics.frame_jacobian(pk.load_pepper(), np.zeros(15), "Hand")

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import FileFormatError, ModelError
+
+ARM = """<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="upper"/><child link="lower"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.5" effort="10" velocity="1"/></joint>
+</robot>"""
+
+
+def test_continuous_joint_has_one_coordinate_without_bounds():
+    robot = pk.load_robot(ARM)
+    assert robot.joint_names == ("turn", "slide")
+    assert robot.joint_units == ("rad", "m")
+    assert np.isneginf(robot.lower_limits[0])
+    pose = pk.kinematics.frame_pose(robot, [np.pi / 2, 0.3], "lower")
+    np.testing.assert_allclose(pose[:3, 3], [0, 0.3, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('<link name="lower">', '<link name="upper">', "two links are named 'upper'"),
+        ('<child link="lower"/>', '<child link="wrist"/>', "unknown link 'wrist'"),
+        ('<child link="lower"/>', '<child link="upper"/>', "link 'upper' has two parent joints"),
+        ('type="prismatic"', 'type="floating"', "joint slide has type 'floating'"),
+        ('lower="0"', 'lower="1"', "slide: lower limit 1.0 is above upper limit 0.5"),
+        ('velocity="1"', 'velocity="fast"', "velocity='fast' is not a number"),
+        ("</robot>", "", "not well-formed"),
+        ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "entities are not allowed"),
+        (
+            '<limit lower="0" upper="0.5" effort="10" velocity="1"/>',
+            "",
+            "slide is prismatic and has no <limit>",
+        ),
+    ],
+)
+def test_faults_are_named(old, new, message):
+    assert old in ARM
+    with pytest.raises(ModelError) as caught:
+        pk.load_robot(ARM.replace(old, new, 1))
+    assert message in str(caught.value)
+
+
+def test_unreadable_file_is_named(tmp_path):
+    with pytest.raises(FileFormatError, match=r"missing\.urdf: cannot be read"):
+        pk.load_robot(tmp_path / "missing.urdf")
+
+
+def test_mimic_loop_is_refused():
+    loop = ARM.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="turn"/>').replace(
+        '<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="slide"/>'
+    )
+    with pytest.raises(ModelError, match="mimics itself"):
+        pk.load_robot(loop)

@@ -1,0 +1,166 @@
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
+from pepper_kin.motion import PlanStatus
+from pepper_kin.motion.metric import joint_reaches
+from pepper_kin.trajectory.path import as_cubic_path
+
+TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
+
+
+@pytest.fixture(scope="module")
+def over_the_table():
+    """From hanging arms to a hand above the table: the straight way goes through it."""
+    pepper = pk.load_pepper()
+    goal = pepper.joint_vector(
+        {"LShoulderPitch": 0.4, "LShoulderRoll": 0.1, "LElbowRoll": -0.9, "LElbowYaw": -1.2, "HipPitch": -0.3}
+    )
+    return pepper, pepper.posture("Stand"), goal
+
+
+def spline_states(pepper, path, count=2000):
+    """States along the spline that `retime` draws, by an evaluation of its own."""
+    spline = as_cubic_path(pepper, path)
+    s = np.linspace(spline.breaks[0], spline.breaks[-1], count)
+    piece = np.clip(np.searchsorted(spline.breaks, s, side="right") - 1, 0, len(spline.breaks) - 2)
+    local = s - spline.breaks[piece]
+    return sum(spline.coefficients[piece, p] * local[:, None] ** p for p in range(4))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_path_goes_round_and_its_spline_is_free(over_the_table, seed):
+    pepper, start, goal = over_the_table
+    straight = start + np.linspace(0, 1, 200)[:, None] * (goal - start)
+    assert pk.collision.in_collision(pepper, straight, TABLE).any()
+    found = pk.plan(pepper, start, goal, TABLE, seed=seed)
+    assert found.success, found.message
+    np.testing.assert_array_equal(found.path[0], start)
+    np.testing.assert_allclose(found.path[-1], goal, atol=1e-12)
+    states = spline_states(pepper, found.path)
+    assert pk.collision.clearance(pepper, states, TABLE).min() > 0
+    assert not pk.collision.in_collision(pepper, states, TABLE).any()
+    assert np.all(states >= pepper.lower_limits - 1e-9)
+    assert np.all(states <= pepper.upper_limits + 1e-9)
+    torque = pk.dynamics.gravity_torque(pepper, states)
+    assert np.all(np.abs(torque) <= pepper.effort_limits)
+
+
+def test_same_seed_same_path(over_the_table):
+    pepper, start, goal = over_the_table
+    paths = [pk.plan(pepper, start, goal, TABLE, seed=5).path for _ in range(2)]
+    np.testing.assert_array_equal(*paths)
+
+
+def test_joints_that_need_not_move_do_not(over_the_table):
+    pepper, start, goal = over_the_table
+    path = pk.plan(pepper, start, goal, TABLE).path
+    still = np.abs(goal - start) < 1e-12
+    assert still.sum() >= 9
+    np.testing.assert_array_equal(path[:, still], np.tile(start[still], (len(path), 1)))
+
+
+def test_tasks_as_goal():
+    pepper = pk.load_pepper()
+    target = np.array([0.35, 0.2, 0.85])
+    found = pk.plan(pepper, pepper.posture("Stand"), [pk.ik.HandPosition("left", target)], TABLE)
+    assert found.success, found.message
+    palm = pk.kinematics.frame_pose(pepper, found.goal, "LArm_effector")[:3, 3]
+    assert np.linalg.norm(palm - target) < 1e-3
+
+
+def test_start_in_collision_names_pair_and_depth():
+    pepper = pk.load_pepper()
+    scene = pk.Scene().add_box("pillar", (0.2, 0.2, 2.0), (0.1, 0.2, 1.0))
+    found = pk.plan(pepper, pepper.posture("Stand"), pepper.posture("StandZero"), scene)
+    assert found.status is PlanStatus.START_IN_COLLISION
+    assert not found.success
+    assert "pillar overlap" in found.message
+    assert "mm deep" in found.message
+    assert found.path is None
+
+
+def test_goal_in_collision():
+    pepper = pk.load_pepper()
+    goal = pepper.joint_vector({"HipRoll": 0.5})
+    found = pk.plan(pepper, pepper.posture("Stand"), goal)
+    assert found.status is PlanStatus.GOAL_IN_COLLISION
+    assert "Pelvis and torso" in found.report()
+
+
+def test_goal_too_heavy_names_joint_and_torque():
+    pepper = pk.load_pepper()
+    bow = {"KneePitch": -0.5, "HipPitch": -1.0, "LShoulderPitch": 0.0, "RShoulderPitch": 0.0}
+    goal = pepper.joint_vector(bow)
+    torque = pk.dynamics.gravity_torque(pepper, goal)[0]
+    assert abs(torque) > pepper.effort_limits[0]
+    found = pk.plan(pepper, pepper.posture("Stand"), goal)
+    assert found.status is PlanStatus.GOAL_TOO_HEAVY
+    assert f"{abs(torque):.2f} N m at KneePitch" in found.message
+
+
+def test_unreachable_tasks():
+    pepper = pk.load_pepper()
+    found = pk.plan(pepper, pepper.posture("Stand"), [pk.ik.HandPosition("left", (2.0, 0.0, 1.0))], timeout=2)
+    assert found.status is PlanStatus.NO_IK
+    assert not found.ik.success
+
+
+def test_no_path_in_time():
+    """A hand enclosed by walls cannot leave: the search ends by its time limit with the right status."""
+    pepper = pk.load_pepper()
+    start = pepper.joint_vector({"LShoulderPitch": 0.0, "LElbowRoll": -0.05, "LShoulderRoll": 0.3})
+    palm = pk.kinematics.frame_pose(pepper, start, "LArm_effector")[:3, 3]
+    scene = pk.Scene()
+    for name, shift, size in (
+        ("above", (0, 0, 0.14), (0.3, 0.3, 0.02)),
+        ("below", (0, 0, -0.14), (0.3, 0.3, 0.02)),
+        ("left", (0, 0.15, 0), (0.3, 0.02, 0.3)),
+        ("right", (0, -0.15, 0), (0.3, 0.02, 0.3)),
+    ):
+        scene = scene.add_box(name, size, palm + shift)
+    goal = pepper.joint_vector({"LShoulderPitch": 1.5, "LElbowRoll": -0.05, "LShoulderRoll": 0.3})
+    found = pk.plan(pepper, start, goal, scene, timeout=0.5, joints=("LShoulderPitch", "LShoulderRoll"))
+    assert found.status is PlanStatus.NO_PATH_IN_TIME, found.message
+    assert "Raise the timeout" in found.report()
+
+
+def test_bad_input_is_named():
+    pepper = pk.load_pepper()
+    stand = pepper.posture("Stand")
+    with pytest.raises(LimitError, match="start: HeadYaw = 3 rad is outside"):
+        pk.plan(pepper, pepper.joint_vector({"HeadYaw": 3.0}), stand)
+    with pytest.raises(LimitError, match="goal: HeadYaw = 3 rad is outside"):
+        pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 3.0}))
+    with pytest.raises(InvalidValueError, match="planner: got 'prm', expected one of 'rrt_connect'"):
+        pk.plan(pepper, stand, stand, planner="prm")
+    with pytest.raises(InvalidValueError, match=r"goal: got other values of HeadYaw"):
+        pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 1.0}), joints="left_arm")
+    with pytest.raises(UnknownNameError, match="unknown joint group 'tail'"):
+        pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 1.0}), joints="tail")
+    with pytest.raises(InvalidValueError, match="timeout: got -1"):
+        pk.plan(pepper, stand, stand, timeout=-1)
+    with pytest.raises(InvalidValueError, match="margin: got nan"):
+        pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 1.0}), margin=float("nan"))
+
+
+def test_nothing_to_do():
+    pepper = pk.load_pepper()
+    stand = pepper.posture("Stand")
+    found = pk.plan(pepper, stand, stand)
+    assert found.success
+    assert found.path.shape == (1, 15)
+    assert found.length == 0
+
+
+def test_metric_bounds_the_motion_of_the_body():
+    """|dp| <= sum r_j |dq_j| for points of the hands and head, on random small moves."""
+    pepper = pk.load_pepper()
+    reach = joint_reaches(pepper)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(pepper.lower_limits, pepper.upper_limits, (200, 15))
+    move = rng.normal(size=q.shape) * 1e-4
+    for frame in ("LArm_effector", "RArm_effector", "CameraTop_frame"):
+        a, b = (pk.kinematics.frame_pose(pepper, x, frame)[:, :3, 3] for x in (q, q + move))
+        assert np.all(np.linalg.norm(b - a, axis=1) <= 1.02 * (np.abs(move) @ reach))

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.planners import Oracle, Path, Problem, rrt_connect, shortcut
+
+ENDS = ([0.1, 0.1], [0.9, 0.15])
+
+
+def planned(world, seed: int, margin: float = 0.007) -> tuple[Problem, Path]:  # type: ignore[no-untyped-def]
+    start, goal = ENDS
+    problem = Problem(np.zeros(2), np.ones(2), start, goal, world.padded(margin), resolution=0.014)
+    result = rrt_connect(problem, seed=seed, timeout=60.0)
+    assert result.success
+    return problem, result.path
+
+
+@pytest.mark.parametrize("name", ["wall", "maze", "discs"])
+def test_never_longer_always_valid_same_ends(name: str, request: pytest.FixtureRequest) -> None:
+    world = request.getfixturevalue(name)
+    for seed in range(4):
+        problem, path = planned(world, seed)
+        lengths = [path.length]
+        for iterations in (1, 10, 100):
+            short = shortcut(problem, path, seed=seed, iterations=iterations, timeout=60.0)
+            assert world.path_free(short.points)
+            assert np.array_equal(short.points[[0, -1]], path.points[[0, -1]])
+            lengths.append(short.length)
+        # The choices of a shorter run are a prefix of a longer one's.
+        assert np.all(np.diff(lengths) <= 1e-12)
+        assert lengths[-1] < lengths[0]
+
+
+def test_wall_path_comes_near_the_shortest(wall) -> None:  # type: ignore[no-untyped-def]
+    """The shortest path bends at two corners of the grown wall's gap: its length is known."""
+    problem, path = planned(wall, 0)
+    corners = np.array([ENDS[0], [0.473, 0.457], [0.527, 0.457], ENDS[1]])
+    shortest = np.linalg.norm(np.diff(corners, axis=0), axis=1).sum()
+    short = shortcut(problem, path, iterations=600, timeout=60.0)
+    assert 0.99 * shortest < short.length < 1.02 * shortest
+
+
+def test_same_seed_same_path(maze) -> None:  # type: ignore[no-untyped-def]
+    problem, path = planned(maze, 1)
+    first, again, other = (shortcut(problem, path, seed=s, timeout=60.0) for s in (3, 3, 4))
+    assert np.array_equal(first.points, again.points)
+    assert not np.array_equal(first.points, other.points)
+
+
+def test_one_coordinate_is_straightened_where_the_whole_edge_is_blocked() -> None:
+    """x must pass a hump that fills the straight edge; the detour of y may go, coordinate by coordinate."""
+
+    def free(q: np.ndarray) -> np.ndarray:
+        return q[:, 0] > np.sin(np.pi * np.clip(q[:, 2], 0, 1)) * 0.8 - 0.05
+
+    z = np.linspace(0, 1, 9)
+    points = np.column_stack((0.9 * np.sin(np.pi * z), 0.5 * (-1.0) ** np.arange(9), z))
+    problem = Problem([-1, -1, 0], [1, 1, 1], points[0], points[-1], free, resolution=0.01)
+    short = shortcut(problem, Path(points), iterations=400, timeout=60.0)
+    assert np.abs(short.points[:, 1] - 0.5).max() < 0.05
+    assert short.points[:, 0].max() > 0.7
+    assert np.all(free(short.resample(0.001).points))
+
+
+def test_weights_decide_what_is_short(discs) -> None:  # type: ignore[no-untyped-def]
+    start, goal = ENDS
+    weights = np.array([5.0, 1.0])
+    problem = Problem(
+        np.zeros(2), np.ones(2), start, goal, discs.padded(0.01), weights=weights, resolution=0.02
+    )
+    path = rrt_connect(problem, seed=0, timeout=60.0).path
+    assert path is not None
+    short = shortcut(problem, path, timeout=60.0)
+    assert short.length <= path.length
+    assert np.array_equal(short.weights, weights)
+
+
+def test_short_cut_through_an_obstacle_would_be_caught(wall, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    problem, path = planned(wall, 0)
+    monkeypatch.setattr(Oracle, "polyline_valid", lambda self, points: True)
+    assert not wall.path_free(shortcut(problem, path, timeout=60.0).points)
+
+
+def test_straight_way_points_are_dropped(wall) -> None:  # type: ignore[no-untyped-def]
+    problem, _ = planned(wall, 0)
+    dense = Path([[0.0, 0.0], [0.2, 0.1], [0.2, 0.4]]).resample(0.01)
+    assert np.allclose(shortcut(problem, dense, iterations=0).points, [[0.0, 0.0], [0.2, 0.1], [0.2, 0.4]])
+
+
+@pytest.mark.parametrize("points", [[[0.1, 0.1]], [[0.1, 0.1], [0.1, 0.1]], [[0.1, 0.1], [0.2, 0.1]]])
+def test_nothing_to_shorten(wall, points: list) -> None:  # type: ignore[no-untyped-def]
+    problem, _ = planned(wall, 0)
+    assert np.array_equal(shortcut(problem, Path(points)).points, points)
+
+
+def test_misuse_is_named(wall) -> None:  # type: ignore[no-untyped-def]
+    problem, path = planned(wall, 0)
+    with pytest.raises(InvalidValueError, match="path: got 3 coordinates, expected 2 coordinates"):
+        shortcut(problem, Path([[0, 0, 0]]))
+    with pytest.raises(InvalidValueError, match="iterations: got -1"):
+        shortcut(problem, path, iterations=-1)
+    with pytest.raises(InvalidValueError, match="resolution: got 0, expected a finite number above 0"):
+        shortcut(problem, path, resolution=0)
+
+
+def test_finest_resolution_of_a_problem_can_be_shortened() -> None:
+    problem = Problem([0, 0], [1, 1], [0, 0], [1, 0], lambda x: x[:, 0] >= 0, resolution=1.5e-6)
+    assert shortcut(problem, Path([[0, 0], [1e-3, 1e-3], [2e-3, 0]]), timeout=60.0).length == pytest.approx(
+        2e-3
+    )

@@ -1,0 +1,126 @@
+"""The arrows of the design: each room imports only rooms above it in the tower."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TOWER = (
+    "exceptions",
+    "atomic_file",
+    "model",
+    "symbolic",
+    "kernels",
+    "kinematics",
+    "dynamics",
+    "collision",
+    "ik",
+    "trajectory",
+    "motion",
+    "twin",
+    "jobs",
+    "viewer",
+    "cli",
+)
+"""From the top down: a room may import those before it."""
+APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planners")}
+ONLY = {
+    "kernels": {"exceptions"},
+    "planners": {"exceptions"},
+    "urdf": {"exceptions"},
+    "exceptions": set(),
+    "atomic_file": {"exceptions"},
+}
+"""Rooms that know nothing of the robot."""
+
+
+def python_files():
+    for folder in ("pepper_kin", "planners", "urdf"):
+        yield from sorted((ROOT / folder).rglob("*.py"))
+
+
+def room_of(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    if parts[0] != "pepper_kin":
+        return parts[0]
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def rooms_imported(path):
+    """Rooms of pepper_kin that a file imports, at the top or inside functions; type-checking imports too."""
+    found = set()
+    package = ("pepper_kin", *path.relative_to(ROOT).parts[:-1])
+    if package[1] == "pepper_kin":
+        package = package[1:]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = ".".join([*package[: len(package) - node.level + 1], *filter(None, [node.module])])
+            names = [base] if base != "pepper_kin" else [f"pepper_kin.{alias.name}" for alias in node.names]
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "pepper_kin":
+                found.add(parts[1] if len(parts) > 1 else "__init__")
+    return found - {"__version__"}
+
+
+ALL_FILES = list(python_files())
+
+
+@pytest.mark.parametrize("path", ALL_FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_arrows_point_one_way(path):
+    room = room_of(path)
+    if room == "__init__":
+        return
+    imported = rooms_imported(path) - {room}
+    assert "__init__" not in imported, "a room must not import the package's front door"
+    if room in ONLY:
+        assert imported <= ONLY[room]
+        return
+    assert room in TOWER, f"{room} has no place in the tower"
+    above = set(TOWER[: TOWER.index(room)]) | {"planners", "urdf"}
+    assert imported <= above, f"{room} imports {sorted(imported - above)}"
+    for other in imported:
+        assert (room, other) not in APART, f"{room} and {other} are kept apart"
+
+
+def test_only_the_command_line_imports_the_viewer():
+    for path in ALL_FILES:
+        if "viewer" in rooms_imported(path):
+            assert room_of(path) in ("viewer", "cli", "__init__"), path
+
+
+def test_planners_name_no_robot():
+    """A planner knows vectors; a joint, a link or Pepper in its code means that a robot has crept in."""
+    for path in (ROOT / "planners").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            name = getattr(node, "id", None) or getattr(node, "attr", None) or getattr(node, "arg", None)
+            if isinstance(name, str):
+                words = set(name.lower().split("_"))
+                assert not words & {"joint", "joints", "link", "links", "pepper", "robot"}, (path, name)
+
+
+@pytest.mark.parametrize("path", ALL_FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_files_and_functions_stay_small(path):
+    text = path.read_text(encoding="utf-8")
+    assert text.count("\n") <= 450
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert node.end_lineno - node.lineno + 1 <= 70, f"{path.name}: {node.name}"
+
+
+def test_heavy_libraries_are_not_loaded_by_importing_the_package():
+    code = (
+        "import sys, pepper_kin; "
+        "heavy = {'pinocchio', 'placo', 'coal', 'toppra', 'meshcat', 'scipy', 'casadi', 'numpy'}; "
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

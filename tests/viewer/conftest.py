@@ -1,0 +1,64 @@
+"""A little machine to draw: a plate, a cube that slides along y and an arm that turns about z."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pepper_kin.model.shapes import Box, Capsule, Cylinder, Sphere
+from pepper_kin.viewer import Drawable
+
+RED = (0.9, 0.05, 0.05, 1.0)
+
+
+def poses_of(y, angles):
+    """Poses of the plate (fixed), the cube (at y) and the arm (turned by angles) for each time."""
+    poses = np.tile(np.eye(4), (len(y), 3, 1, 1))
+    poses[:, 1, 1, 3] = y
+    poses[:, 1, 2, 3] = 0.8
+    poses[:, 2, :3, :3] = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
+    poses[:, 2, :3, 3] = [0.0, 0.0, 0.4]
+    return poses
+
+
+@pytest.fixture
+def machine():
+    drawables = (
+        Drawable("plate", "base", Cylinder(0.3, 0.1), np.eye(4), (0.8, 0.8, 0.82, 1.0)),
+        Drawable("cube", "slide", Box((0.15, 0.15, 0.15)), np.eye(4), RED),
+        Drawable("bar", "arm", Capsule(0.04, 0.4), np.eye(4), (0.3, 0.4, 0.5, 1.0)),
+        Drawable("glass", None, Sphere(0.1), np.eye(4), (0.3, 0.5, 0.9, 0.4)),
+    )
+    times = np.linspace(0.0, 2.0, 5)
+    poses = poses_of(np.linspace(-0.4, 0.4, 5), np.linspace(0.0, 2.0, 5))
+    return SimpleNamespace(drawables=drawables, links=("base", "slide", "arm"), times=times, poses=poses)
+
+
+@pytest.fixture
+def content_of():
+    """Read the data of a page back, typed arrays as numpy arrays."""
+    kinds = {"Float32Array": "<f4", "Float64Array": "<f8", "Uint16Array": "<u2", "Uint32Array": "<u4"}
+
+    def read(path: Path) -> dict:
+        text = path.read_text(encoding="utf-8")
+        (raw,) = re.findall(r'<script type="application/json" id="content">(.*?)</script>', text, re.DOTALL)
+        data = json.loads(raw)
+        buffers = [base64.b64decode(item) for item in data["buffers"]]
+
+        def revive(value):
+            if isinstance(value, dict) and "$buffer" in value:
+                return np.frombuffer(buffers[value["$buffer"]], dtype=kinds[value["$type"]])
+            if isinstance(value, dict):
+                return {key: revive(item) for key, item in value.items()}
+            return [revive(item) for item in value] if isinstance(value, list) else value
+
+        return revive(data)
+
+    return read

@@ -1,0 +1,112 @@
+"""Surfaces: closed forms of capsules, shading of cubes and balls, refusal of broken files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.viewer.surface import capsule_surface, read_stl, split_at_creases
+
+CUBE_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+CUBE_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+
+
+def volume(vertices, faces):
+    """Volume by the divergence theorem: sum of signed tetrahedra from the origin."""
+    a, b, c = (vertices.astype(float)[faces[:, k]] for k in range(3))
+    return np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+
+
+def stl_bytes(triangles):
+    record = np.zeros(
+        len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
+    record["corners"] = triangles
+    return b"made by a test".ljust(80) + len(triangles).to_bytes(4, "little") + record.tobytes()
+
+
+def test_capsule_vertices_lie_at_the_radius_from_the_segment():
+    surface = capsule_surface(0.07, 0.3)
+    points = surface.vertices.astype(float)
+    nearest = np.zeros_like(points)
+    nearest[:, 2] = np.clip(points[:, 2], -0.15, 0.15)
+    np.testing.assert_allclose(np.linalg.norm(points - nearest, axis=1), 0.07, atol=1e-7)
+
+
+@pytest.mark.parametrize(("radius", "length"), [(0.05, 0.3), (0.2, 0.01)])
+def test_capsule_encloses_the_volume_of_the_closed_form(radius, length):
+    surface = capsule_surface(radius, length, segments=96, rings=48)
+    exact = np.pi * radius**2 * length + 4 / 3 * np.pi * radius**3
+    inside = volume(surface.vertices, surface.faces)
+    assert 0.995 * exact < inside < exact
+
+
+def test_capsule_is_closed():
+    faces = capsule_surface(0.1, 0.2).faces.astype(int)
+    edges = [(face[k], face[(k + 1) % 3]) for face in faces for k in range(3)]
+    assert len(set(edges)) == len(edges)
+    assert {(b, a) for a, b in edges} == set(edges)
+
+
+def test_a_cube_keeps_its_sharp_edges():
+    surface = split_at_creases(CUBE_CORNERS, CUBE_FACES, np.deg2rad(35))
+    assert len(surface.vertices) == 24  # four corners for each of six sides
+    np.testing.assert_array_equal(surface.vertices[surface.faces], CUBE_CORNERS[CUBE_FACES])
+
+
+def test_a_round_body_shares_all_its_vertices():
+    ball = capsule_surface(0.1, 0.05)
+    surface = split_at_creases(ball.vertices, ball.faces, np.deg2rad(35))
+    assert len(surface.vertices) == len(ball.vertices)
+
+
+def test_reading_keeps_every_triangle_and_joins_equal_corners(tmp_path):
+    path = tmp_path / "cube.stl"
+    path.write_bytes(stl_bytes(CUBE_CORNERS[CUBE_FACES]))
+    surface = read_stl(path)
+    assert surface.faces.shape == (12, 3)
+    assert len(surface.vertices) == 24
+    assert volume(surface.vertices, surface.faces) == pytest.approx(1.0)
+
+
+def test_flat_triangles_are_dropped(tmp_path):
+    path = tmp_path / "cube.stl"
+    line = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 0]]], dtype=float)
+    path.write_bytes(stl_bytes(np.concatenate([CUBE_CORNERS[CUBE_FACES], line])))
+    assert read_stl(path).faces.shape == (12, 3)
+
+
+def test_a_surface_is_read_only():
+    surface = capsule_surface(0.1, 0.2)
+    with pytest.raises(ValueError, match="read-only"):
+        surface.vertices[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"short", "shorter than its header"),
+        (stl_bytes(CUBE_CORNERS[CUBE_FACES])[:-7], "12 triangles need 684 bytes, the file has 677"),
+        (stl_bytes(np.full((1, 3, 3), np.nan)), "NaN or infinite"),
+        (stl_bytes(np.zeros((0, 3, 3))), "holds no triangle"),
+        (stl_bytes(np.ones((2, 3, 3))), "holds no triangle"),
+    ],
+    ids=["short", "cut", "nan", "empty", "flat"],
+)
+def test_a_broken_file_is_refused_with_the_reason(tmp_path, data, message):
+    path = tmp_path / "broken.stl"
+    path.write_bytes(data)
+    with pytest.raises(FileFormatError, match=message) as caught:
+        read_stl(path)
+    assert caught.value.path == str(path)
+
+
+def test_a_missing_file_is_refused_by_name(tmp_path):
+    with pytest.raises(FileFormatError, match=r"nowhere\.stl: cannot read the mesh"):
+        read_stl(tmp_path / "nowhere.stl")

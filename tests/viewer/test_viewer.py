@@ -1,0 +1,223 @@
+"""The viewer on Pepper: what it draws is where kinematics says it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.viewer import JointMotion, Viewer, save_reach_html
+
+
+@dataclass(frozen=True)
+class Record:
+    """Times, positions and torques, as a run has them."""
+
+    time: np.ndarray
+    position: np.ndarray
+    torque: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def pepper():
+    return pk.load_pepper()
+
+
+@pytest.fixture(scope="module")
+def waving(pepper):
+    """Two seconds at 200 Hz: the left arm goes up, the head turns."""
+    start = pepper.posture("Stand")
+    goal = pepper.joint_vector({"LShoulderPitch": -1.2, "LElbowRoll": -1.0, "HeadYaw": 0.8})
+    times = np.linspace(0.0, 2.0, 401)
+    share = (0.5 - 0.5 * np.cos(np.pi * times / 2.0))[:, None]
+    return JointMotion(times, start + share * (goal - start), {"effort [N m]": np.sin(times)})
+
+
+def test_a_recording_has_every_link_where_kinematics_puts_it(pepper, waving, tmp_path, content_of):
+    path = Viewer(pepper).save_html(tmp_path / "motion.html", waving, fps=20.0)
+    motion = content_of(path)["motion"]
+    assert motion["times"].size == 41
+    names = [link["name"] for link in motion["links"]]
+    assert set(names) == {shape.link for shape in pepper.visual_shapes}
+    positions = motion["positions"].reshape(41, -1, 3)
+    quaternions = motion["quaternions"].reshape(41, -1, 4)
+    for frame in (0, 13, 40):
+        q = waving.positions[np.argmin(np.abs(waving.times - motion["times"][frame]))]
+        for index, name in enumerate(names):
+            pose = pk.kinematics.frame_pose(pepper, q, name)
+            np.testing.assert_allclose(positions[frame, index], pose[:3, 3], atol=1e-6)
+            turn = Rotation.from_quat(quaternions[frame, index]).inv() * Rotation.from_matrix(pose[:3, :3])
+            assert turn.magnitude() < 1e-6
+
+
+def test_a_recording_shows_looks_scene_targets_and_curves(pepper, waving, tmp_path, content_of):
+    scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
+    viewer = Viewer(pepper).add_scene(scene).add_target("left hand", (0.4, 0.2, 0.9))
+    path = viewer.save_html(tmp_path / "motion.html", waving, title="Over the table")
+    content = content_of(path)
+    paths = [command["path"] for command in content["commands"] if command["type"] == "set_object"]
+    assert len(paths) == len(pepper.visual_shapes) + 2
+    assert [p.split(" ", 1)[1] for p in paths if p.startswith("/world/")] == ["table", "left hand"]
+    assert [entry["name"] for entry in content["markers"]] == ["left hand"]
+    assert [curve["name"] for curve in content["motion"]["series"]] == ["effort [N m]"]
+    assert content["title"] == "Over the table"
+    table = next(c for c in content["commands"] if c["type"] == "set_transform" and "/world/" in c["path"])
+    assert table["matrix"][12:15] == [0.55, 0.0, 0.70]
+
+
+def test_ten_seconds_of_pepper_stay_below_three_megabytes(pepper, tmp_path):
+    times = np.linspace(0.0, 10.0, 1001)
+    motion = JointMotion(times, pepper.posture("Stand") + 0.02 * np.sin(times)[:, None])
+    assert Viewer(pepper).save_html(tmp_path / "motion.html", motion).stat().st_size < 3_000_000
+
+
+def test_collision_shapes_can_be_shown_instead(pepper, tmp_path, content_of):
+    viewer = Viewer(pepper, looks="collision")
+    content = content_of(viewer.save_html(tmp_path / "shapes.html", pepper.posture("Stand")))
+    assert len(content["commands"]) == 2 * len(pepper.collision_shapes)
+    assert content["motion"]["times"].size == 1
+
+
+def test_without_a_motion_pepper_stands(pepper, tmp_path, content_of):
+    motion = content_of(Viewer(pepper).save_html(tmp_path / "stand.html"))["motion"]
+    names = [link["name"] for link in motion["links"]]
+    hand = motion["positions"].reshape(-1, 3)[names.index("l_wrist")]
+    pose = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "l_wrist")
+    np.testing.assert_allclose(hand, pose[:3, 3], atol=1e-6)
+
+
+def test_a_trajectory_plays_with_its_velocities(pepper, tmp_path, content_of):
+    start, goal = pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.2, "HeadYaw": 0.5})
+    cubic = np.stack([start, 0 * start, 3 * (goal - start), -2 * (goal - start)])
+    trajectory = pk.Trajectory(pepper.joint_names, [0.0, 1.0], cubic[None])
+    motion = content_of(Viewer(pepper).save_html(tmp_path / "a.html", trajectory))["motion"]
+    assert (motion["times"][0], motion["times"][-1]) == (0.0, 1.0)
+    curves = {curve["name"]: curve["value"] for curve in motion["series"]}
+    assert len(curves) == pepper.n
+    times = motion["times"]
+    expected = (6 * times - 6 * times**2) * (0.5 - start[pepper.joint_index("HeadYaw")])
+    np.testing.assert_allclose(curves["HeadYaw velocity [rad/s]"], expected, atol=1e-6)
+    names = [link["name"] for link in motion["links"]]
+    hand = motion["positions"].reshape(times.size, -1, 3)[-1, names.index("l_wrist")]
+    np.testing.assert_allclose(hand, pk.kinematics.frame_pose(pepper, goal, "l_wrist")[:3, 3], atol=1e-6)
+
+
+def test_a_run_plays_with_its_torques(pepper, waving, tmp_path, content_of):
+    torque = np.outer(np.sin(waving.times), np.arange(1.0, pepper.n + 1))
+    path = Viewer(pepper).save_html(tmp_path / "a.html", Record(waving.times, waving.positions, torque))
+    motion = content_of(path)["motion"]
+    curves = {curve["name"]: curve for curve in motion["series"]}
+    assert list(curves) == [f"{joint} torque [N m]" for joint in pepper.joint_names]
+    np.testing.assert_allclose(curves["HeadYaw torque [N m]"]["high"].max(), 4.0, atol=1e-3)
+
+
+def test_a_reach_shows_its_targets_and_its_world(pepper, waving, tmp_path, content_of):
+    scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
+    run = Record(waving.times, waving.positions, np.zeros_like(waving.positions))
+    outcome = SimpleNamespace(
+        hand="left", target=np.array([0.4, 0.2, 0.9]), gaze=np.array([1.0, 0, 1]), scene=scene, run=run
+    )
+    content = content_of(save_reach_html(pepper, outcome, tmp_path / "a.html"))
+    assert content["title"] == "Pepper reaches with the left hand"
+    assert [entry["name"] for entry in content["markers"]] == ["left hand", "gaze"]
+    assert "table" in " ".join(command["path"] for command in content["commands"])
+    with pytest.raises(InvalidValueError, match="outcome: got a reach without a run"):
+        save_reach_html(pepper, SimpleNamespace(run=None), tmp_path / "b.html")
+
+
+def test_a_trajectory_of_another_robot_is_refused(pepper, tmp_path):
+    other = pk.Trajectory(("Elbow",), [0.0, 1.0], np.zeros((1, 2, 1)))
+    with pytest.raises(InvalidValueError, match="joints of the trajectory: got Elbow, expected KneePitch"):
+        Viewer(pepper).save_html(tmp_path / "a.html", other)
+
+
+def test_a_motion_is_copied_and_read_only(pepper):
+    positions = np.zeros((2, pepper.n))
+    motion = JointMotion(np.array([0.0, 1.0]), positions)
+    positions[:] = 9.0
+    assert (motion.positions == 0.0).all()
+    with pytest.raises(ValueError, match="read-only"):
+        motion.positions[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("motion", "message"),
+    [
+        (object(), "motion: got object, expected a run, a trajectory, a JointMotion or joint positions"),
+        (
+            Record(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3))),
+            r"positions of the run: got shape \(1, 3\)",
+        ),
+        (np.zeros(3), r"q: got shape \(3,\), expected shape \(\.\.\., 15\)"),
+        (np.full(15, np.nan), "q: got nan at joint"),
+        (np.zeros((2, 15)), r"q: got shape \(2, 15\), expected shape \(15,\)"),
+        (JointMotion(np.array([0.0, 1.0]), np.zeros((2, 4))), r"positions: got shape \(2, 4\)"),
+        (JointMotion(np.array([1.0, 0.0]), np.zeros((2, 15))), "times: got 1 s followed by 0 s"),
+    ],
+)
+def test_motions_that_do_not_fit_are_refused_by_name(pepper, tmp_path, motion, message):
+    with pytest.raises(InvalidValueError, match=message):
+        Viewer(pepper).save_html(tmp_path / "a.html", motion)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_series_targets_and_looks_are_refused_by_name(pepper, waving, tmp_path):
+    with pytest.raises(InvalidValueError, match=r"series 'x': got shape \(2,\), expected shape \(401,\)"):
+        Viewer(pepper).save_html(tmp_path / "a.html", waving, series={"x": [1.0, 2.0]})
+    with pytest.raises(InvalidValueError, match="position of 'hand': got inf"):
+        Viewer(pepper).add_target("hand", (np.inf, 0, 0))
+    with pytest.raises(UnknownNameError, match="unknown looks 'shiny'; available: visual, collision"):
+        Viewer(pepper, looks="shiny")
+
+
+@pytest.mark.browser
+def test_a_picture_shows_a_white_robot_in_the_middle(chromium_path, pepper, tmp_path):
+    path = Viewer(pepper).save_image(tmp_path / "pepper.png", size=(240, 300), view="front")
+    pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    assert pixels.shape == (300, 240, 3)
+    middle, edge = pixels[60:250, 100:140], pixels[60:250, :15]
+    assert np.ptp(middle) > 150  # white shell and dark tablet, neck and waist
+    assert np.ptp(edge) < 120  # floor and sky alone
+    columns = np.nonzero((pixels.max(axis=2) < 40).any(axis=0))[0]  # tablet, neck, elbows, waist
+    assert abs(columns.min() + columns.max() - 239) < 10  # from the front it is symmetric
+
+
+@pytest.mark.browser
+def test_a_live_page_shows_and_plays(browser, pepper, waving):
+    where = (
+        "viewer.scene_tree.find(['links', 'l_wrist']).object.getWorldPosition(new MeshCat.THREE.Vector3())"
+    )
+    read = f"() => {{ viewer.scene.updateMatrixWorld(true); const p = {where}; return [p.x, -p.z, p.y]; }}"
+
+    def hand(q):
+        return pk.kinematics.frame_pose(pepper, q, "l_wrist")[:3, 3]
+
+    def reaches(page, point):
+        for _ in range(1000):
+            if np.abs(np.array(page.evaluate(read)) - point).max() < 1e-4:
+                return True
+            page.wait_for_timeout(20)
+        return False
+
+    with Viewer(pepper) as viewer:
+        assert viewer.url is None
+        url = viewer.show(waving.positions[0])
+        assert url.startswith("http://127.0.0.1:")
+        page = browser.new_page()
+        page.goto(url)
+        assert reaches(page, hand(waving.positions[0]))
+        assert viewer.show(waving.positions[-1]) == url
+        assert reaches(page, hand(waving.positions[-1]))
+        assert viewer.play(waving) == viewer.url == url
+        page.evaluate("viewer.animator.seek(1)")
+        page.evaluate("viewer.animator.pause()")
+        page.evaluate("viewer.animator.seek(1)")
+        assert reaches(page, hand(waving.positions[200]))
+        page.close()
+    assert viewer.url is None
