@@ -75,13 +75,14 @@ def test_errors_by_plain_geometry():
 
 def test_direction_residual_grows_up_to_a_half_turn():
     axis = np.array([1.0, 0.0, 0.0])
+    basis = sideways_basis(axis)
     angles = np.concatenate([[0.0, 1e-9, 1e-4, 9.9e-4, 1.1e-3], np.linspace(0.01, math.pi - 1e-5, 50)])
     for angle in angles:
         direction = np.array([math.cos(angle), math.sin(angle) * 0.6, math.sin(angle) * 0.8])
-        residual, slope = direction_residual(axis, direction)
+        residual, slope = direction_residual(axis, basis, direction)
         assert np.linalg.norm(residual) == pytest.approx(angle, abs=1e-9)
         assert np.isfinite(slope).all()
-    residual, slope = direction_residual(axis, -axis)
+    residual, slope = direction_residual(axis, basis, -axis)
     assert np.linalg.norm(residual) == pytest.approx(math.pi, abs=1e-6)
     assert np.isfinite(slope).all()
     assert np.abs(slope.T @ residual).max() > 0.1
