@@ -57,8 +57,7 @@ def solve(
         tasks: What to fulfil, such as `HandPosition` and `LookAt`.
         q0: Where to start and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         solver: "placo" or "proxsuite".
-        scene: The world to keep clear of, and the robot of itself; an empty `Scene()` for the robot alone;
-            None to leave collisions out.
+        scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
         max_iterations: Steps from each start.
