@@ -78,12 +78,7 @@ def solve(
     start = _checked_start(pepper, q0)
     movable = movable_joints(pepper, joints)
     _check_scene(scene)
-    budget = Budget(
-        seed=_whole("seed", seed, 0),
-        restarts=_whole("restarts", restarts, 0),
-        max_iterations=_whole("max_iterations", max_iterations, 1),
-        deadline=math.inf if timeout is None else begin + check_positive("timeout", timeout, "s"),
-    )
+    budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
     collisions = Collisions(pepper, scene)
     problem = make_problem(pepper, parts, start, movable, keep_idle=scene is None)
     found = search(problem, make_solver(solver, problem), collisions, budget)
@@ -112,6 +107,17 @@ def _hint(status: Status, problem: Problem, solver: str, budget: Budget) -> str:
     if whole.movable.sum() > problem.movable.sum() and would_all_joints_help(whole, solver, budget):
         return "with all joints free it would be reached"
     return ""
+
+
+def _checked_budget(
+    seed: int, restarts: int, max_iterations: int, timeout: float | None, begin: float
+) -> Budget:
+    return Budget(
+        seed=_whole("seed", seed, 0),
+        restarts=_whole("restarts", restarts, 0),
+        max_iterations=_whole("max_iterations", max_iterations, 1),
+        deadline=math.inf if timeout is None else begin + check_positive("timeout", timeout, "s"),
+    )
 
 
 def _checked_start(pepper: PepperModel, q0: ArrayLike | None) -> Array:
