@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import IKResult, solve
+from pepper_kin.ik import IKResult, Task, solve
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.motion.plan_result import PlanStatus
@@ -52,9 +52,9 @@ def goals_of(
     """
     pepper = checker.pepper
     if _are_tasks(goal):
-        ik: IKResult
+        tasks = cast("Sequence[Task]", goal)
         for scene in (checker.scene.padded(margin), checker.scene):
-            ik = solve(pepper, goal, q0=start, scene=scene, seed=seed, joints=joints, timeout=timeout / 3)
+            ik = solve(pepper, tasks, q0=start, scene=scene, seed=seed, joints=joints, timeout=timeout / 3)
             if ik.success and fault_of(checker, ik.q, "goal") is None:
                 break
         if not ik.success:
