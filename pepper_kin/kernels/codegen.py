@@ -104,12 +104,12 @@ class _ChunkWriter:
         if operation.name == "input":
             slot = self._angle_slots[int(operation.immediate)]
             return w.load(w.element_address("%work", slot)), w.load(w.element_address("%work", slot + 1))
-        return _call_sine_cosine(w, self.compute(argument))
+        return _call_sine_cosine(w, "sine_cosine_called", self.compute(argument))
 
 
-def _call_sine_cosine(w: Writer, argument: str) -> tuple[str, str]:
+def _call_sine_cosine(w: Writer, function: str, argument: str) -> tuple[str, str]:
     v = w.lanes.vector
-    both = w.value(f"call {{{v}, {v}}} @sine_cosine({v} {argument}, ptr %constants)")
+    both = w.value(f"call {{{v}, {v}}} @{function}({v} {argument}, ptr %constants)")
     return w.value(f"extractvalue {{{v}, {v}}} {both}, 0"), w.value(f"extractvalue {{{v}, {v}}} {both}, 1")
 
 
@@ -120,7 +120,7 @@ def _angles_function(angles: tuple[int, ...], constants: ConstantTable) -> str:
 
     def one(index: str) -> None:
         element = w.value(f"load i64, ptr {w.element_address('@angles', index, 'i64')}")
-        results = _call_sine_cosine(w, w.load(w.element_address("%in", element)))
+        results = _call_sine_cosine(w, "sine_cosine", w.load(w.element_address("%in", element)))
         slot = w.value(f"mul nuw nsw i64 {index}, 2")
         for k, result in enumerate(results):
             w.store(result, w.element_address(w.element_address("%work", slot), k))

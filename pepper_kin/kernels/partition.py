@@ -20,7 +20,7 @@ from pepper_kin.kernels.instructions import Operation, Program
 TRIGONOMETRIC = frozenset(("sin", "cos", "tan"))
 """Operations that are computed from sine and cosine."""
 
-_WEIGHTS = {"sin": 12, "cos": 12, "tan": 24}
+_WEIGHTS = {"sin": 4, "cos": 4, "tan": 8}
 
 
 @dataclass(frozen=True)

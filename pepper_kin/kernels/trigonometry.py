@@ -69,9 +69,11 @@ def range_limit(dtype: str, has_fma: bool) -> float:
 def sine_cosine_functions(constants: ConstantTable, has_fma: bool) -> str:
     """IR of `{vector, vector} @sine_cosine(vector, constants)`: sine and cosine of every lane.
 
-    Vectors with a lane beyond `range_limit` (or NaN) go lane by lane to the C library.
+    Vectors with a lane beyond `range_limit` (or NaN) go lane by lane to the C library.  `@sine_cosine` is copied
+    into its caller, which pays in a loop; `@sine_cosine_called` is the same as a call, which keeps straight-line
+    code with many angles short.
     """
-    return _near_function(constants, has_fma) + _far_function(constants)
+    return _near_function(constants, has_fma) + _called_function(constants) + _far_function(constants)
 
 
 def _near_function(constants: ConstantTable, has_fma: bool) -> str:
@@ -155,6 +157,13 @@ def _with_sign_of(w: Writer, sine: str, r: str) -> str:
     sign = w.binary("and", w.value(f"bitcast {v} {r} to {i}"), sign_bit, i)
     signed = w.binary("or", w.value(f"bitcast {v} {sine} to {i}"), sign, i)
     return w.value(f"bitcast {i} {signed} to {v}")
+
+
+def _called_function(constants: ConstantTable) -> str:
+    w, v = Writer(constants.lanes), constants.lanes.vector
+    parameters = f"({v} %x, ptr %constants)"
+    w.line(f"ret {{{v}, {v}}} {w.value(f'call {{{v}, {v}}} @sine_cosine{parameters}')}")
+    return w.function(f"internal {{{v}, {v}}} @sine_cosine_called{parameters} noinline nounwind")
 
 
 def _far_function(constants: ConstantTable) -> str:
