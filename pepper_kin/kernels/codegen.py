@@ -148,7 +148,8 @@ def _chunk_function(program: Program, parts: Partition, index: int, constants: C
         for element in elements:
             w.store(name, w.element_address("%out", element))
     w.line("ret void")
-    return w.function(f"void @chunk{index}({_CHUNK_PARAMETERS}) noinline nounwind")
+    # Registers saved on the stack are whole vectors: without the alignment, some would straddle cache lines.
+    return w.function(f"void @chunk{index}({_CHUNK_PARAMETERS}) noinline nounwind alignstack(64)")
 
 
 def _block_function(chunk_count: int, lanes: Lanes) -> str:

@@ -118,6 +118,21 @@ def test_no_arithmetic_flag_but_contraction():
     assert "fadd contract" in ir
 
 
+@pytest.mark.parametrize("vector_bytes", [16, 32, 64])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_every_vector_width_gives_the_same(dtype, vector_bytes):
+    """Vectors wider than the processor's registers are split, so this runs on any processor."""
+    target = dataclasses.replace(host_target(), vector_bytes=vector_bytes)
+    rng = np.random.default_rng(9)
+    function = random_function(rng, 60)
+    x, y = rng.normal(size=(41, 4)), rng.normal(size=(41, 1))
+    kernel = compile_function(function, dtype=dtype, target=target, cache=False)
+    reference = compile_function(function, dtype=dtype, cache=False)
+    assert kernel.lanes == vector_bytes // kernel.dtype.itemsize
+    for got, want in zip(kernel(x, y), reference(x, y), strict=True):
+        np.testing.assert_array_equal(got, want)
+
+
 @pytest.mark.skipif(not host_target().triple.startswith("x86_64"), reason="x86 instructions")
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_plain_processor_gives_the_same(dtype):
