@@ -29,7 +29,7 @@ from pepper_kin.kernels.threads import run_in_pieces
 if TYPE_CHECKING:
     import casadi
 
-CHUNK_LENGTH = 6000
+CHUNK_LENGTH = 200
 """Operations per compiled function, at most; longer programs are cut."""
 
 _SLOW_COMPILATION = 2.0  # [s]; beyond, the first use says so

@@ -1,9 +1,13 @@
 """Cutting a long program into chunks, each of which becomes one function.
 
-The time to compile a straight-line function grows faster than its length.  Chunks of bounded length keep it
-linear.  Inside a chunk values live in registers; a value that a later chunk reads is kept in a slot of a work
-array, and a slot is used again once its last reader has run.  Constants and inputs need no slot: every chunk
-reads them where they are.
+The time to compile a straight-line function grows faster than its length; chunks of bounded length keep it
+linear.  Chunks of a few hundred operations are also faster: within one function LLVM moves operations over
+any distance, and what it moves away from its use has to be saved and fetched again.  CasADi's own order,
+depth first, keeps few values alive.
+
+Inside a chunk values live in registers; a value that a later chunk reads is kept in a slot of a work array,
+and a slot is used again once its last reader has run.  Constants and inputs need no slot: every chunk reads
+them where they are.
 
 Sines and cosines of inputs (of joint angles, say) are taken before the first chunk, in one small loop, and
 stay in the first slots: the loop overlaps several of them, where straight-line code would wait for each.
@@ -14,13 +18,12 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import accumulate
 
 from pepper_kin.kernels.instructions import Operation, Program
 
 TRIGONOMETRIC = frozenset(("sin", "cos", "tan"))
 """Operations that are computed from sine and cosine."""
-
-_WEIGHTS = {"sin": 4, "cos": 4, "tan": 8}
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ def partition(program: Program, chunk_length: int) -> Partition:
 
     Args:
         program: The program.
-        chunk_length: Number of operations of a chunk, at most; sine and cosine count for twelve.
+        chunk_length: Number of operations of a chunk, at most.
     """
     angles = {value: None for value in map(_angle_of(program), program.operations) if value is not None}
     runs = _runs(program, chunk_length)
@@ -98,25 +101,36 @@ def _angle_of(program: Program) -> Callable[[Operation], int | None]:
 
 
 def _runs(program: Program, chunk_length: int) -> list[list[int]]:
-    """Consecutive operations, cut where the weight reaches `chunk_length`; there is always one run."""
+    """Consecutive operations, at least one run; cut in the second half, where fewest values are alive."""
     angle = _angle_of(program)
-    weights = {
-        value: 1 if angle(operation) is not None else _WEIGHTS.get(operation.name, 1)
+    values = [
+        value
         for value, operation in enumerate(program.operations)
         if not operation.is_leaf and (angle(operation) is None or operation.name == "tan")
-    }
-    total = sum(weights.values())
-    # Equal parts: a short last chunk would cost a call for little.
-    limit = total / max(1, -(-total // chunk_length))
-    runs: list[list[int]] = [[]]
-    sum_so_far = 0.0
-    for value, weight in weights.items():
-        if sum_so_far >= limit:
-            runs.append([])
-            sum_so_far -= limit
-        runs[-1].append(value)
-        sum_so_far += weight
-    return runs
+    ]
+    alive = _alive_after(program, values)
+    runs, start = [], 0
+    while len(values) - start > chunk_length:
+        # The later of two equal places: fewer chunks.
+        cut = min(range(chunk_length, max(1, chunk_length // 2) - 1, -1), key=lambda n: alive[start + n - 1])
+        runs.append(values[start : start + cut])
+        start += cut
+    return [*runs, values[start:]]
+
+
+def _alive_after(program: Program, values: list[int]) -> list[int]:
+    """How many of the values, computed in this order, are still to be read after each of them."""
+    place = {value: index for index, value in enumerate(values)}
+    last_read = list(range(len(values)))
+    for index, value in enumerate(values):
+        for operand in program.operations[value].operands:
+            if operand in place:
+                last_read[place[operand]] = index
+    change = [0] * (len(values) + 1)
+    for index, last in enumerate(last_read):
+        change[index] += 1
+        change[last] -= 1
+    return list(accumulate(change))[:-1]
 
 
 def _assign_slots(
