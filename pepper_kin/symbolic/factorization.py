@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pepper_kin.exceptions import ModelError
 from pepper_kin.symbolic.scalars import Scalar, Value, reciprocal
 
 
@@ -60,13 +61,20 @@ class Factors:
         return result
 
 
-def factorize(entries: Mapping[tuple[int, int], Value], n: int) -> Factors:
+def factorize(entries: Mapping[tuple[int, int], Value], joint_names: Sequence[str]) -> Factors:
     """Factorize a symmetric positive definite matrix.
 
     Args:
         entries: Lower half without its zeros.
-        n: Number of rows.
+        joint_names: Name of the joint of each row.
+
+    Raises:
+        ModelError: naming the joints that move no mass: M has no inverse.
     """
+    n = len(joint_names)
+    idle = [name for i, name in enumerate(joint_names) if _is_zero(entries.get((i, i), 0.0))]
+    if idle:
+        raise ModelError(f"the mass matrix has no inverse: no mass is moved by {', '.join(idle)}")
     rows: list[dict[int, Value]] = [
         {j: entries[i, j] for j in range(i + 1) if (i, j) in entries and not _is_zero(entries[i, j])}
         for i in range(n)

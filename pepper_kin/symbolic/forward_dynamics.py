@@ -34,6 +34,7 @@ def forward_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
+        ModelError: naming joints that move no mass.
     """
     tree = read_tree(pepper, compact=True)
     graph, inputs = new_inputs(tree, "q", "v", "tau")
@@ -41,6 +42,6 @@ def forward_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
         inputs["wrench"] = graph.inputs(6)
     state = make_state(tree, inputs["q"], inputs["v"])
     bias = gather(tree.full_map, full_torques(state, contact_frame, inputs.get("wrench")))
-    factors = factorize(coupled_entries(state, mass_entries(state)), pepper.n)
+    factors = factorize(coupled_entries(state, mass_entries(state)), pepper.joint_names)
     a = factors.solve([tau - b for tau, b in zip(inputs["tau"], bias, strict=True)])
     return make_function("forward_dynamics", graph, inputs, {"a": [[value] for value in a]})

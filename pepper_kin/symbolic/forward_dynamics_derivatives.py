@@ -32,12 +32,15 @@ def forward_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
 
     Returns:
         Function of q, v, tau (n each); outputs `da_dq`, `da_dv`, `da_dtau` (n, n).
+
+    Raises:
+        ModelError: naming joints that move no mass.
     """
     tree = read_tree(pepper, compact=True)
     graph, inputs = new_inputs(tree, "q", "v", "tau")
     state = make_state(tree, inputs["q"], inputs["v"])
     bias = gather(tree.full_map, full_torques(state))
-    factors = factorize(coupled_entries(state, mass_entries(state)), pepper.n)
+    factors = factorize(coupled_entries(state, mass_entries(state)), pepper.joint_names)
     a = factors.solve([tau - b for tau, b in zip(inputs["tau"], bias, strict=True)])
     derivatives = torque_derivatives(make_state(tree, inputs["q"], inputs["v"], a))
     outputs = {

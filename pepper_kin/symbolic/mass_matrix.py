@@ -45,11 +45,14 @@ def inverse_mass_matrix(pepper: PepperModel) -> casadi.Function:
 
     Returns:
         Function of q (n); output `inverse_mass` (n, n).
+
+    Raises:
+        ModelError: naming joints that move no mass.
     """
     tree = read_tree(pepper, compact=True)
     graph, inputs = new_inputs(tree, "q")
     state = make_state(tree, inputs["q"])
     entries = coupled_entries(state, mass_entries(state))
-    inverse = factorize(entries, pepper.n).inverse_entries()
+    inverse = factorize(entries, pepper.joint_names).inverse_entries()
     rows = symmetric_rows(inverse, pepper.n)
     return make_function("inverse_mass_matrix", graph, inputs, {"inverse_mass": rows})
