@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
@@ -45,4 +45,4 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
         moment = rate.angular + np.cross(center, rate.linear) - np.cross(center_all, weight)
         return np.concatenate([rate.linear - weight, moment])
 
-    return over_states(pepper, one, (6,), q=q, v=v, a=a)
+    return over_states(pepper, one, (6,), ("base_wrench",), q=q, v=v, a=a)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -35,4 +35,4 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         moving = pinocchio.centerOfMass(model, data, pepper.to_full(q), False)
         return (data.mass[0] * moving + still.mass * still.lever) / mass
 
-    return over_states(pepper, one, (3,), q=q)
+    return over_states(pepper, one, (3,), ("center_of_mass",), q=q)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> NDArray[np.float64]:
@@ -41,4 +41,4 @@ def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: Array
         bias = pinocchio.nonLinearEffects(model, data, q_full, v_full) @ full_map
         return np.asarray(np.linalg.solve(mass, tau - bias))
 
-    return over_states(pepper, one, (pepper.n,), q=q, v=v, tau=tau)
+    return over_states(pepper, one, (pepper.n,), ("forward_dynamics",), q=q, v=v, tau=tau)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
@@ -35,7 +35,7 @@ def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLi
         tau = pinocchio.rnea(model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a))
         return tau @ pepper.full_map if pepper.is_coupled else tau
 
-    return over_states(pepper, one, (pepper.n,), q=q, v=v, a=a)
+    return over_states(pepper, one, (pepper.n,), ("inverse_dynamics",), q=q, v=v, a=a)
 
 
 def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -56,4 +56,4 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         tau = pinocchio.computeGeneralizedGravity(model, data, pepper.to_full(q))
         return tau @ pepper.full_map if pepper.is_coupled else tau
 
-    return over_states(pepper, one, (pepper.n,), q=q)
+    return over_states(pepper, one, (pepper.n,), ("gravity_torque",), q=q)

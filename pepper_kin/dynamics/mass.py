@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def total_mass(pepper: PepperModel) -> float:
@@ -39,4 +39,4 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         full = upper + np.triu(upper, 1).T
         return full_map.T @ full @ full_map if pepper.is_coupled else full
 
-    return over_states(pepper, one, (pepper.n, pepper.n), q=q)
+    return over_states(pepper, one, (pepper.n, pepper.n), ("mass_matrix",), q=q)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -57,7 +57,7 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
             result[place] = pinocchio.updateFramePlacement(model, data, frame_id).homogeneous
         return result
 
-    return over_states(pepper, one, (len(ids), 4, 4), q=q)
+    return over_states(pepper, one, (len(ids), 4, 4), ("frame_poses", tuple(frames)), q=q)
 
 
 def link_poses(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:

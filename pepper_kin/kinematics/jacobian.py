@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -36,4 +36,4 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
         jacobian = pinocchio.computeFrameJacobian(model, data, pepper.to_full(q), frame_id, axes)
         return jacobian @ full_map if coupled else jacobian
 
-    return over_states(pepper, one, (6, pepper.n), q=q)
+    return over_states(pepper, one, (6, pepper.n), ("frame_jacobian", frame), q=q)
