@@ -61,8 +61,8 @@ def reach(
 ) -> None:
     """Reach with a hand, look at a point, and do it safely.
 
-    Example: pepper-kin reach --hand left --at 0.35 0.2 0.85 --look-at 0.6 0.1 0.8
-    --avoid-box 0.6,1.0,0.04,0.6,0,0.7 -o out
+    Example: pepper-kin reach --hand left --at 0.38 0.22 0.82 --look-at 0.5 0.1 0.8
+    --avoid-box 0.4,0.8,0.03,0.47,0.05,0.715 -o out
     """
     from pepper_kin.jobs import reach as run_reach
     from pepper_kin.model import load_pepper

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,10 @@ from pepper_kin.ik.solvers.step_solver import StepSolver
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 
-# The search for the closest point ends when this many starts agree on the weighted distance this well.
+# The search for the closest point ends when so many starts, of at least so many, agree this well on the
+# weighted distance.
 AGREEING_STARTS = 4
+LEAST_STARTS = 10
 AGREEMENT = 1e-3
 
 # How many more starts are spent on a find whose only fault is that its motors could not hold it.
@@ -166,7 +169,7 @@ def torque_ratios(pepper: PepperModel, q: Array) -> Array:
 
 def _agree(costs: list[float], met_in_collision: bool) -> bool:
     """Whether the least weighted distance was found often enough to be believed."""
-    if met_in_collision:
+    if met_in_collision or len(costs) < LEAST_STARTS:
         return False
     distances = np.sqrt(2 * np.array(costs))
     return int(np.sum(distances < distances.min() + AGREEMENT)) >= AGREEING_STARTS

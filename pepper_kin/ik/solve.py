@@ -57,8 +57,7 @@ def solve(
         tasks: What to fulfil, such as `HandPosition` and `LookAt`.
         q0: Where to start and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         solver: "placo" or "proxsuite".
-        scene: The world to keep clear of, and the robot of itself; an empty `Scene()` for the robot alone;
-            None to leave collisions out.
+        scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
         max_iterations: Steps from each start.
@@ -79,12 +78,7 @@ def solve(
     start = _checked_start(pepper, q0)
     movable = movable_joints(pepper, joints)
     _check_scene(scene)
-    budget = Budget(
-        seed=_whole("seed", seed, 0),
-        restarts=_whole("restarts", restarts, 0),
-        max_iterations=_whole("max_iterations", max_iterations, 1),
-        deadline=math.inf if timeout is None else begin + check_positive("timeout", timeout, "s"),
-    )
+    budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
     collisions = Collisions(pepper, scene)
     problem = make_problem(pepper, parts, start, movable, keep_idle=scene is None)
     found = search(problem, make_solver(solver, problem), collisions, budget)
@@ -113,6 +107,17 @@ def _hint(status: Status, problem: Problem, solver: str, budget: Budget) -> str:
     if whole.movable.sum() > problem.movable.sum() and would_all_joints_help(whole, solver, budget):
         return "with all joints free it would be reached"
     return ""
+
+
+def _checked_budget(
+    seed: int, restarts: int, max_iterations: int, timeout: float | None, begin: float
+) -> Budget:
+    return Budget(
+        seed=_whole("seed", seed, 0),
+        restarts=_whole("restarts", restarts, 0),
+        max_iterations=_whole("max_iterations", max_iterations, 1),
+        deadline=math.inf if timeout is None else begin + check_positive("timeout", timeout, "s"),
+    )
 
 
 def _checked_start(pepper: PepperModel, q0: ArrayLike | None) -> Array:

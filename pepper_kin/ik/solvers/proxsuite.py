@@ -66,6 +66,9 @@ class ProxsuiteSolver(StepSolver):
         if programme is None:
             programme = proxqp.dense.QP(self._index.size, 0, rows, True)
             programme.settings.eps_abs = ACCURACY
+            # Started warm, small residuals alone do not show that the bounds which hold have been found.
+            programme.settings.check_duality_gap = True
+            programme.settings.eps_duality_gap_abs = ACCURACY
             programme.settings.max_iter = 1000
             programme.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
             programme.init(hessian, gradient, None, None, normals, least, offsets, lower, upper)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.direction import direction_residual
+from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
@@ -36,6 +36,7 @@ class AxisAlignment(Task):
         frame: A name of `pepper.frame_names`.
         direction: u, unit vector in the world, shape (3,), read-only.
         axis: a, unit vector in the frame, shape (3,), read-only.
+        basis: B, two directions across the axis in the frame, shape (2, 3), read-only.
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
         label: What is turned, in words; the frame's name if left empty.
@@ -44,6 +45,7 @@ class AxisAlignment(Task):
     frame: str
     direction: Array
     axis: Array
+    basis: Array
     weight: float
     tolerance: float
     label: str
@@ -63,6 +65,7 @@ class AxisAlignment(Task):
         object.__setattr__(self, "label", name)
         object.__setattr__(self, "direction", _unit(direction, f"direction of {name}"))
         object.__setattr__(self, "axis", _unit(axis, f"axis of {name}"))
+        object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
 
@@ -78,7 +81,7 @@ class AxisAlignment(Task):
         """Return dr/dd R^T [u]x J_w, shape (2, n)."""
         _, slope, rotation = self._turn(pepper, q)
         angular = frame_jacobian(pepper, q, self.frame)[3:]
-        return slope @ rotation.T @ np.cross(self.direction, angular, axisb=0, axisc=0)
+        return slope @ rotation.T @ cross_matrix(self.direction) @ angular
 
     def size(self, residual: Array) -> float:
         """Return the angle between axis and direction [rad]."""
@@ -96,7 +99,7 @@ class AxisAlignment(Task):
 
     def _turn(self, pepper: PepperModel, q: Array) -> tuple[Array, Array, Array]:
         rotation = frame_pose(pepper, q, self.frame)[:3, :3]
-        residual, slope = direction_residual(self.axis, rotation.T @ self.direction)
+        residual, slope = direction_residual(self.axis, self.basis, rotation.T @ self.direction)
         return residual, slope, rotation
 
 

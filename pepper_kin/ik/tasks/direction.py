@@ -23,7 +23,13 @@ def sideways_basis(axis: Array) -> Array:
     return np.array([first, np.cross(axis, first)])
 
 
-def direction_residual(axis: Array, direction: Array) -> tuple[Array, Array]:
+def cross_matrix(vector: Array) -> Array:
+    """Return [a]x, shape (3, 3): [a]x b = a x b."""
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def direction_residual(axis: Array, basis: Array, direction: Array) -> tuple[Array, Array]:
     """Return r and dr/dd of the turn from a unit axis a to a unit direction d.
 
     r = (theta / sin theta) B d, where B d are the two components of d across the axis and theta is the angle
@@ -34,14 +40,14 @@ def direction_residual(axis: Array, direction: Array) -> tuple[Array, Array]:
 
     Args:
         axis: a, shape (3,).
+        basis: B, shape (2, 3), see `sideways_basis`.
         direction: d, shape (3,).
 
     Returns:
         r, shape (2,) [rad], and dr/dd, shape (2, 3).
     """
-    basis = sideways_basis(axis)
     across, cosine = basis @ direction, float(axis @ direction)
-    sine = float(np.hypot(across[0], across[1]))
+    sine = math.hypot(across[0], across[1])
     theta = math.atan2(sine, cosine)
     if sine < PARALLEL and cosine < 0:
         # Exactly behind: every way round is as good, so take the first.

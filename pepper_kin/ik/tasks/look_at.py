@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.ik.tasks.direction import direction_residual
+from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
@@ -44,6 +44,7 @@ class LookAt(Task):
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
         axis: The view axis in the frame, shape (3,), read-only.
+        basis: Two directions across the axis in the frame, shape (2, 3), read-only.
         label: Whose gaze, in words.
     """
 
@@ -52,6 +53,7 @@ class LookAt(Task):
     weight: float
     tolerance: float
     axis: Array
+    basis: Array
     label: str
     unit: ClassVar[str] = "rad"
 
@@ -70,6 +72,7 @@ class LookAt(Task):
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
         object.__setattr__(self, "axis", read_only((0.0, 0.0, 1.0) if optical else (1.0, 0.0, 0.0)))
+        object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the camera."""
@@ -79,14 +82,14 @@ class LookAt(Task):
         """Return the turn still to make [rad], shape (2,)."""
         pose = frame_pose(pepper, q, self.frame)
         direction, _ = self.sight(pose[:3, 3])
-        return direction_residual(self.axis, pose[:3, :3].T @ direction)[0]
+        return direction_residual(self.axis, self.basis, pose[:3, :3].T @ direction)[0]
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return dr/dd dd/dq, shape (2, n)."""
         pose, jacobian = frame_pose(pepper, q, self.frame), frame_jacobian(pepper, q, self.frame)
         rotation, (direction, distance) = pose[:3, :3], self.sight(pose[:3, 3])
-        slope = direction_residual(self.axis, rotation.T @ direction)[1]
-        turning = np.cross(direction, jacobian[3:], axisb=0, axisc=0)
+        slope = direction_residual(self.axis, self.basis, rotation.T @ direction)[1]
+        turning = cross_matrix(direction) @ jacobian[3:]
         moving = (jacobian[:3] - np.outer(direction, direction @ jacobian[:3])) / distance
         return slope @ rotation.T @ (turning - moving)
 
