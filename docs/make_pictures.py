@@ -14,7 +14,7 @@ def main() -> None:
     pepper = pk.load_pepper()
     outcome = run_demo(pepper)
     viewer = pk.Viewer(pepper).add_scene(outcome.scene).add_target("hand", outcome.target)
-    at_time = 0.9 * outcome.trajectory.duration
+    at_time = outcome.trajectory.duration
     viewer.save_image(FOLDER / "demo.png", outcome.run, at_time=at_time, size=(1280, 720))
     for looks in ("visual", "collision"):
         for view in ("front", "side", "three-quarter"):
