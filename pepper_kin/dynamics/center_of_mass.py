@@ -43,6 +43,31 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     return over_states(pepper, one, (3,), q=q)
 
 
+def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return J_c(q): the velocity of the centre of mass of all links is J_c v.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+
+    Returns:
+        J_c in world axes [m/rad], shape (..., 3, n).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN or infinity.
+    """
+    import pinocchio
+
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    share = 1.0 - model.inertias[0].mass / total_mass(pepper)
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False) @ pepper.full_map
+        return np.asarray(moving * share)
+
+    return over_states(pepper, one, (3, pepper.n), q=q)
+
+
 def zero_moment_point(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
     """Return the zero-moment point: where the floor's force acts so that it needs no tipping moment.
 
