@@ -76,6 +76,8 @@ def _by_kernel(
     except InvalidValueError:
         _finite(pepper, arrays, quantities)  # says which joint it is
         raise
+    if isinstance(result, tuple):
+        result = np.stack(result, axis=1)
     return np.asarray(result).reshape(*batch, *shape)
 
 

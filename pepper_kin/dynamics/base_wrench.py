@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
@@ -30,8 +31,6 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     still, mass = model.inertias[0], total_mass(pepper)
     weight = mass * np.asarray(model.gravity.linear)

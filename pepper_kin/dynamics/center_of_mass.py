@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
@@ -25,8 +26,6 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     still = model.inertias[0]
     mass = total_mass(pepper)
@@ -36,3 +35,26 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         return (data.mass[0] * moving + still.mass * still.lever) / mass
 
     return over_states(pepper, one, (3,), ("center_of_mass",), q=q)
+
+
+def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return J_c(q): the velocity of the centre of mass of all links is J_c v.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+
+    Returns:
+        J_c in world axes [m/rad], shape (..., 3, n).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN or infinity.
+    """
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    share = 1.0 - model.inertias[0].mass / total_mass(pepper)
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False) @ pepper.full_map
+        return np.asarray(moving * share)
+
+    return over_states(pepper, one, (3, pepper.n), ("center_of_mass_jacobian",), q=q)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
@@ -20,8 +21,6 @@ def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[n
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -41,8 +40,6 @@ def potential_energy(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
@@ -27,8 +28,6 @@ def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: Array
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     full_map = pepper.full_map
 

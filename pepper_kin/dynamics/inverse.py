@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
@@ -27,8 +28,6 @@ def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLi
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -48,8 +47,6 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
@@ -45,8 +46,6 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     ids = [pepper.frame_id(name) for name in frames]
     result = np.empty((len(ids), 4, 4))
