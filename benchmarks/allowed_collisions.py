@@ -5,8 +5,8 @@
 Three robots are sampled, because a pair may be disabled only if it never touches in any of them: locked hands
 (fingers part of the wrist), hands driven by their opening, and 28 independent fingers.  A pair that has
 touched once is settled; of a pair that has not, every sample is checked.  What has never touched is then
-attacked: from the closest of random starts, a shrinking random search lowers the pair's distance.  Only a pair
-that stays apart by more than MARGIN is reported as "Never".
+attacked: from the closest of random starts, a shrinking random search lowers the pair's distance.  Only a
+pair that stays apart by more than MARGIN is reported as "Never".
 """
 
 from __future__ import annotations
@@ -342,9 +342,9 @@ def spread(touched, every):
     groups = {tuple(sorted(hand_of(link) or link for link in pair)) for pair in result}
     for pair in every:
         hands = [hand_of(link) for link in pair]
-        if any(hands) and (hands[0] != hands[1]):
-            if tuple(sorted(hand_of(link) or link for link in pair)) in groups:
-                result.add(pair)
+        parts = tuple(sorted(hand or link for hand, link in zip(hands, pair, strict=True)))
+        if any(hands) and hands[0] != hands[1] and parts in groups:
+            result.add(pair)
     return result & set(every)
 
 

@@ -17,10 +17,8 @@ def srdf_text(pepper: PepperModel) -> str:
     that are locked or of a base that does not move.  A pair of links whose reason MoveIt does not know keeps
     it in a comment of its own word, "User".
     """
-    if pepper.semantics.text:
-        root = ET.fromstring(pepper.semantics.text)
-    else:
-        root = _from_fields(pepper)
+    text = pepper.semantics.text
+    root = ET.fromstring(text) if text else _from_fields(pepper)
     root.set("name", pepper.name)
     links = set(pepper.link_names)
     joints = {joint.name for joint in pepper.document.joints}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 
 from pepper_kin.model.joint_vectors import check_choice
@@ -65,18 +64,6 @@ def _names_in_urdf(document: UrdfDocument) -> dict[Path, str]:
     return result
 
 
-def rename_meshes(document: UrdfDocument, mesh_paths: str) -> str:
-    """Return the URDF text with its meshes named as `mesh_paths` says."""
-    name = mesh_namer(document, mesh_paths)
-    if mesh_paths == "package":
-        return document.text
-    files_by_name = {text: path for path, text in _names_in_urdf(document).items()}
-    root = ET.fromstring(document.text)
-    for mesh in root.iterfind("link/*/geometry/mesh"):
-        mesh.set("filename", name(files_by_name[mesh.get("filename", "")]))
-    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
-
-
-def own_mesh_folder() -> Path:
-    """Return the folder of Pepper's own meshes."""
-    return Path(str(files("pepper_kin.urdf"))) / "meshes"
+def files_by_name(document: UrdfDocument) -> dict[str, Path]:
+    """Return the file behind each mesh name of the URDF's text."""
+    return {name: path for path, name in _names_in_urdf(document).items()}

@@ -16,7 +16,7 @@ STIFFNESS_PER_EFFORT = 20.0
 An error of 0.05 rad calls for the whole effort.  The gains of the real robot's boards are not published.
 """
 DAMPING_TIME = 0.1
-"""Assumed ratio of an actuator's damping to its stiffness [s]; it makes all of Pepper's joints well damped."""
+"""Assumed ratio of an actuator's damping to its stiffness [s]; it damps all of Pepper's joints well."""
 BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 BASE_DAMPING = 400.0
 """Assumed gain of the base's velocity actuators [N s/m or N m s/rad]."""
