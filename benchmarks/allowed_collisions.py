@@ -1,12 +1,17 @@
 """Which pairs of links never touch: sampling, then a search that tries to make the rest touch.
 
-    nice python benchmarks/allowed_collisions.py --samples 1000000 --seed 0 --processes 2 --output pairs.csv
+    nice python benchmarks/allowed_collisions.py --samples 1000000 --seed 0 --processes 2 \
+        --output pairs.csv --srdf urdf/pepper.srdf
 
 Three robots are sampled, because a pair may be disabled only if it never touches in any of them: locked hands
 (fingers part of the wrist), hands driven by their opening, and 28 independent fingers.  A pair that has
 touched once is settled; of a pair that has not, every sample is checked.  What has never touched is then
 attacked: from the closest of random starts, a shrinking random search lowers the pair's distance.  Only a
-pair that stays apart by more than MARGIN is reported as "Never".
+pair that stays apart by more than MARGIN is reported as "Never".  A pair whose mirror image must be checked
+is checked too, and so is every part of a hand against what any part of it touches.
+
+"Always" pairs touch in every configuration; "Grasp" pairs are parts of one hand that touch as the hand closes
+on itself.  Pairs that the SRDF marks "DependentRange" keep that word.
 """
 
 from __future__ import annotations
@@ -16,6 +21,8 @@ import csv
 import functools
 import itertools
 import multiprocessing
+import pathlib
+import re
 import time
 from dataclasses import dataclass, field
 
@@ -27,7 +34,9 @@ from pepper_kin.collision.checker import coal_geometry
 from pepper_kin.model import Capsule, Sphere
 from pepper_kin.model.kinematic_tree import kinematic_tree
 
-MARGIN = 0.005
+MARGIN = 0.010
+NEAR = 0.05  # pairs whose first attack ends nearer than this are attacked harder
+HARD = 2  # how often
 HAND_MARGIN = 0.0002  # fingers of one hand keep a fixed gap of 1 to 3 mm as they close side by side
 BATCH = 20_000
 HANDS = ("locked", "mimic", "independent")
@@ -159,15 +168,13 @@ def solid_distance(a: Solid, pa, b: Solid, pb):
     return result
 
 
-def touching(robot, poses, first, second, stop_at_first):
+def touching(robot, poses, centers, first, second, stop_at_first):
     """Whether two links touch, (k,) bool, bounding spheres first; `stop_at_first`: one True is enough."""
     touch = None
     for a, b in itertools.product(robot.solids[first], robot.solids[second]):
         pa, pb = poses[a.body], poses[b.body]
         touch = np.zeros(len(pa), dtype=bool) if touch is None else touch
-        ca = pa[:, :3, :3] @ a.pose[:3, 3] + pa[:, :3, 3]
-        cb = pb[:, :3, :3] @ b.pose[:3, 3] + pb[:, :3, 3]
-        gap = ca - cb
+        gap = centers[id(a)][: len(pa)] - centers[id(b)][: len(pa)]
         near = np.flatnonzero(((gap * gap).sum(1) < (a.bound + b.bound) ** 2) & ~touch)
         size = 64 if min(a.half, b.half) < 0 else BATCH
         for start in range(0, len(near), size):
@@ -222,19 +229,24 @@ def sample(job):
         count = min(BATCH, left)
         left -= count
         poses = robot.poses(robot.draw(rng, count), bodies)
+        centers = {
+            id(solid): poses[solid.body][:, :3, :3] @ solid.pose[:3, 3] + poses[solid.body][:, :3, 3]
+            for solids in robot.solids.values()
+            for solid in solids
+        }
         for pair, (touched, free) in seen.items():
             if touched and free:
                 continue
             moving = len({robot.body_of(link)[0] for link in pair}) > 1
             part = poses if moving else {body: pose[:1] for body, pose in poses.items()}
-            touch = touching(robot, part, *pair, stop_at_first=free)
+            touch = touching(robot, part, centers, *pair, stop_at_first=free)
             seen[pair] = [touched or bool(touch.any()), free or not touch.all()]
     return hands, seen
 
 
 def closest(job):
     """Attack one pair: the least distance that a shrinking random search finds [m]."""
-    hands, pair, seed = job
+    hands, pair, seed, hard = job
     robot, rng = robot_with(hands), np.random.default_rng(seed)
     paths = [robot.path(robot.body_of(link)[0]) for link in pair]
     shared = set(paths[0]) & set(paths[1])
@@ -256,14 +268,16 @@ def closest(job):
 
     lower, upper = robot.pepper.lower_limits, robot.pepper.upper_limits
     boxes = any(s.half < 0 for link in pair for s in robot.solids[link])
-    count, keep = (300, 10) if boxes else (3000, 30)
+    count, keep, rounds = (300, 10, 14) if boxes else (3000, 30, 14)
+    if hard:
+        count, keep, rounds = 5 * count, 2 * keep, 24
     q = robot.draw(rng, count)
     # Least distances often lie at the ends of the joints' ranges: start a third of them there.
     ends = rng.random(q.shape) < 0.5
     q[: count // 3] = np.where(ends, lower, upper)[: count // 3]
     value = distance(q)
     width = 0.3
-    for _ in range(14):
+    for _ in range(rounds):
         order = np.argsort(value)[:keep]
         q, value = q[order], value[order]
         if value[0] <= 0:
@@ -272,7 +286,7 @@ def closest(job):
         steps *= rng.random(steps.shape) < 0.5
         more = np.clip(q + steps, lower, upper).reshape(-1, q.shape[1])
         q, value = np.concatenate([q, more]), np.concatenate([value, distance(more)])
-        width *= 0.65
+        width *= 0.65 if not hard else 0.8
     return hands, pair, float(value.min())
 
 
@@ -308,7 +322,7 @@ def decide(samples, seed, pool, processes):
     grasp = {p for p in touched if in_one_hand(p) and state["mimic"].get(p, [False])[0]}
     touched = spread(touched, every)
     attacks = [
-        (hands, pair, (seed, number, index))
+        (hands, pair, (seed, number, index), False)
         for number, hands in enumerate(HANDS)
         for index, pair in enumerate(every)
         if pair in state[hands] and pair not in touched
@@ -317,6 +331,15 @@ def decide(samples, seed, pool, processes):
     least: dict[tuple[str, str], float] = {}
     for _, pair, value in pool.imap_unordered(closest, attacks, chunksize=4):
         least[pair] = min(least.get(pair, np.inf), value)
+    hard = [
+        (hands, pair, (*key, again), True)
+        for hands, pair, key, _ in attacks
+        for again in range(HARD)
+        if MARGIN < least[pair] < NEAR and not in_one_hand(pair)
+    ]
+    print(f"  {len(hard)} harder attacks", flush=True)
+    for _, pair, value in pool.imap_unordered(closest, hard):
+        least[pair] = min(least[pair], value)
     sampled = set(touched)
     near = {pair for pair, value in least.items() if value <= (HAND_MARGIN if in_one_hand(pair) else MARGIN)}
     touched = spread(touched | near, every)
@@ -348,12 +371,35 @@ def spread(touched, every):
     return result & set(every)
 
 
+def write_srdf(path, result):
+    """Replace all lines from the marker on; pairs marked "DependentRange" keep that reason."""
+    marker = "  <!-- Pairs of links that are not checked"
+    text = pathlib.Path(path).read_text(encoding="utf-8")
+    head, tail = text.split(marker)
+    ranges = {
+        tuple(sorted(pair))
+        for pair in re.findall(r'link1="(\S+)" link2="(\S+)" reason="DependentRange"', tail)
+    }
+    note = tail.split("-->")[0]
+    lines = []
+    for reason in ("DependentRange", "Adjacent", "Always", "Grasp", "Never"):
+        for pair, (found, _) in result.items():
+            if reason == ("DependentRange" if pair in ranges else found):
+                lines.append(
+                    f'  <disable_collisions link1="{pair[0]}" link2="{pair[1]}" reason="{reason}"/>\n'
+                )
+    pathlib.Path(path).write_text(
+        head + marker + note + "-->\n" + "".join(lines) + "</robot>\n", encoding="utf-8"
+    )
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--output", required=True, help="table of pairs (CSV)")
+    parser.add_argument("--srdf", help="SRDF whose list of pairs is written anew")
     options = parser.parse_args()
     begin = time.perf_counter()
     with multiprocessing.get_context("spawn").Pool(options.processes) as pool:
@@ -363,6 +409,8 @@ def main():
         writer.writerow(["link_1", "link_2", "reason", "least_distance_m"])
         for pair, (reason, least) in result.items():
             writer.writerow([*pair, reason, least if least == "" else f"{least:.4f}"])
+    if options.srdf:
+        write_srdf(options.srdf, result)
     counts = {}
     for reason, _ in result.values():
         counts[reason] = counts.get(reason, 0) + 1

@@ -119,7 +119,7 @@ def _beyond_shape(link: LinkFacts, mass: float, box: np.ndarray, where: str) -> 
     if spread[axis] <= allowed[axis] * (1 + ROUNDING):
         return []
     message = (
-        f"its mass spreads {np.sqrt(spread[axis]):.4f} m along {'xyz'[axis]}, the box around its shapes allows "
-        f"{np.sqrt(allowed[axis]):.4f} m: part of it must sit inside a neighbouring link"
+        f"its mass spreads {np.sqrt(spread[axis]):.4f} m along {'xyz'[axis]}, the box around its shapes "
+        f"allows {np.sqrt(allowed[axis]):.4f} m: part of it must sit inside a neighbouring link"
     )
     return [Fault("inertia", where, message)]

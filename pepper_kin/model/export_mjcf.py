@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
-from pepper_kin.model.mjcf_drive import add_drive
+from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light, leader_of
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
 from pepper_kin.model.xml_text import child, document, number, numbers, quaternion_wxyz_of
 
 TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
 """Of a body that moves without mass, which MuJoCo does not allow [kg], [kg m^2]."""
+LEADER_INERTIA = 3e-7
+"""Of a body that moves without mass and leads others [kg m^2].
+
+MuJoCo softens a constraint in proportion to the larger of the two sides' mobility, so the fingers of a
+lighter leader would sag; a heavier one would show in the mass matrix (tolerance 1e-6).
+"""
 READABLE_MESHES = (".stl", ".obj", ".msh")
 VISUAL_GROUP, COLLISION_GROUP = "2", "3"
 
@@ -51,7 +57,7 @@ def mjcf_text(pepper: PepperModel, mesh_paths: str = "absolute", floor: bool = T
     for first, second in pepper.semantics.disabled_pairs:
         if first in writer.bodies and second in writer.bodies:
             child(contact, "exclude", body1=first, body2=second)
-    add_drive(root, pepper, writer.joint_order, writer.sites)
+    add_drive(root, pepper, writer.tree, writer.joint_order, writer.sites)
     notes = [f"{pepper.name}: exported by pepper_kin; [m], [rad], [kg]."]
     if writer.left_out:
         notes.append(f"Left out, because MuJoCo cannot read them: {', '.join(writer.left_out)}")
@@ -120,6 +126,8 @@ class _MjcfWriter:
         joint = placed.joint
         attributes = {"range": numbers((joint.lower, joint.upper))} if math.isfinite(joint.upper) else {}
         kind = "slide" if joint.type == "prismatic" else "hinge"
+        if joint.mimic is not None and is_light(self.pepper, self.tree, leader_of(self.pepper, joint.name)):
+            attributes["damping"] = number(FOLLOWER_DAMPING)
         child(body, "joint", name=joint.name, type=kind, axis=numbers(placed.axis), **attributes)
         self.joint_order.append(joint.name)
 
@@ -133,9 +141,11 @@ class _MjcfWriter:
                 fullinertia=numbers(entries),
             )  # fmt: skip
         elif moving:
+            leads = any(j.mimic is not None and j.mimic[0] == self.tree.joints[link].joint.name
+                        for j in self.pepper.document.joints if j.type != "fixed")  # fmt: skip
             child(
                 element, "inertial", pos="0 0 0", mass=number(TINY_MASS),
-                diaginertia=numbers([TINY_INERTIA] * 3),
+                diaginertia=numbers([LEADER_INERTIA if leads else TINY_INERTIA] * 3),
             )  # fmt: skip
 
     def _geom(

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.model.coupling import coupling_of
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
 from pepper_kin.model.pepper_model import PepperModel
@@ -115,25 +116,13 @@ class _SdfWriter:
         ):
             if math.isfinite(value):
                 child(limit, tag, number(value))
-        leader, gain, shift = self.leader(joint.name)
-        if leader is not None:
+        leader, gain, shift = coupling_of(self.pepper, joint.name)
+        if leader != joint.name:
             mimic = child(axis, "mimic", joint=leader)
             child(mimic, "multiplier", number(gain))
             child(mimic, "offset", number(shift))
             child(mimic, "reference", "0")
         return name
-
-    def leader(self, joint: str) -> tuple[str | None, float, float]:
-        """Return the coordinate that a joint follows, its gain and offset."""
-        if joint in self.pepper.joint_names:
-            return None, 1.0, 0.0
-        row = list(self.pepper.pinocchio_model.names)[1:].index(joint)
-        column = int(np.flatnonzero(self.pepper.full_map[row])[0])
-        return (
-            self.pepper.joint_names[column],
-            float(self.pepper.full_map[row, column]),
-            float(self.pepper.full_offset[row]),
-        )
 
     def _joint_element(
         self,

@@ -14,14 +14,13 @@ def srdf_text(pepper: PepperModel) -> str:
     """Return an SRDF text that names only joints and links which this robot has.
 
     The text that the robot was loaded with is kept, its groups' chains included, less what speaks of fingers
-    that are locked or of a base that does not move.  A pair of links whose reason MoveIt does not know keeps
-    it in a comment of its own word, "User".
+    that are locked or of a base that does not move; states name only joints that have a coordinate, and only
+    joints that follow others are passive.  A pair of links whose reason MoveIt does not know gets "User".
     """
     text = pepper.semantics.text
     root = ET.fromstring(text) if text else _from_fields(pepper)
     root.set("name", pepper.name)
     links = set(pepper.link_names)
-    joints = {joint.name for joint in pepper.document.joints}
     moving = {joint.name for joint in pepper.document.joints if joint.type != "fixed"}
     for group in root.findall("group"):
         for joint in group.findall("joint"):
@@ -29,11 +28,14 @@ def srdf_text(pepper: PepperModel) -> str:
                 group.remove(joint)
     for state in root.findall("group_state"):
         for joint in state.findall("joint"):
-            if joint.get("name") not in moving:
+            if joint.get("name") not in pepper.joint_names:
                 state.remove(joint)
     _drop_empty(root)
     for joint in root.findall("passive_joint"):
-        if joint.get("name") not in joints:
+        if joint.get("name") not in moving or joint.get("name") in pepper.joint_names:
+            root.remove(joint)
+    for joint in root.findall("virtual_joint"):
+        if joint.get("child_link") != pepper.document.root:
             root.remove(joint)
     for pair in root.findall("disable_collisions"):
         if pair.get("link1") not in links or pair.get("link2") not in links:

@@ -7,6 +7,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from pepper_kin.model.coupling import coupling_of, leader_of
+from pepper_kin.model.kinematic_tree import KinematicTree
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.xml_text import child, number, numbers
 
@@ -17,12 +19,19 @@ An error of 0.05 rad calls for the whole effort.  The gains of the real robot's 
 """
 DAMPING_TIME = 0.1
 """Assumed ratio of an actuator's damping to its stiffness [s]; it damps all of Pepper's joints well."""
+FOLLOWER_DAMPING = 1e-3
+"""Assumed damping of joints that follow one without mass, Pepper's fingers [N m s/rad].
+
+It stands in for their leader's: a damper on a body without mass would hold it against the constraints.
+"""
 BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 BASE_DAMPING = 400.0
 """Assumed gain of the base's velocity actuators [N s/m or N m s/rad]."""
 
 
-def add_drive(root: ET.Element, pepper: PepperModel, joint_order: list[str], sites: list[str]) -> None:
+def add_drive(
+    root: ET.Element, pepper: PepperModel, tree: KinematicTree, joint_order: list[str], sites: list[str]
+) -> None:
     """Add couplings, actuators, sensors and key frames to an MJCF root.
 
     Every coordinate gets one actuator of its name: the base's follow a velocity, as NAOqi commands it, all
@@ -33,13 +42,14 @@ def add_drive(root: ET.Element, pepper: PepperModel, joint_order: list[str], sit
     Args:
         root: The <mujoco> element.
         pepper: The robot.
+        tree: Its tree.
         joint_order: All joints in the order of MuJoCo's qpos.
         sites: Frames that became sites.
     """
     _add_couplings(child(root, "equality"), pepper)
     actuators, sensors = child(root, "actuator"), child(root, "sensor")
     for index, joint in enumerate(pepper.joint_names):
-        _add_actuator(actuators, pepper, index)
+        _add_actuator(actuators, pepper, tree, index)
         child(sensors, "jointpos", name=f"{joint}_position", joint=joint)
         child(sensors, "jointvel", name=f"{joint}_velocity", joint=joint)
         child(sensors, "actuatorfrc", name=f"{joint}_effort", actuator=joint)
@@ -59,18 +69,17 @@ def add_drive(root: ET.Element, pepper: PepperModel, joint_order: list[str], sit
 
 
 def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
-    for row, joint in enumerate(list(pepper.pinocchio_model.names)[1:]):
+    for joint in list(pepper.pinocchio_model.names)[1:]:
         if joint in pepper.joint_names:
             continue
-        column = int(np.argmax(np.abs(pepper.full_map[row])))
-        gain, shift = pepper.full_map[row, column], pepper.full_offset[row]
+        leader, gain, shift = coupling_of(pepper, joint)
         child(
-            equality, "joint", name=f"{joint}_follows", joint1=joint, joint2=pepper.joint_names[column],
-            polycoef=numbers((shift, gain, 0, 0, 0)),
+            equality, "joint", name=f"{joint}_follows", joint1=joint, joint2=leader,
+            polycoef=numbers((shift, gain, 0, 0, 0)), solimp="0.999 0.9999 0.001",
         )  # fmt: skip
 
 
-def _add_actuator(actuators: ET.Element, pepper: PepperModel, index: int) -> None:
+def _add_actuator(actuators: ET.Element, pepper: PepperModel, tree: KinematicTree, index: int) -> None:
     joint, effort = pepper.joint_names[index], float(pepper.effort_limits[index])
     force = {"forcerange": numbers((-effort, effort))} if math.isfinite(effort) else {}
     effort = effort if math.isfinite(effort) else 1.0
@@ -84,7 +93,19 @@ def _add_actuator(actuators: ET.Element, pepper: PepperModel, index: int) -> Non
     lower, upper = float(pepper.lower_limits[index]), float(pepper.upper_limits[index])
     bounds = {"ctrlrange": numbers((lower, upper))} if math.isfinite(upper - lower) else {}
     stiffness = STIFFNESS_PER_EFFORT * effort
+    damping = 0.0 if is_light(pepper, tree, joint) else DAMPING_TIME * stiffness
     child(
         actuators, "position", name=joint, joint=joint, kp=number(stiffness),
-        kv=number(DAMPING_TIME * stiffness), **bounds, **force,
+        kv=number(damping), **bounds, **force,
     )  # fmt: skip
+
+
+def is_light(pepper: PepperModel, tree: KinematicTree, joint: str) -> bool:
+    """Whether a joint leads others and its own link has no mass."""
+    leads = any(
+        leader_of(pepper, name) == joint
+        for name in list(pepper.pinocchio_model.names)[1:]
+        if name not in pepper.joint_names
+    )
+    link = next(item.child for item in pepper.document.joints if item.name == joint)
+    return leads and link not in tree.bodies

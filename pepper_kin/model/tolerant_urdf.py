@@ -16,6 +16,12 @@ from pepper_kin.model.fault import Fault
 from pepper_kin.model.shapes import transform
 from pepper_kin.model.urdf_document import MOVING_TYPES, refuse_document_types, resolve_mesh
 
+SIZES = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
 JOINT_TYPES = (*MOVING_TYPES, "fixed")
 
 
@@ -191,12 +197,11 @@ class _Reader:
                 self.fault("mesh", where, f"{name!r} is not there" if name else "the mesh has no file name")
             scale = self.vector(item, "scale", (1.0, 1.0, 1.0), where)
             return ShapeFacts("mesh", {"scale": tuple(scale)}, pose, path)
-        wanted = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}  # fmt: skip
-        if item.tag not in wanted:
+        if item.tag not in SIZES:
             self.fault("geometry", where, f"unknown geometry <{item.tag}>")
             return None
         sizes = {}
-        for key in wanted[item.tag]:
+        for key in SIZES[item.tag]:
             default = (0.0, 0.0, 0.0) if key == "size" else (0.0,)
             sizes[key] = tuple(float(v) for v in self.vector(item, key, default, where))
             if min(sizes[key]) <= 0:
