@@ -19,7 +19,7 @@ An error of 0.05 rad calls for the whole effort.  The gains of the real robot's 
 """
 DAMPING_TIME = 0.1
 """Assumed ratio of an actuator's damping to its stiffness [s]; it damps all of Pepper's joints well."""
-FOLLOWER_DAMPING = 1e-3
+FOLLOWER_DAMPING = 3e-4
 """Assumed damping of joints that follow one without mass, Pepper's fingers [N m s/rad].
 
 It stands in for their leader's: a damper on a body without mass would hold it against the constraints.
@@ -75,7 +75,7 @@ def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
         leader, gain, shift = coupling_of(pepper, joint)
         child(
             equality, "joint", name=f"{joint}_follows", joint1=joint, joint2=leader,
-            polycoef=numbers((shift, gain, 0, 0, 0)), solimp="0.999 0.9999 0.001",
+            polycoef=numbers((shift, gain, 0, 0, 0)), solref="0.005 1", solimp="0.999 0.9999 0.001",
         )  # fmt: skip
 
 
