@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pepper_kin.exceptions import FileFormatError, ModelError
+from pepper_kin.exceptions import ModelError
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.shapes import read_only
 from pepper_kin.model.urdf_document import MOVING_TYPES, Joint, UrdfDocument, parse_urdf
+from pepper_kin.model.urdf_source import read_source
 
 BASES = ("fixed", "planar")
 HANDS = ("locked", "mimic", "independent")
@@ -80,18 +81,9 @@ def load_robot(
         FileFormatError: where a file cannot be read.
         ModelError: where the description is malformed; names the element.
     """
-    document = parse_urdf(_text(urdf), [Path(folder) for folder in package_dirs])
-    semantics = parse_srdf(_text(srdf), document) if srdf is not None else Semantics()
+    document = parse_urdf(read_source(urdf), [Path(folder) for folder in package_dirs])
+    semantics = parse_srdf(read_source(srdf), document) if srdf is not None else Semantics()
     return build_model(document, semantics)
-
-
-def _text(source: str | Path) -> str:
-    if isinstance(source, str) and source.lstrip().startswith("<"):
-        return source
-    try:
-        return Path(source).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileFormatError(source, f"cannot be read as text: {error}") from error
 
 
 def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:

@@ -184,6 +184,15 @@ class PepperModel:
             return self.posture("Stand")
         return np.clip(np.zeros(self.n), self.lower_limits, self.upper_limits)
 
+    def export(self, format: str, *, mesh_paths: str | None = None, zero_inertials: bool = False) -> str:
+        """Return the robot as the text of a "urdf", "srdf", "sdf" or "mjcf" file.
+
+        See `pepper_kin.model.export` for the arguments and errors.
+        """
+        from pepper_kin.model.export_formats import export
+
+        return export(self, format, mesh_paths=mesh_paths, zero_inertials=zero_inertials)
+
     def joint_vector(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return a joint vector with some joints set and the rest from Stand, shape (n,).
 

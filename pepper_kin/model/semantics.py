@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 
 from pepper_kin.exceptions import ModelError, UnknownNameError
-from pepper_kin.model.urdf_document import UrdfDocument
+from pepper_kin.model.urdf_document import UrdfDocument, refuse_document_types
 
 
 @dataclass(frozen=True)
@@ -17,11 +17,13 @@ class Semantics:
         groups: Group name -> joint names in tree order (moving joints only).
         states: (group name, state name) -> joint name -> value [rad, m, or opening of a hand].
         disabled_pairs: Pairs of links whose collisions are not checked, each sorted, with the reason.
+        text: The SRDF it was read from; empty where there was none.
     """
 
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
     states: dict[tuple[str, str], dict[str, float]] = field(default_factory=dict)
     disabled_pairs: dict[tuple[str, str], str] = field(default_factory=dict)
+    text: str = field(default="", repr=False)
 
     def postures(self) -> tuple[str, ...]:
         """Names of the states of the group `whole_body`."""
@@ -41,6 +43,7 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
     Raises:
         ModelError: on malformed XML, an unknown sub-group, or a chain whose tip does not hang on its base.
     """
+    refuse_document_types(text, "SRDF")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
@@ -60,7 +63,7 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
         _sorted_pair(p.get("link1", ""), p.get("link2", "")): p.get("reason", "")
         for p in root.findall("disable_collisions")
     }
-    return Semantics(groups, states, pairs)
+    return Semantics(groups, states, pairs, text)
 
 
 def _sorted_pair(a: str, b: str) -> tuple[str, str]:

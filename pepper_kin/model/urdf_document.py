@@ -98,8 +98,7 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
     Raises:
         ModelError: naming the element that is malformed, missing, doubled or disconnected.
     """
-    if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise ModelError("URDF: document type declarations and entities are not allowed")
+    refuse_document_types(text, "URDF")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
@@ -122,6 +121,16 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
     )
 
 
+def refuse_document_types(text: str, what: str) -> None:
+    """Refuse XML with a document type or entities, which can read files or multiply content.
+
+    Raises:
+        ModelError: naming `what` the text is.
+    """
+    if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
+        raise ModelError(f"{what}: document type declarations and entities are not allowed")
+
+
 def _attribute(element: ET.Element, name: str, what: str) -> str:
     value = element.get(name)
     if not value:
@@ -129,7 +138,12 @@ def _attribute(element: ET.Element, name: str, what: str) -> str:
     return value
 
 
-def _number(element: ET.Element, name: str, default: float, what: str) -> float:
+def number_of(element: ET.Element, name: str, default: float, what: str) -> float:
+    """Return an attribute as a number, or `default` where it is absent.
+
+    Raises:
+        ModelError: naming `what` where it is no number.
+    """
     text = element.get(name)
     if text is None:
         return default
@@ -142,7 +156,12 @@ def _number(element: ET.Element, name: str, default: float, what: str) -> float:
     return value
 
 
-def _vector(text: str | None, size: int, default: Sequence[float], what: str) -> NDArray[np.float64]:
+def vector_of(text: str | None, size: int, default: Sequence[float], what: str) -> NDArray[np.float64]:
+    """Return a text as `size` finite numbers, or `default` where there is no text.
+
+    Raises:
+        ModelError: naming `what` where it is anything else.
+    """
     if text is None:
         return np.array(default, dtype=float)
     try:
@@ -170,8 +189,8 @@ def _joint(element: ET.Element) -> Joint:
         if kind in ("revolute", "prismatic"):
             raise ModelError(f"URDF: joint {name} is {kind} and has no <limit>")
     bounded = kind != "continuous"
-    lower = _number(limit, "lower", 0.0, f"joint {name}") if bounded else -math.inf
-    upper = _number(limit, "upper", 0.0, f"joint {name}") if bounded else math.inf
+    lower = number_of(limit, "lower", 0.0, f"joint {name}") if bounded else -math.inf
+    upper = number_of(limit, "upper", 0.0, f"joint {name}") if bounded else math.inf
     if lower > upper:
         raise ModelError(f"URDF: joint {name}: lower limit {lower} is above upper limit {upper}")
     mimic = element.find("mimic")
@@ -182,15 +201,15 @@ def _joint(element: ET.Element) -> Joint:
         child=_attribute(child, "link", f"joint {name}"),
         lower=lower,
         upper=upper,
-        velocity=_number(limit, "velocity", math.inf, f"joint {name}"),
-        acceleration=_number(limit, "acceleration", math.inf, f"joint {name}"),
-        effort=_number(limit, "effort", math.inf, f"joint {name}"),
+        velocity=number_of(limit, "velocity", math.inf, f"joint {name}"),
+        acceleration=number_of(limit, "acceleration", math.inf, f"joint {name}"),
+        effort=number_of(limit, "effort", math.inf, f"joint {name}"),
         mimic=None
         if mimic is None
         else (
             _attribute(mimic, "joint", f"joint {name}"),
-            _number(mimic, "multiplier", 1.0, f"mimic of {name}"),
-            _number(mimic, "offset", 0.0, f"mimic of {name}"),
+            number_of(mimic, "multiplier", 1.0, f"mimic of {name}"),
+            number_of(mimic, "offset", 0.0, f"mimic of {name}"),
         ),
     )
 
@@ -230,7 +249,7 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
 
 def _color(material: ET.Element) -> tuple[float, float, float, float]:
     color = material.find("color")
-    rgba = _vector(None if color is None else color.get("rgba"), 4, (0.8, 0.8, 0.8, 1.0), "a colour")
+    rgba = vector_of(None if color is None else color.get("rgba"), 4, (0.8, 0.8, 0.8, 1.0), "a colour")
     return (float(rgba[0]), float(rgba[1]), float(rgba[2]), float(rgba[3]))
 
 
@@ -253,8 +272,8 @@ def _shapes(
             if origin is not None:
                 what = f"origin of {kind} {name}"
                 pose = transform(
-                    _vector(origin.get("xyz"), 3, (0, 0, 0), what),
-                    _vector(origin.get("rpy"), 3, (0, 0, 0), what),
+                    vector_of(origin.get("xyz"), 3, (0, 0, 0), what),
+                    vector_of(origin.get("rpy"), 3, (0, 0, 0), what),
                 )
             color = (0.8, 0.8, 0.8, 1.0)
             material = element.find("material")
@@ -267,16 +286,16 @@ def _shapes(
 
 def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> Geometry:
     if element.tag == "box":
-        size = _vector(element.get("size"), 3, (0, 0, 0), f"box {name}")
+        size = vector_of(element.get("size"), 3, (0, 0, 0), f"box {name}")
         return Box((float(size[0]), float(size[1]), float(size[2])))
-    radius = _number(element, "radius", 0.0, name)
+    radius = number_of(element, "radius", 0.0, name)
     if element.tag == "sphere":
         return Sphere(radius)
     if element.tag in ("cylinder", "capsule"):
-        length = _number(element, "length", 0.0, name)
+        length = number_of(element, "length", 0.0, name)
         return Cylinder(radius, length) if element.tag == "cylinder" else Capsule(radius, length)
     if element.tag == "mesh":
-        scale = _vector(element.get("scale"), 3, (1, 1, 1), f"scale of mesh {name}")
+        scale = vector_of(element.get("scale"), 3, (1, 1, 1), f"scale of mesh {name}")
         path = resolve_mesh(_attribute(element, "filename", name), package_dirs)
         return Mesh(path, (float(scale[0]), float(scale[1]), float(scale[2])))
     raise ModelError(f"URDF: shape {name} has an unknown geometry <{element.tag}>")

@@ -1,0 +1,125 @@
+"""Whether the links' masses and inertias can be those of real bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_kin.model.fault import Fault
+from pepper_kin.model.shape_extent import link_extent
+from pepper_kin.model.tolerant_urdf import LinkFacts, UrdfFacts
+
+HIDDEN_HARDWARE = 1.25
+"""How far beyond its link's shape a radius of gyration may reach: motors sit inside the neighbouring link."""
+ROUNDING = 1e-6
+"""Relative violation of a law that the rounding of published digits explains."""
+
+
+@dataclass(frozen=True)
+class LinkRow:
+    """What is known of one link's mass.
+
+    Attributes:
+        name: The link.
+        mass: Mass [kg].
+        least_moment: Smallest principal moment of inertia [kg m^2]; nan where none is stated.
+        triangle_margin: (sum of the two smaller principal moments - the largest) / the largest; a real body
+            has none below zero.
+        gyration: Radius of gyration about the centre of mass, sqrt(tr(I) / 2m) [m].
+        reach: Distance from the centre of mass to the farthest corner of the box around the link's shapes
+            [m], which no real body's radius of gyration exceeds; nan where the link has no shape.
+        status: "ok", "note" or "fault".
+    """
+
+    name: str
+    mass: float
+    least_moment: float
+    triangle_margin: float
+    gyration: float
+    reach: float
+    status: str
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the row as text."""
+        return (
+            self.name, f"{self.mass:.5g}", f"{self.least_moment:.3g}", f"{self.triangle_margin:.3f}",
+            f"{self.gyration:.4f}", f"{self.reach:.4f}", "" if self.status == "ok" else self.status,
+        )  # fmt: skip
+
+
+def audit_links(facts: UrdfFacts, faults: list[Fault]) -> tuple[list[LinkRow], list[Fault]]:
+    """Return a row per link with mass and the notes; faults are appended to `faults`."""
+    rows, notes = [], []
+    for link in facts.links.values():
+        where = f"link {link.name}"
+        if link.mass is not None and link.mass < 0:
+            faults.append(Fault("mass", where, f"its mass is negative: {link.mass:g} kg"))
+        if link.mass == 0 and link.inertia is not None and np.abs(link.inertia).max() > 0:
+            faults.append(Fault("mass", where, "an inertia without mass"))
+        if link.mass is None or link.mass <= 0:
+            continue
+        own_faults, own_notes, row = _link(link, where)
+        faults += own_faults
+        notes += own_notes
+        rows.append(row)
+    if not rows and facts.links:
+        faults.append(Fault("mass", "the robot", "no link has mass"))
+    return rows, notes
+
+
+def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRow]:
+    faults: list[Fault] = []
+    notes: list[Fault] = []
+    mass, nan = float(link.mass or 0.0), float("nan")
+    least = margin = gyration = reach = nan
+    if link.inertia is not None:
+        moments = np.linalg.eigvalsh(link.inertia)
+        least = float(moments[0])
+        margin = float((moments[0] + moments[1] - moments[2]) / moments[2]) if moments[2] > 0 else nan
+        gyration = float(np.sqrt(max(np.trace(link.inertia), 0.0) / (2 * mass)))
+        listed = ", ".join(f"{m:.4g}" for m in moments)
+        if least <= 0:
+            faults.append(
+                Fault("inertia", where, f"not positive definite: principal moments {listed} kg m^2")
+            )
+        elif margin < -ROUNDING:
+            message = f"principal moments {listed} kg m^2 break the triangle inequality by {-margin:.1%}"
+            faults.append(Fault("inertia", where, message))
+    box = link_extent(link)
+    if box is not None:
+        reach = float(np.linalg.norm(np.maximum(box[1] - link.center, link.center - box[0])))
+        if gyration > HIDDEN_HARDWARE * reach:
+            message = (
+                f"radius of gyration {gyration:.4f} m, but no point of the link's shape is farther than "
+                f"{reach:.4f} m from its centre of mass"
+            )
+            faults.append(Fault("inertia", where, message))
+        else:
+            notes += _beyond_shape(link, mass, box, where)
+    status = "fault" if faults else "note" if notes else "ok"
+    return faults, notes, LinkRow(link.name, mass, least, margin, gyration, reach, status)
+
+
+def _beyond_shape(link: LinkFacts, mass: float, box: np.ndarray, where: str) -> list[Fault]:
+    """Return notes on mass that must lie outside the box around the link's shapes.
+
+    Mass inside [a, b] with its centre at c spreads no more than (b - c)(c - a) (mean square about c, Bhatia
+    and Davis 2000); the spread along x is (Iyy + Izz - Ixx) / 2m.
+    """
+    outside = np.maximum(np.maximum(link.center - box[1], box[0] - link.center), 0.0)
+    if outside.max() > 1e-6:
+        message = f"its centre of mass is {outside.max():.4f} m outside the box around its shapes"
+        return [Fault("inertia", where, message)]
+    if link.inertia is None:
+        return []
+    spread = (np.trace(link.inertia) / 2 - np.diag(link.inertia)) / mass
+    allowed = (box[1] - link.center) * (link.center - box[0])
+    axis = int(np.argmax(spread - allowed))
+    if spread[axis] <= allowed[axis] * (1 + ROUNDING):
+        return []
+    message = (
+        f"its mass spreads {np.sqrt(spread[axis]):.4f} m along {'xyz'[axis]}, the box around its shapes "
+        f"allows {np.sqrt(allowed[axis]):.4f} m: part of it must sit inside a neighbouring link"
+    )
+    return [Fault("inertia", where, message)]

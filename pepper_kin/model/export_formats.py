@@ -1,0 +1,48 @@
+"""The robot in the words of other programs."""
+
+from __future__ import annotations
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.export_mjcf import mjcf_text
+from pepper_kin.model.export_sdf import sdf_text
+from pepper_kin.model.export_srdf import srdf_text
+from pepper_kin.model.export_urdf import urdf_text
+from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.pepper_model import PepperModel
+
+FORMATS = ("urdf", "srdf", "sdf", "mjcf")
+
+
+def export(
+    pepper: PepperModel, format: str, *, mesh_paths: str | None = None, zero_inertials: bool = False
+) -> str:
+    """Return the robot as the text of a file.
+
+    All formats describe the same kinematics and masses; see the page on the description for what each cannot
+    say.  With `mesh_paths="relative"` the files that `mesh_files` lists must be copied beside the text.
+
+    Args:
+        pepper: The robot.
+        format: "urdf", "srdf", "sdf" or "mjcf".
+        mesh_paths: How meshes are named: "package" (default of URDF; not in MJCF, which knows no packages),
+            "absolute" (default of SDF and MJCF) or "relative" (`meshes/NAME` beside the text).
+        zero_inertials: URDF only: write masses of zero into links without mass, for PyBullet.
+
+    Returns:
+        The text.
+
+    Raises:
+        InvalidValueError: for another format or mesh_paths, or zero_inertials where it has no meaning.
+    """
+    check_choice("format", format, FORMATS)
+    if zero_inertials and format != "urdf":
+        raise InvalidValueError("zero_inertials", "True", "False: only URDF leaves the mass of a link out")
+    if format == "srdf":
+        return srdf_text(pepper)
+    if format == "urdf":
+        return urdf_text(pepper, mesh_paths or "package", zero_inertials)
+    if format == "sdf":
+        return sdf_text(pepper, mesh_paths or "absolute")
+    if mesh_paths == "package":
+        raise InvalidValueError("mesh_paths", "'package'", "'absolute' or 'relative': MJCF knows no packages")
+    return mjcf_text(pepper, mesh_paths or "absolute")

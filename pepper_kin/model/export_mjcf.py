@@ -1,0 +1,187 @@
+"""The robot as MJCF, the format of MuJoCo."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
+from pepper_kin.model.mesh_names import mesh_namer
+from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light, leader_of
+from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from pepper_kin.model.xml_text import child, document, number, numbers, quaternion_wxyz_of
+
+TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
+"""Of a body that moves without mass, which MuJoCo does not allow [kg], [kg m^2]."""
+LEADER_INERTIA = 3e-7
+"""Of a body that moves without mass and leads others [kg m^2].
+
+MuJoCo softens a constraint in proportion to the larger of the two sides' mobility, so the fingers of a
+lighter leader would sag; a heavier one would show in the mass matrix (tolerance 1e-6).
+"""
+READABLE_MESHES = (".stl", ".obj", ".msh")
+VISUAL_GROUP, COLLISION_GROUP = "2", "3"
+
+
+def mjcf_text(pepper: PepperModel, mesh_paths: str = "absolute", floor: bool = True) -> str:
+    """Return the robot as an MJCF text.
+
+    Links with shapes, mass or a moving joint become bodies, the other frames sites; both keep their names.
+    The root link is the world.  Joints have MuJoCo's limits, mimic joints equality constraints, and every
+    coordinate an actuator (see `mjcf_drive`).  Looks are in geom group 2 and touch nothing; collision shapes
+    are in group 3, with an <exclude> for each pair of bodies that the SRDF disables.  Wheels touch nothing:
+    they have no coordinate, and the base moves by its own joints.  Meshes that MuJoCo cannot read are left
+    out and named in a comment.
+
+    Args:
+        pepper: The robot.
+        mesh_paths: "absolute" or "relative".
+        floor: Whether to add a plane at z = 0, a light and the ground's look.
+    """
+    writer = _MjcfWriter(pepper, kinematic_tree(pepper.document), mesh_namer(pepper.document, mesh_paths))
+    root = ET.Element("mujoco", model=pepper.name)
+    child(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
+    child(root, "option", timestep="0.002", integrator="implicitfast", gravity="0 0 -9.81")
+    child(child(root, "visual"), "global", offwidth="1280", offheight="960")
+    asset, world = child(root, "asset"), child(root, "worldbody")
+    if floor:
+        _add_floor(asset, world)
+    writer.fill(asset, world)
+    contact = child(root, "contact")
+    for first, second in pepper.semantics.disabled_pairs:
+        if first in writer.bodies and second in writer.bodies:
+            child(contact, "exclude", body1=first, body2=second)
+    add_drive(root, pepper, writer.tree, writer.joint_order, writer.sites)
+    notes = [f"{pepper.name}: exported by pepper_kin; [m], [rad], [kg]."]
+    if writer.left_out:
+        notes.append(f"Left out, because MuJoCo cannot read them: {', '.join(writer.left_out)}")
+    return document(root, *notes)
+
+
+def _add_floor(asset: ET.Element, world: ET.Element) -> None:
+    child(
+        asset, "texture", name="floor", type="2d", builtin="checker", width="300", height="300",
+        rgb1="0.82 0.84 0.86", rgb2="0.72 0.75 0.78",
+    )  # fmt: skip
+    child(asset, "material", name="floor", texture="floor", texrepeat="8 8", reflectance="0.1")
+    child(world, "light", pos="1 1 3", dir="-0.3 -0.3 -1", diffuse="0.8 0.8 0.8")
+    child(world, "geom", name="floor", type="plane", size="4 4 0.1", material="floor")
+
+
+class _MjcfWriter:
+    """Writes bodies, joints, geoms and sites."""
+
+    def __init__(self, pepper: PepperModel, tree: KinematicTree, mesh_name: Callable[[Path], str]) -> None:
+        self.pepper, self.tree, self.mesh_name = pepper, tree, mesh_name
+        self.bodies: set[str] = set()
+        self.sites: list[str] = []
+        self.joint_order: list[str] = []
+        self.left_out: list[str] = []
+        self.meshes: dict[tuple[Path, tuple[float, float, float]], str] = {}
+        self.with_shapes = {s.link for s in (*pepper.visual_shapes, *pepper.collision_shapes)}
+
+    def fill(self, asset: ET.Element, world: ET.Element) -> None:
+        """Write the tree into the world and its meshes into the assets."""
+        root = self.pepper.document.root
+        self._contents(world, root, np.eye(4), "world")
+        for (path, scale), name in self.meshes.items():
+            child(asset, "mesh", name=name, file=self.mesh_name(path), scale=numbers(scale), inertia="shell")
+
+    def _contents(self, element: ET.Element, link: str, pose: NDArray[np.float64], body: str) -> None:
+        """Write a link's shapes, site and children into an element, in which the link has a pose."""
+        for group, shapes in (
+            (VISUAL_GROUP, self.pepper.visual_shapes),
+            (COLLISION_GROUP, self.pepper.collision_shapes),
+        ):
+            for index, shape in enumerate(s for s in shapes if s.link == link):
+                self._geom(element, shape, pose, group, index)
+        if body != link:
+            self.sites.append(link)
+            child(element, "site", name=link, **_pose(pose), group="4", size="0.01")
+        for name in self.tree.children(link):
+            self._link(element, self.tree.joints[name], pose, body)
+
+    def _link(
+        self, element: ET.Element, placed: PlacedJoint, pose: NDArray[np.float64], carrier: str
+    ) -> None:
+        link, moving = placed.joint.child, placed.joint.type != "fixed"
+        here = pose @ placed.transform_child_to_parent
+        if not moving and link not in self.with_shapes and link not in self.tree.bodies:
+            self._contents(element, link, here, carrier)
+            return
+        body = child(element, "body", name=link, **_pose(here))
+        self.bodies.add(link)
+        if moving:
+            self._joint(body, placed)
+        self._inertial(body, link, moving)
+        self._contents(body, link, np.eye(4), link)
+
+    def _joint(self, body: ET.Element, placed: PlacedJoint) -> None:
+        joint = placed.joint
+        attributes = {"range": numbers((joint.lower, joint.upper))} if math.isfinite(joint.upper) else {}
+        kind = "slide" if joint.type == "prismatic" else "hinge"
+        if joint.mimic is not None and is_light(self.pepper, self.tree, leader_of(self.pepper, joint.name)):
+            attributes["damping"] = number(FOLLOWER_DAMPING)
+        child(body, "joint", name=joint.name, type=kind, axis=numbers(placed.axis), **attributes)
+        self.joint_order.append(joint.name)
+
+    def _inertial(self, element: ET.Element, link: str, moving: bool) -> None:
+        body = self.tree.bodies.get(link)
+        if body is not None:
+            i = body.inertia
+            entries = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+            child(
+                element, "inertial", pos=numbers(body.center), mass=number(body.mass),
+                fullinertia=numbers(entries),
+            )  # fmt: skip
+        elif moving:
+            leads = any(j.mimic is not None and j.mimic[0] == self.tree.joints[link].joint.name
+                        for j in self.pepper.document.joints if j.type != "fixed")  # fmt: skip
+            child(
+                element, "inertial", pos="0 0 0", mass=number(TINY_MASS),
+                diaginertia=numbers([LEADER_INERTIA if leads else TINY_INERTIA] * 3),
+            )  # fmt: skip
+
+    def _geom(
+        self, element: ET.Element, shape: Shape, pose: NDArray[np.float64], group: str, index: int
+    ) -> None:
+        kind = "visual" if group == VISUAL_GROUP else "collision"
+        attributes = self._size(shape.geometry)
+        if not attributes:
+            return
+        touches = group == COLLISION_GROUP and not shape.link.startswith("Wheel")
+        child(
+            element, "geom", name=f"{shape.link}_{kind}_{index}", group=group, mass="0",
+            contype="1" if touches else "0", conaffinity="1" if touches else "0",
+            rgba=numbers(shape.color if kind == "visual" else (0.9, 0.4, 0.2, 0.4)),
+            **attributes, **_pose(pose @ shape.transform_shape_to_link),
+        )  # fmt: skip
+
+    def _size(self, geometry: Geometry) -> dict[str, str]:
+        if isinstance(geometry, Mesh):
+            if geometry.path.suffix.lower() not in READABLE_MESHES or not geometry.path.is_file():
+                if geometry.path.name not in self.left_out:
+                    self.left_out.append(geometry.path.name)
+                return {}
+            key = (geometry.path, geometry.scale)
+            name, count = geometry.path.stem, 2
+            while key not in self.meshes and name in self.meshes.values():
+                name, count = f"{geometry.path.stem}_{count}", count + 1
+            return {"type": "mesh", "mesh": self.meshes.setdefault(key, name)}
+        if isinstance(geometry, Box):
+            return {"type": "box", "size": numbers(np.array(geometry.size) / 2)}
+        if isinstance(geometry, Sphere):
+            return {"type": "sphere", "size": number(geometry.radius)}
+        kind = "capsule" if isinstance(geometry, Capsule) else "cylinder"
+        assert isinstance(geometry, Capsule | Cylinder)
+        return {"type": kind, "size": numbers((geometry.radius, geometry.length / 2))}
+
+
+def _pose(pose: NDArray[np.float64]) -> dict[str, str]:
+    return {"pos": numbers(pose[:3, 3]), "quat": numbers(quaternion_wxyz_of(pose[:3, :3]))}

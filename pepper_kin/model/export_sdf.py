@@ -1,0 +1,182 @@
+"""The robot as SDF, the format of Gazebo."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.model.coupling import coupling_of
+from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
+from pepper_kin.model.mesh_names import mesh_namer
+from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Shape, Sphere
+from pepper_kin.model.xml_text import child, document, number, numbers, rpy_of
+
+TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
+"""Of links that move without mass, which SDF does not allow [kg], [kg m^2]."""
+
+
+def sdf_text(pepper: PepperModel, mesh_paths: str = "absolute") -> str:
+    """Return the robot as an SDF text.
+
+    Links with mass and links that move become links; a fixed link without mass becomes a frame of the link
+    that carries it, which also takes its shapes.  The model's frame is the root link's.  A link that moves
+    without mass gets 1e-8 kg and 1e-9 kg m^2.  The version is 1.9, or 1.11 where joints mimic others, because
+    earlier ones have no word for it.
+
+    Args:
+        pepper: The robot.
+        mesh_paths: "package" (as `model://`), "absolute" or "relative".
+    """
+    tree = kinematic_tree(pepper.document)
+    coupled = any(joint.mimic is not None for joint in pepper.document.joints if joint.type != "fixed")
+    root = ET.Element("sdf", version="1.11" if coupled else "1.9")
+    writer = _SdfWriter(pepper, tree, mesh_namer(pepper.document, mesh_paths, scheme="model"))
+    root.append(writer.model())
+    return document(root, f"{pepper.name}: exported by pepper_kin; [m], [rad], [kg].")
+
+
+class _SdfWriter:
+    """Writes one model element."""
+
+    def __init__(self, pepper: PepperModel, tree: KinematicTree, mesh_name: Callable[[Path], str]) -> None:
+        self.pepper, self.tree, self.mesh_name = pepper, tree, mesh_name
+        self.is_link = {
+            name: name in tree.bodies or (name in tree.joints and tree.joints[name].joint.type != "fixed")
+            for name in pepper.link_names
+        }
+        if not any(self.is_link.values()):
+            self.is_link[pepper.document.root] = True
+        self.taken = set(pepper.link_names)
+
+    def carrier(self, link: str) -> tuple[str | None, NDArray[np.float64]]:
+        """Return the SDF link that carries a URDF link (None: the model) and the pose in it."""
+        pose = np.eye(4)
+        while not self.is_link[link]:
+            placed = self.tree.joints.get(link)
+            if placed is None:
+                return None, pose
+            pose, link = placed.transform_child_to_parent @ pose, placed.joint.parent
+        return link, pose
+
+    def model(self) -> ET.Element:
+        """Write everything."""
+        model = ET.Element("model", name=self.pepper.name)
+        shapes: dict[str, list[tuple[str, Shape]]] = {}
+        for kind, those in (
+            ("visual", self.pepper.visual_shapes),
+            ("collision", self.pepper.collision_shapes),
+        ):
+            for shape in those:
+                shapes.setdefault(self.carrier(shape.link)[0] or "", []).append((kind, shape))
+        for link in self.pepper.link_names:
+            if not self.is_link[link]:
+                continue
+            placed = self.tree.joints.get(link)
+            parent, pose = (None, np.eye(4)) if placed is None else self.carrier(placed.joint.parent)
+            pose = pose if placed is None else pose @ placed.transform_child_to_parent
+            element = child(model, "link", name=link)
+            if parent is None and (placed is None or placed.joint.type == "fixed"):
+                _pose(element, pose)
+                self._joint_element(model, f"{link}_to_world", "fixed", "world", link, None)
+            elif placed is not None:
+                name = self._joint(model, placed, parent or "world", link, pose)
+                _pose(element, np.eye(4), relative_to=name)
+            self._inertial(element, link)
+            for kind, shape in shapes.get(link, []):
+                self._shape(element, kind, shape)
+        for link in self.pepper.link_names:
+            if not self.is_link[link] and link != "world":  # SDF has a frame of that name already
+                carrier, pose = self.carrier(link)
+                attributes = {} if carrier is None else {"attached_to": carrier}
+                _pose(child(model, "frame", name=link, **attributes), pose)
+        return model
+
+    def _joint(
+        self, model: ET.Element, placed: PlacedJoint, parent: str, link: str, pose: NDArray[np.float64]
+    ) -> str:
+        joint = placed.joint
+        name = joint.name if joint.name not in self.taken else f"{joint.name}_joint"
+        element = self._joint_element(model, name, joint.type, parent, link, pose)
+        if joint.type == "fixed":
+            return name
+        axis = child(element, "axis")
+        child(axis, "xyz", numbers(placed.axis))
+        limit = child(axis, "limit")
+        for tag, value in (
+            ("lower", joint.lower),
+            ("upper", joint.upper),
+            ("effort", joint.effort),
+            ("velocity", joint.velocity),
+        ):
+            if math.isfinite(value):
+                child(limit, tag, number(value))
+        leader, gain, shift = coupling_of(self.pepper, joint.name)
+        if leader != joint.name:
+            mimic = child(axis, "mimic", joint=leader)
+            child(mimic, "multiplier", number(gain))
+            child(mimic, "offset", number(shift))
+            child(mimic, "reference", "0")
+        return name
+
+    def _joint_element(
+        self,
+        model: ET.Element,
+        name: str,
+        kind: str,
+        parent: str,
+        link: str,
+        pose: NDArray[np.float64] | None,
+    ) -> ET.Element:
+        element = child(model, "joint", name=name, type=kind)
+        if pose is not None:
+            _pose(element, pose, relative_to="__model__" if parent == "world" else parent)
+        child(element, "parent", parent)
+        child(element, "child", link)
+        return element
+
+    def _inertial(self, element: ET.Element, link: str) -> None:
+        inertial = child(element, "inertial")
+        body = self.tree.bodies.get(link)
+        inertia = np.eye(3) * TINY_INERTIA if body is None else body.inertia
+        if body is not None:
+            child(inertial, "pose", numbers((*body.center, 0.0, 0.0, 0.0)))
+        child(inertial, "mass", number(TINY_MASS if body is None else body.mass))
+        tensor = child(inertial, "inertia")
+        for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+            child(tensor, f"i{'xyz'[row]}{'xyz'[column]}", number(inertia[row, column]))
+
+    def _shape(self, element: ET.Element, kind: str, shape: Shape) -> None:
+        _, pose = self.carrier(shape.link)
+        name = shape.name if shape.link == element.get("name") else f"{shape.link}_{shape.name}"
+        item = child(element, kind, name=name)
+        _pose(item, pose @ shape.transform_shape_to_link)
+        self._geometry(child(item, "geometry"), shape.geometry)
+        if kind == "visual":
+            material = child(item, "material")
+            for tag in ("ambient", "diffuse"):
+                child(material, tag, numbers(shape.color))
+
+    def _geometry(self, element: ET.Element, geometry: Geometry) -> None:
+        if isinstance(geometry, Box):
+            child(child(element, "box"), "size", numbers(geometry.size))
+        elif isinstance(geometry, Sphere):
+            child(child(element, "sphere"), "radius", number(geometry.radius))
+        elif isinstance(geometry, Cylinder | Capsule):
+            item = child(element, "capsule" if isinstance(geometry, Capsule) else "cylinder")
+            child(item, "radius", number(geometry.radius))
+            child(item, "length", number(geometry.length))
+        else:
+            mesh = child(element, "mesh")
+            child(mesh, "uri", self.mesh_name(geometry.path))
+            child(mesh, "scale", numbers(geometry.scale))
+
+
+def _pose(element: ET.Element, pose: NDArray[np.float64], relative_to: str | None = None) -> None:
+    attributes = {} if relative_to is None else {"relative_to": relative_to}
+    child(element, "pose", numbers((*pose[:3, 3], *rpy_of(pose[:3, :3]))), **attributes)

@@ -1,0 +1,129 @@
+"""A URDF's tree with all that a converter needs: joint placements, axes and the bodies' inertias."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import ModelError
+from pepper_kin.model.shapes import read_only, rotation_rpy, transform
+from pepper_kin.model.urdf_document import Joint, UrdfDocument, number_of, vector_of
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Mass and inertia of one link.
+
+    Attributes:
+        mass: Mass [kg].
+        center: (3,) centre of mass in the link frame [m].
+        inertia: (3, 3) inertia about the centre of mass, axes parallel to the link frame [kg m^2].
+    """
+
+    mass: float
+    center: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedJoint:
+    """A joint with its place on the parent.
+
+    Attributes:
+        joint: What the URDF says of it.
+        transform_child_to_parent: (4, 4) at position zero.
+        position: (3,) the URDF's xyz [m].
+        rpy: (3,) the URDF's rpy [rad], kept so that texts repeat the published digits.
+        axis: (3,) unit axis in the child frame; zero for fixed joints.
+    """
+
+    joint: Joint
+    transform_child_to_parent: NDArray[np.float64]
+    position: NDArray[np.float64]
+    rpy: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicTree:
+    """Joints and bodies of a document.
+
+    Attributes:
+        document: The URDF.
+        joints: Placed joints by the name of their child link.
+        bodies: Body of every link that has mass.
+    """
+
+    document: UrdfDocument
+    joints: dict[str, PlacedJoint]
+    bodies: dict[str, Body]
+
+    def children(self, link: str) -> tuple[str, ...]:
+        """Links that hang directly on a link, in document order."""
+        return tuple(name for name, placed in self.joints.items() if placed.joint.parent == link)
+
+
+def kinematic_tree(document: UrdfDocument) -> KinematicTree:
+    """Read joint placements and inertias of a document.
+
+    Raises:
+        ModelError: naming the joint or link whose numbers are malformed.
+    """
+    root = ET.fromstring(document.text)
+    elements = {element.get("name"): element for element in root.findall("joint")}
+    joints = {joint.child: _place(joint, elements[joint.name]) for joint in document.joints}
+    bodies = {}
+    for element in root.findall("link"):
+        name, inertial = element.get("name", ""), element.find("inertial")
+        if inertial is not None:
+            body = read_body(inertial, name)
+            if body.mass > 0.0:
+                bodies[name] = body
+    return KinematicTree(document, joints, bodies)
+
+
+def _place(joint: Joint, element: ET.Element) -> PlacedJoint:
+    what = f"joint {joint.name}"
+    origin = element.find("origin")
+    position = vector_of(None if origin is None else origin.get("xyz"), 3, (0, 0, 0), f"origin of {what}")
+    rpy = vector_of(None if origin is None else origin.get("rpy"), 3, (0, 0, 0), f"origin of {what}")
+    axis = np.zeros(3)
+    if joint.type != "fixed":
+        given = element.find("axis")
+        axis = vector_of(None if given is None else given.get("xyz"), 3, (1, 0, 0), f"axis of {what}")
+        length = float(np.linalg.norm(axis))
+        if length < 1e-9:
+            raise ModelError(f"URDF: {what}: the axis is zero")
+        axis = axis / length
+    return PlacedJoint(
+        joint, read_only(transform(position, rpy)), read_only(position), read_only(rpy), read_only(axis)
+    )
+
+
+def read_body(inertial: ET.Element, link: str) -> Body:
+    """Read an <inertial>, its inertia turned into the axes of the link.
+
+    Raises:
+        ModelError: naming the link whose numbers are malformed.
+    """
+    what = f"inertial of link {link}"
+    origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
+    center = vector_of(None if origin is None else origin.get("xyz"), 3, (0, 0, 0), what)
+    rpy = vector_of(None if origin is None else origin.get("rpy"), 3, (0, 0, 0), what)
+    entry = {
+        key: 0.0 if inertia is None else number_of(inertia, key, 0.0, what)
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    }
+    tensor = np.array(
+        [
+            [entry["ixx"], entry["ixy"], entry["ixz"]],
+            [entry["ixy"], entry["iyy"], entry["iyz"]],
+            [entry["ixz"], entry["iyz"], entry["izz"]],
+        ]
+    )
+    rotation = rotation_rpy(*(float(v) for v in rpy))
+    kilograms = 0.0 if mass is None else number_of(mass, "value", 0.0, what)
+    return Body(kilograms, read_only(center), read_only(rotation @ tensor @ rotation.T))

@@ -1,0 +1,69 @@
+"""How an exported file names its meshes: by package, by absolute path, or beside itself."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.shapes import Mesh
+from pepper_kin.model.urdf_document import UrdfDocument
+
+MESH_PATHS = ("package", "absolute", "relative")
+FOLDER = "meshes"
+
+
+def mesh_files(document: UrdfDocument) -> dict[str, Path]:
+    """Return the files to copy for `mesh_paths="relative"`: name beside the export -> file here.
+
+    Two files of the same name in different folders get different names.
+    """
+    result: dict[str, Path] = {}
+    for shape in (*document.visuals, *document.collisions):
+        if isinstance(shape.geometry, Mesh) and shape.geometry.path not in result.values():
+            path = shape.geometry.path
+            name, count = f"{FOLDER}/{path.name}", 2
+            while name in result:
+                name, count = f"{FOLDER}/{path.stem}_{count}{path.suffix}", count + 1
+            result[name] = path
+    return result
+
+
+def mesh_namer(document: UrdfDocument, mesh_paths: str, scheme: str = "package") -> Callable[[Path], str]:
+    """Return what turns a mesh's file into its name in the export.
+
+    Args:
+        document: The robot.
+        mesh_paths: "package" (as the URDF names it, under `scheme`), "absolute" or "relative" (see
+            `mesh_files`).
+        scheme: What stands before "://" of a name by package; SDF has "model".
+
+    Raises:
+        InvalidValueError: for another choice.
+    """
+    check_choice("mesh_paths", mesh_paths, MESH_PATHS)
+    if mesh_paths == "absolute":
+        return lambda path: str(path.resolve())
+    if mesh_paths == "relative":
+        beside = {path: name for name, path in mesh_files(document).items()}
+        return lambda path: beside[path]
+    names = _names_in_urdf(document)
+    return lambda path: names[path].replace("package://", f"{scheme}://", 1)
+
+
+def _names_in_urdf(document: UrdfDocument) -> dict[Path, str]:
+    """Pair resolved files with the names in the text; both come in document order."""
+    root = ET.fromstring(document.text)
+    result = {}
+    for kind, shapes in (("visual", document.visuals), ("collision", document.collisions)):
+        elements = [mesh for link in root.findall("link") for mesh in link.iterfind(f"{kind}/geometry/mesh")]
+        paths = [shape.geometry.path for shape in shapes if isinstance(shape.geometry, Mesh)]
+        for element, path in zip(elements, paths, strict=True):
+            result[path] = element.get("filename", "")
+    return result
+
+
+def files_by_name(document: UrdfDocument) -> dict[str, Path]:
+    """Return the file behind each mesh name of the URDF's text."""
+    return {name: path for path, name in _names_in_urdf(document).items()}

@@ -1,0 +1,120 @@
+"""Whether a description is complete and physical: every fault, named with its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pepper_kin.model.audit_links import LinkRow, audit_links
+from pepper_kin.model.audit_tree import JointRow, audit_joints, fingers_found, reachable_links
+from pepper_kin.model.fault import Fault
+from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.text_table import text_table
+from pepper_kin.model.tolerant_urdf import read_tolerantly
+from pepper_kin.model.urdf_source import read_source
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What an audit found.
+
+    Attributes:
+        name: Name of the robot.
+        links: A row per link that has mass.
+        joints: A row per joint that moves.
+        frames: Number of links, frames without mass included.
+        reachable: Number of links that hang on the root.
+        total_mass: Sum of the links' masses [kg].
+        fingers: (fixed, following the hand, independent, missing) finger joints of Pepper's 28; None for a
+            robot without any.
+        meshes: Number of mesh references.
+        faults: What is wrong.
+        notes: What is unusual but can be right, such as mass that reaches out of the visible shape.
+    """
+
+    name: str
+    links: tuple[LinkRow, ...]
+    joints: tuple[JointRow, ...]
+    frames: int
+    reachable: int
+    total_mass: float
+    fingers: tuple[int, int, int, int] | None
+    meshes: int
+    faults: tuple[Fault, ...]
+    notes: tuple[Fault, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no fault."""
+        return not self.faults
+
+    def of_kind(self, kind: str) -> tuple[Fault, ...]:
+        """Faults of one kind."""
+        return tuple(fault for fault in self.faults if fault.kind == kind)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return everything as plain values for JSON."""
+        return {"ok": self.ok, **asdict(self)}
+
+    def report(self) -> str:
+        """Return the tables and the faults as text."""
+        unresolved = len(self.of_kind("mesh"))
+        lines = [f"Audit of {self.name}", ""]
+        lines += text_table(
+            ("link", "mass kg", "least moment", "triangle margin", "gyration m", "reach m", ""),
+            [row.cells() for row in self.links],
+        )
+        lines += ["", *text_table(("joint", "type", "lower", "upper", "velocity", "effort", ""),
+                                  [row.cells() for row in self.joints])]  # fmt: skip
+        lines += [
+            "",
+            f"total mass        {self.total_mass:.5f} kg in {len(self.links)} links",
+            f"moving joints     {len(self.joints)}",
+            f"reachable frames  {self.reachable} of {self.frames}",
+            f"meshes            {self.meshes - unresolved} of {self.meshes} found",
+        ]
+        if self.fingers is not None:
+            fixed, following, free, missing = self.fingers
+            lines.append(
+                f"finger joints     {following} follow their hand, {fixed} fixed, {free} independent, "
+                f"{missing} missing"
+            )
+        for title, items in (("notes", self.notes), ("faults", self.faults)):
+            lines += ["", f"{len(items)} {title}" if items else f"no {title}", *(f"  {i}" for i in items)]
+        return "\n".join(lines)
+
+
+def audit(source: PepperModel | str | Path, package_dirs: Sequence[str | Path] = ()) -> Audit:
+    """Audit a description.
+
+    A broken one is reported, not refused.  Document types and entities are never read.
+
+    Args:
+        source: A loaded robot, the text of a URDF, or the path of one.
+        package_dirs: Folders that hold packages, for `package://` mesh names.
+
+    Returns:
+        The findings; `ok` where there is no fault.
+
+    Raises:
+        FileFormatError: where a path cannot be read.
+    """
+    facts = read_tolerantly(read_source(source), [Path(folder) for folder in package_dirs])
+    faults = list(facts.faults)
+    links, notes = audit_links(facts, faults)
+    joints = audit_joints(facts, faults)
+    reachable = reachable_links(facts, faults)
+    shapes = [shape for link in facts.links.values() for shape in link.shapes]
+    return Audit(
+        name=facts.name,
+        links=tuple(links),
+        joints=tuple(joints),
+        frames=len(facts.links),
+        reachable=len(reachable),
+        total_mass=float(sum(row.mass for row in links)),
+        fingers=fingers_found(facts, faults),
+        meshes=sum(shape.kind == "mesh" for shape in shapes),
+        faults=tuple(faults),
+        notes=tuple(notes),
+    )

@@ -1,0 +1,69 @@
+"""How far a link's shapes reach: the box that its mass must lie in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.model.tolerant_urdf import LinkFacts, ShapeFacts
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def link_extent(link: LinkFacts) -> NDArray[np.float64] | None:
+    """Return the box around all shapes of a link, [[lower x, y, z], [upper x, y, z]] [m], axes of the link.
+
+    None where it has no shape whose size can be read.
+    """
+    boxes = [box for shape in link.shapes if (box := _extent(shape)) is not None]
+    if not boxes:
+        return None
+    return np.array([np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)])
+
+
+def _extent(shape: ShapeFacts) -> NDArray[np.float64] | None:
+    rotation, center = shape.pose[:3, :3], shape.pose[:3, 3]
+    if shape.kind == "mesh":
+        points = None if shape.path is None else mesh_points(shape.path)
+        if points is None or not len(points):
+            return None
+        placed = (points * np.array(shape.sizes["scale"])) @ rotation.T + center
+        return np.array([placed.min(axis=0), placed.max(axis=0)])
+    if shape.kind == "box":
+        reach = np.abs(rotation) @ (np.array(shape.sizes["size"]) / 2)
+    else:
+        radius = shape.sizes["radius"][0]
+        axis = rotation[:, 2]
+        half = shape.sizes.get("length", (0.0,))[0] / 2
+        # A disc of normal `axis` reaches radius * sqrt(1 - axis_i^2) along i, a ball reaches radius.
+        across = np.sqrt(np.clip(1 - axis**2, 0, None)) if shape.kind == "cylinder" else np.ones(3)
+        reach = half * np.abs(axis) + radius * across
+    return np.array([center - reach, center + reach])
+
+
+def mesh_points(path: Path) -> NDArray[np.float64] | None:
+    """Return the corners of an STL or OBJ mesh, (k, 3), in the file's unit; None where it cannot be read."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    if path.suffix.lower() == ".obj":
+        return _numbers_after(content, b"v")
+    if path.suffix.lower() != ".stl":
+        return None
+    if len(content) >= 84:
+        count = int(np.frombuffer(content[80:84], dtype="<u4")[0])
+        if len(content) == 84 + count * _FACET.itemsize:
+            corners = np.frombuffer(content, dtype=_FACET, offset=84)["corners"]
+            return np.asarray(corners.reshape(-1, 3), dtype=float)
+    return _numbers_after(content, b"vertex")
+
+
+def _numbers_after(content: bytes, keyword: bytes) -> NDArray[np.float64] | None:
+    lines = [line.split() for line in content.splitlines()]
+    try:
+        return np.array([[float(v) for v in x[1:4]] for x in lines if x and x[0] == keyword]).reshape(-1, 3)
+    except ValueError:
+        return None

@@ -1,0 +1,203 @@
+"""MJCF in MuJoCo: the same frames and masses, limits, couplings, sensors, and a robot that stands still."""
+
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError
+
+VARIANTS = [(base, hands) for base in ("fixed", "planar") for hands in ("locked", "mimic", "independent")]
+
+
+class Engine:
+    """A robot and its MJCF in MuJoCo."""
+
+    def __init__(self, pepper, **options):
+        self.pepper = pepper
+        self.text = pepper.export("mjcf", **options)
+        self.model = mujoco.MjModel.from_xml_string(self.text)
+        self.data = mujoco.MjData(self.model)
+        names = list(pepper.pinocchio_model.names)[1:]
+        self.order = [self.model.joint(name).qposadr[0] for name in names]
+
+    def set(self, q):
+        self.data.qpos[self.order] = self.pepper.to_full(q)
+        mujoco.mj_forward(self.model, self.data)
+
+    def frame_pose(self, name):
+        kind = mujoco.mjtObj.mjOBJ_BODY
+        if mujoco.mj_name2id(self.model, kind, name) >= 0:
+            item = self.data.body(name)
+        else:
+            item = self.data.site(name)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = item.xmat.reshape(3, 3), item.xpos
+        return pose
+
+    def mass_matrix(self):
+        """E' M E with M of MuJoCo's own coordinates."""
+        full = np.zeros((self.model.nv, self.model.nv))
+        for i, unit in enumerate(np.eye(self.model.nv)):
+            column = np.zeros(self.model.nv)
+            mujoco.mj_mulM(self.model, self.data, column, unit)
+            full[:, i] = column
+        full = full[np.ix_(self.order, self.order)]
+        return self.pepper.full_map.T @ full @ self.pepper.full_map
+
+
+@pytest.fixture(scope="module", params=VARIANTS, ids="-".join)
+def engine(request):
+    base, hands = request.param
+    return Engine(pk.load_pepper(base=base, hands=hands))
+
+
+def random_q(pepper, rng):
+    return rng.uniform(np.maximum(pepper.lower_limits, -3), np.minimum(pepper.upper_limits, 3))
+
+
+def test_frames_and_mass_matrix_are_ours(engine):
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        q = random_q(engine.pepper, rng)
+        engine.set(q)
+        for name in engine.pepper.frame_names:
+            expected = pk.kinematics.frame_pose(engine.pepper, q, name)
+            np.testing.assert_allclose(engine.frame_pose(name), expected, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(engine.mass_matrix(), pk.dynamics.mass_matrix(engine.pepper, q), atol=1e-6)
+    total = float(engine.model.body_subtreemass[0])
+    assert total == pytest.approx(pk.dynamics.total_mass(engine.pepper), abs=1e-6)
+
+
+def test_limits_of_joints_and_actuators(engine):
+    pepper, model = engine.pepper, engine.model
+    assert model.nu == pepper.n
+    for i, name in enumerate(pepper.joint_names):
+        joint, actuator = model.joint(name), model.actuator(name)
+        if np.isfinite(pepper.upper_limits[i]):
+            assert tuple(joint.range) == (pepper.lower_limits[i], pepper.upper_limits[i])
+            assert joint.limited[0]
+        else:
+            assert not joint.limited[0]
+        effort = pepper.effort_limits[i]
+        assert tuple(actuator.forcerange) == (-effort, effort)
+        assert actuator.trnid[0] == joint.id
+
+
+def test_stands_still_for_ten_seconds(engine):
+    model, data, pepper = engine.model, engine.data, engine.pepper
+    mujoco.mj_resetDataKeyframe(model, data, model.key("Stand").id)
+    start = data.qpos.copy()
+    np.testing.assert_allclose(start[engine.order], pepper.to_full(pepper.posture("Stand")), atol=1e-12)
+    farthest = 0.0
+    while data.time < 10.0:
+        mujoco.mj_step(model, data)
+        farthest = max(farthest, float(np.abs(data.qpos - start).max()))
+    assert farthest < 0.01, "it sags by less than 0.01 rad or m"
+    assert np.abs(data.qvel).max() < 1e-3
+    assert data.ncon == 0
+    assert all(warning.number == 0 for warning in data.warning)
+
+
+def test_without_actuators_it_falls(engine):
+    """The stillness is the actuators' work: without gains the same model moves."""
+    model, data = engine.model, engine.data
+    gains = model.actuator_gainprm.copy(), model.actuator_biasprm.copy()
+    model.actuator_gainprm[:], model.actuator_biasprm[:] = 0, 0
+    mujoco.mj_resetDataKeyframe(model, data, model.key("Stand").id)
+    start = data.qpos.copy()
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+    model.actuator_gainprm[:], model.actuator_biasprm[:] = gains
+    assert np.abs(data.qpos - start).max() > 0.1
+
+
+def test_fingers_follow_their_hand():
+    engine = Engine(pk.load_pepper(hands="mimic"))
+    model, data = engine.model, engine.data
+    assert model.neq == 28
+    mujoco.mj_resetDataKeyframe(model, data, model.key("Stand").id)
+    data.ctrl[model.actuator("LHand").id] = 0.1
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    opening = data.joint("LHand").qpos[0]
+    assert opening == pytest.approx(0.1, abs=0.02)
+    for finger in ("LFinger11", "LFinger23", "LThumb2"):
+        assert data.joint(finger).qpos[0] == pytest.approx(0.872665 * opening, abs=0.01)
+    assert data.joint("RHand").qpos[0] == pytest.approx(0.5888, abs=0.02)
+
+
+def test_sensors_measure():
+    engine = Engine(pk.load_pepper())
+    q = engine.pepper.posture("Stand")
+    engine.set(q)
+    i = engine.pepper.joint_index("LElbowRoll")
+    assert engine.data.sensor("LElbowRoll_position").data[0] == pytest.approx(q[i])
+    engine.data.qvel[:] = 0
+    engine.data.qvel[engine.order[engine.pepper.joint_index("HipRoll")]] = 0.5
+    mujoco.mj_forward(engine.model, engine.data)
+    turn = pk.kinematics.frame_pose(engine.pepper, q, "ImuTorsoGyrometer_frame")[:3, :3]
+    jacobian = pk.kinematics.frame_jacobian(engine.pepper, q, "ImuTorsoGyrometer_frame")
+    expected = turn.T @ (jacobian[3:, engine.pepper.joint_index("HipRoll")] * 0.5)
+    np.testing.assert_allclose(engine.data.sensor("ImuTorsoGyrometer").data, expected, atol=1e-9)
+    # The base stands on the floor, so its accelerometer feels 1 g upwards.
+    np.testing.assert_allclose(engine.data.sensor("ImuBaseAccelerometer").data, [0, 0, 9.81], atol=1e-9)
+    assert engine.data.sensor("ImuTorsoAccelerometer").data.shape == (3,)
+
+
+def test_base_follows_its_velocity_commands():
+    engine = Engine(pk.load_pepper(base="planar"))
+    model, data = engine.model, engine.data
+    mujoco.mj_resetDataKeyframe(model, data, model.key("Stand").id)
+    data.ctrl[model.actuator("BaseX").id] = 0.2
+    for _ in range(1500):
+        mujoco.mj_step(model, data)
+    assert data.joint("BaseX").qvel[0] == pytest.approx(0.2, abs=0.01)
+    assert 0.4 < data.joint("BaseX").qpos[0] < 0.61
+
+
+def test_disabled_pairs_are_excluded_and_others_touch():
+    engine = Engine(pk.load_pepper())
+    model, data, pepper = engine.model, engine.data, engine.pepper
+    arm = {"RShoulderPitch": 0.89, "RShoulderRoll": -0.46, "RElbowYaw": 0.76, "RElbowRoll": 1.32}
+    q = pepper.joint_vector({**arm, "RWristYaw": 0.28})
+    ours = {tuple(sorted(pair)) for pair in pk.collision.checker_for(pepper).contacts(q)}
+    assert ours == {("r_wrist", "torso")}, "the right hand is in the chest"
+    engine.set(q)
+    theirs = {
+        tuple(sorted(model.body(model.geom_bodyid[g]).name for g in contact.geom)) for contact in data.contact
+    }
+    assert ours == theirs
+    looks = [g for g in range(model.ngeom) if model.geom_group[g] == 2]
+    assert len(looks) > 60
+    assert all(model.geom_contype[g] == 0 and model.geom_conaffinity[g] == 0 for g in looks)
+    assert {model.geom_type[g] for g in looks} == {int(mujoco.mjtGeom.mjGEOM_MESH)}
+    capsule = model.geom("LBicep_collision_0")
+    assert capsule.type[0] == int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+    assert all(model.geom(f"Wheel{w}_link_collision_0").contype[0] == 0 for w in ("FL", "FR", "B"))
+
+
+def test_relative_meshes_load_beside_the_file(tmp_path):
+    pepper = pk.load_pepper()
+    files = pk.model.mesh_files(pepper.document)
+    (tmp_path / "meshes").mkdir()
+    for name, path in files.items():
+        (tmp_path / name).write_bytes(path.read_bytes())
+    target = tmp_path / "pepper.xml"
+    target.write_text(pepper.export("mjcf", mesh_paths="relative"), encoding="utf-8")
+    assert mujoco.MjModel.from_xml_path(str(target)).nmesh == len(files)
+    names = [mesh.get("file") for mesh in ET.parse(target).getroot().iterfind("asset/mesh")]
+    assert all(name.startswith("meshes/") for name in names)
+
+
+def test_packages_are_refused():
+    with pytest.raises(
+        InvalidValueError, match="mesh_paths: got 'package', expected 'absolute' or 'relative'"
+    ):
+        pk.load_pepper().export("mjcf", mesh_paths="package")
+    with pytest.raises(
+        InvalidValueError, match="format: got 'step', expected one of 'urdf', 'srdf', 'sdf', 'mjcf'"
+    ):
+        pk.load_pepper().export("step")

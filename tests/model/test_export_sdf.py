@@ -1,0 +1,191 @@
+"""SDF, read by a small reader that knows the SDF specification and shares no code with the writer."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+
+VARIANTS = [(base, hands) for base in ("fixed", "planar") for hands in ("locked", "mimic", "independent")]
+
+
+def pose_of(element):
+    """x y z roll pitch yaw, fixed axes, as (4, 4)."""
+    x, y, z, r, p, w = (float(v) for v in element.text.split())
+    roll = np.array([[1, 0, 0], [0, np.cos(r), -np.sin(r)], [0, np.sin(r), np.cos(r)]])
+    pitch = np.array([[np.cos(p), 0, np.sin(p)], [0, 1, 0], [-np.sin(p), 0, np.cos(p)]])
+    yaw = np.array([[np.cos(w), -np.sin(w), 0], [np.sin(w), np.cos(w), 0], [0, 0, 1]])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = yaw @ pitch @ roll, (x, y, z)
+    return pose
+
+
+class SdfModel:
+    """Frames and masses of an SDF model at given joint positions."""
+
+    def __init__(self, text):
+        self.root = ET.fromstring(text)
+        self.model = self.root.find("model")
+        self.links = {link.get("name"): link for link in self.model.findall("link")}
+        self.frames = {frame.get("name"): frame for frame in self.model.findall("frame")}
+        self.joints = {joint.get("name"): joint for joint in self.model.findall("joint")}
+        self.by_child = {joint.find("child").text: joint for joint in self.joints.values()}
+
+    def position(self, joint, values):
+        mimic = joint.find("axis/mimic")
+        if mimic is None:
+            return values.get(joint.get("name"), 0.0)
+        leader = self.position(self.joints[mimic.get("joint")], values)
+        return float(mimic.find("multiplier").text) * leader + float(mimic.find("offset").text)
+
+    def pose(self, name, values):
+        """The pose of a link or frame in the model frame."""
+        if name in ("__model__", "world"):
+            return np.eye(4)
+        if name in self.frames:
+            frame = self.frames[name]
+            return self.pose(frame.get("attached_to", "__model__"), values) @ pose_of(frame.find("pose"))
+        placement = self.links[name].find("pose")
+        above = placement.get("relative_to")
+        if above is None:
+            return pose_of(placement)
+        joint = self.joints[above]
+        assert joint.find("child").text == name
+        base = self.pose(joint.find("pose").get("relative_to"), values) @ pose_of(joint.find("pose"))
+        motion, value = np.eye(4), self.position(joint, values)
+        if joint.get("type") != "fixed":
+            axis = np.array([float(v) for v in joint.find("axis/xyz").text.split()])
+            if joint.get("type") == "prismatic":
+                motion[:3, 3] = axis * value
+            else:
+                cross = np.cross(np.eye(3), axis)
+                motion[:3, :3] = np.eye(3) + np.sin(value) * cross + (1 - np.cos(value)) * cross @ cross
+        return base @ motion @ pose_of(placement)
+
+    def bodies(self, values):
+        """(mass, centre, inertia about it) of each link, in the model frame."""
+        for name, link in self.links.items():
+            pose, inertial = self.pose(name, values), link.find("inertial")
+            offset = inertial.find("pose")
+            pose = pose if offset is None else pose @ pose_of(offset)
+            i = {e.tag: float(e.text) for e in inertial.find("inertia")}
+            tensor = np.array(
+                [
+                    [i["ixx"], i["ixy"], i["ixz"]],
+                    [i["ixy"], i["iyy"], i["iyz"]],
+                    [i["ixz"], i["iyz"], i["izz"]],
+                ]
+            )
+            rotation = pose[:3, :3]
+            yield float(inertial.find("mass").text), pose[:3, 3], rotation @ tensor @ rotation.T
+
+    def mass_matrix(self, names, q, step=1e-5):
+        """Sum over bodies of m Jc' Jc + Jw' I Jw, with Jacobians by central differences."""
+        here = list(self.bodies(dict(zip(names, q, strict=True))))
+        matrix = np.zeros((len(names), len(names)))
+        linear, angular = [], []
+        reference = [self.pose(link, dict(zip(names, q, strict=True)))[:3, :3] for link in self.links]
+        for k in range(len(names)):
+            columns = []
+            for sign in (1, -1):
+                moved = np.array(q, dtype=float)
+                moved[k] += sign * step
+                values = dict(zip(names, moved, strict=True))
+                turned = [self.pose(link, values)[:3, :3] for link in self.links]
+                columns.append(([c for _, c, _ in self.bodies(values)], turned))
+            linear.append([(a - b) / (2 * step) for a, b in zip(columns[0][0], columns[1][0], strict=True)])
+            spin = [
+                ((a - b) / (2 * step)) @ r.T
+                for a, b, r in zip(columns[0][1], columns[1][1], reference, strict=True)
+            ]
+            angular.append(
+                [np.array([w[2, 1] - w[1, 2], w[0, 2] - w[2, 0], w[1, 0] - w[0, 1]]) / 2 for w in spin]
+            )
+        for b, (mass, _, inertia) in enumerate(here):
+            jc = np.array([linear[k][b] for k in range(len(names))]).T
+            jw = np.array([angular[k][b] for k in range(len(names))]).T
+            matrix += mass * jc.T @ jc + jw.T @ inertia @ jw
+        return matrix
+
+
+@pytest.fixture(scope="module", params=VARIANTS, ids="-".join)
+def pair(request):
+    base, hands = request.param
+    pepper = pk.load_pepper(base=base, hands=hands)
+    return pepper, SdfModel(pepper.export("sdf"))
+
+
+def random_q(pepper, seed):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(np.maximum(pepper.lower_limits, -3), np.minimum(pepper.upper_limits, 3))
+
+
+def test_frames_are_ours(pair):
+    pepper, sdf = pair
+    q = random_q(pepper, 0)
+    values = dict(zip(pepper.joint_names, q, strict=True))
+    for name in pepper.frame_names:
+        expected = pk.kinematics.frame_pose(pepper, q, name)
+        np.testing.assert_allclose(sdf.pose(name, values), expected, atol=1e-9, err_msg=name)
+
+
+def test_masses_are_ours(pair):
+    pepper, sdf = pair
+    q = random_q(pepper, 1)
+    bodies = list(sdf.bodies(dict(zip(pepper.joint_names, q, strict=True))))
+    assert sum(mass for mass, _, _ in bodies) == pytest.approx(pk.dynamics.total_mass(pepper), abs=1e-6)
+    assert all(mass > 0 and np.linalg.eigvalsh(inertia)[0] > 0 for mass, _, inertia in bodies)
+    center = sum(mass * c for mass, c, _ in bodies) / sum(mass for mass, _, _ in bodies)
+    np.testing.assert_allclose(center, pk.dynamics.center_of_mass(pepper, q), atol=1e-6)
+
+
+@pytest.mark.parametrize(("base", "hands"), [("fixed", "locked"), ("planar", "mimic")])
+def test_mass_matrix_is_ours(base, hands):
+    pepper = pk.load_pepper(base=base, hands=hands)
+    q = random_q(pepper, 2)
+    matrix = SdfModel(pepper.export("sdf")).mass_matrix(pepper.joint_names, q)
+    np.testing.assert_allclose(matrix, pk.dynamics.mass_matrix(pepper, q), atol=1e-6)
+
+
+def test_limits_shapes_and_names(pair):
+    pepper, sdf = pair
+    for i, name in enumerate(pepper.joint_names):
+        limit = sdf.joints[name].find("axis/limit")
+        wanted = (
+            pepper.lower_limits[i],
+            pepper.upper_limits[i],
+            pepper.effort_limits[i],
+            pepper.velocity_limits[i],
+        )
+        for tag, value in zip(("lower", "upper", "effort", "velocity"), wanted, strict=True):
+            found = limit.find(tag)
+            assert (found is None) if np.isinf(value) else float(found.text) == value, (name, tag)
+    coupled = any(joint.find("axis/mimic") is not None for joint in sdf.joints.values())
+    assert sdf.root.get("version") == ("1.11" if coupled else "1.9")
+    assert coupled == pepper.is_coupled
+    names = [*sdf.links, *sdf.frames, *sdf.joints]
+    assert len(set(names)) == len(names), "SDF has one name space for links, frames and joints"
+    assert not {"world", "__model__"} & set(names)
+    shapes = [
+        item for link in sdf.links.values() for kind in ("visual", "collision") for item in link.findall(kind)
+    ]
+    assert len(shapes) == len(pepper.visual_shapes) + len(pepper.collision_shapes)
+    for link in sdf.links.values():
+        inside = [item.get("name") for item in link if item.get("name")]
+        assert len(set(inside)) == len(inside)
+    tree = {joint.find("child").text for joint in sdf.joints.values()}
+    assert tree == set(sdf.links), "every link hangs on one joint, the first ones on the world"
+
+
+def test_capsules_and_meshes():
+    pepper = pk.load_pepper()
+    root = ET.fromstring(pepper.export("sdf", mesh_paths="package"))
+    bicep = root.find("model/link[@name='LBicep']/collision/geometry/capsule")
+    assert float(bicep.find("radius").text) == 0.04449
+    uris = {uri.text for uri in root.iter("uri")}
+    assert "model://pepper_kin/urdf/meshes/head_shell.stl" in uris
+    absolute = ET.fromstring(pepper.export("sdf"))
+    import pathlib
+
+    assert all(pathlib.Path(uri.text).is_file() for uri in absolute.iter("uri"))

@@ -1,0 +1,330 @@
+"""One planted fault of each kind must be found and named; sound robots have none."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import FileFormatError, ModelError
+from pepper_kin.model import audit, compare
+from pepper_kin.model.semantics import parse_srdf
+
+HANDS = ("locked", "mimic", "independent")
+
+
+def pepper_text(hands="mimic"):
+    return pk.load_pepper(hands=hands).urdf
+
+
+def edited(old, new, hands="mimic", count=1):
+    text = pepper_text(hands)
+    assert old in text, old
+    return text.replace(old, new, count)
+
+
+def in_element(tag, name, old, new, hands="mimic"):
+    """Edit inside the element of that tag and name."""
+    text = pepper_text(hands)
+    start = text.index(f'<{tag} name="{name}"')
+    end = text.index(f"</{tag}>", start)
+    assert old in text[start:end], (old, text[start:end])
+    return text[:start] + text[start:end].replace(old, new, 1) + text[end:]
+
+
+@pytest.mark.parametrize("base", ["fixed", "planar"])
+@pytest.mark.parametrize("hands", HANDS)
+def test_pepper_has_no_fault(base, hands):
+    pepper = pk.load_pepper(base=base, hands=hands)
+    result = audit(pepper)
+    assert result.ok, result.report()
+    assert result.total_mass == pytest.approx(28.68118, abs=1e-9)
+    assert result.reachable == result.frames == len(pepper.link_names)
+    assert (
+        result.fingers
+        == {"locked": (28, 0, 0, 0), "mimic": (0, 28, 0, 0), "independent": (0, 0, 28, 0)}[hands]
+    )
+    assert result.meshes > 60
+    # Bodies whose motors sit inside a neighbour: known, noted, and no others.
+    assert {note.where.removeprefix("link ") for note in result.notes} == {
+        "Neck", "LElbow", "RElbow", "LForeArm", "RForeArm",
+    }  # fmt: skip
+
+
+def drop_limit(joint):
+    text = pepper_text()
+    start = text.index(f'<joint name="{joint}"')
+    end = text.index("</joint>", start)
+    return text[:start] + re.sub(r"<limit[^>]*/>", "", text[start:end]) + text[end:]
+
+
+def drop_mimic(joint):
+    text = pepper_text()
+    start = text.index(f'<joint name="{joint}"')
+    end = text.index("</joint>", start)
+    return text[:start] + re.sub(r"<mimic[^>]*/>", "", text[start:end]) + text[end:]
+
+
+def inside_out_sphere():
+    text = pepper_text()
+    start = text.index('<collision name="Head_capsule_0_start"')
+    end = text.index("</collision>", start)
+    return text[:start] + text[start:end].replace('radius="0.11314"', 'radius="-1"') + text[end:]
+
+
+def heavy_finger():
+    """The published 5 g finger whose mass would have to lie 14 cm from its centre."""
+    text = pepper_text()
+    start = text.index('<link name="LFinger12_link"')
+    end = text.index("</inertial>", start)
+    inertia = '<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/>'
+    return f'{text[:start]}<link name="LFinger12_link"><inertial><mass value="0.005"/>{inertia}{text[end:]}'
+
+
+PLANTED = [
+    (
+        "mass",
+        "link Head",
+        "its mass is negative: -1 kg",
+        in_element("link", "Head", 'mass value="1.51893"', 'mass value="-1"'),
+    ),
+    (
+        "mass",
+        "link Head",
+        "its <inertial> states no mass",
+        in_element("link", "Head", '<mass value="1.51893"/>', ""),
+    ),
+    (
+        "inertia",
+        "link Head",
+        "not positive definite",
+        in_element("link", "Head", 'ixx="0.00597209"', 'ixx="-0.00597209"'),
+    ),
+    (
+        "inertia",
+        "link Head",
+        "break the triangle inequality",
+        in_element("link", "Head", 'ixx="0.00597209"', 'ixx="0.0597209"'),
+    ),
+    ("inertia", "link LFinger12_link", "radius of gyration 0.1732 m, but no point", heavy_finger()),
+    ("limits", "joint HeadYaw", "missing: lower, upper, velocity, effort", drop_limit("HeadYaw")),
+    (
+        "limits",
+        "joint HeadYaw",
+        "its lower limit 3 is above its upper limit 2.08567",
+        in_element("joint", "HeadYaw", 'lower="-2.08567"', 'lower="3"'),
+    ),
+    (
+        "limits",
+        "joint HeadYaw",
+        "its effort limit is 0",
+        in_element("joint", "HeadYaw", 'effort="5.428"', 'effort="0"'),
+    ),
+    (
+        "limits",
+        "joint HeadYaw",
+        "its velocity limit is 0",
+        in_element("joint", "HeadYaw", 'velocity="7.33998"', 'velocity="0"'),
+    ),
+    ("mimic", "the fingers", "they follow their hand, but not these: LFinger12", drop_mimic("LFinger12")),
+    (
+        "mimic",
+        "the fingers",
+        "1 of 28 are missing: RThumb2",
+        edited('joint name="RThumb2"', 'joint name="RThumbX"'),
+    ),
+    (
+        "mimic",
+        "joint LFinger12",
+        "it follows an unknown joint 'LPaw'",
+        in_element("joint", "LFinger12", 'mimic joint="LHand"', 'mimic joint="LPaw"'),
+    ),
+    (
+        "mimic",
+        "joint LFinger12",
+        "it follows itself: LFinger12 -> LFinger12",
+        in_element("joint", "LFinger12", 'mimic joint="LHand"', 'mimic joint="LFinger12"'),
+    ),
+    (
+        "mimic",
+        "joint LFinger12",
+        "it follows the other side's RHand",
+        in_element("joint", "LFinger12", 'mimic joint="LHand"', 'mimic joint="RHand"'),
+    ),
+    (
+        "structure",
+        "the robot",
+        "do not hang on the root: l_wrist",
+        edited('<child link="l_wrist"/>', '<child link="no_wrist"/>'),
+    ),
+    (
+        "structure",
+        "joint LWristYaw",
+        "it names an unknown link 'no_wrist'",
+        edited('<child link="l_wrist"/>', '<child link="no_wrist"/>'),
+    ),
+    (
+        "structure",
+        "link Head",
+        "two links have this name",
+        edited('<link name="Neck">', '<link name="Head">'),
+    ),
+    (
+        "structure",
+        "link RShoulder",
+        "it has 2 parents: HeadPitch, RShoulderPitch",
+        edited('<child link="Head"/>', '<child link="RShoulder"/>'),
+    ),
+    (
+        "structure",
+        "joint HeadPitch",
+        "type 'ball' is none of",
+        in_element("joint", "HeadPitch", 'type="revolute"', 'type="ball"'),
+    ),
+    (
+        "number",
+        "origin of joint HeadYaw",
+        "xyz='-0.038 zero 0.3089' is not 3 finite numbers",
+        in_element("joint", "HeadYaw", 'xyz="-0.038 0 0.3089"', 'xyz="-0.038 zero 0.3089"'),
+    ),
+    (
+        "number",
+        "link Head",
+        "value='nan' is not a finite number",
+        in_element("link", "Head", 'value="1.51893"', 'value="nan"'),
+    ),
+    (
+        "mesh",
+        "visual head_shell of link Head",
+        "'package://pepper_kin/urdf/meshes/lost.stl' is not there",
+        edited("meshes/head_shell.stl", "meshes/lost.stl"),
+    ),
+    (
+        "geometry",
+        "collision Head_capsule_0_start of link Head",
+        "sphere: radius='-1' is not above zero",
+        inside_out_sphere(),
+    ),
+    ("xml", "the file", "not well-formed (invalid token)", "<robot name='x'><link name=</robot>"),
+    ("xml", "the file", "the root element is <sdf>, expected <robot>", "<sdf version='1.9'/>"),
+    (
+        "xml",
+        "the file",
+        "entities are not allowed",
+        '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot name="&a;"/>',
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "where", "message", "text"), PLANTED, ids=[f"{p[0]}-{p[2][:28]}" for p in PLANTED]
+)
+def test_planted_fault_is_found_and_named(kind, where, message, text):
+    result = audit(text)
+    assert not result.ok
+    found = [fault for fault in result.of_kind(kind) if fault.where == where and message in fault.message]
+    assert found, result.report()
+    assert str(found[0]) in result.report()
+
+
+def test_every_fault_of_a_broken_file_is_reported_at_once():
+    text = in_element("link", "Head", 'value="1.51893"', 'value="-1"')
+    text = text.replace('<child link="l_wrist"/>', '<child link="no_wrist"/>', 1)
+    text = text.replace("meshes/neck_column.stl", "meshes/lost.stl", 1)
+    text = text.replace('lower="-1.03847"', 'lower="many"', 1)
+    kinds = {fault.kind for fault in audit(text).faults}
+    assert {"mass", "structure", "mesh", "number", "limits"} <= kinds
+
+
+@pytest.mark.parametrize(
+    "text", ["<robot/>", "<robot name='empty'></robot>", "<", "<robot><joint/><link/></robot>"]
+)
+def test_nothing_crashes_it(text):
+    result = audit(text)
+    assert not result.ok
+    assert "faults" in result.report()
+
+
+def test_random_damage_never_crashes_it():
+    """Cut, doubled and swapped pieces of a real file."""
+    rng = np.random.default_rng(0)
+    text = pepper_text()[:40000] + "</robot>"
+    for _ in range(60):
+        lines = text.splitlines()
+        for _ in range(5):
+            i, j = rng.integers(1, len(lines) - 1, size=2)
+            match rng.integers(3):
+                case 0:
+                    del lines[i % (len(lines) - 1)]
+                case 1:
+                    lines.insert(i, lines[j])
+                case _:
+                    lines[i], lines[j] = lines[j], lines[i]
+        audit("\n".join(lines)).report()
+    for _ in range(60):
+        words = text.split('"')
+        for _ in range(20):
+            i, j = rng.integers(0, len(words) // 2, size=2) * 2 + 1
+            words[i] = words[j]
+        audit('"'.join(words)).report()
+
+
+def test_entities_are_not_expanded_anywhere():
+    bomb = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'
+    with pytest.raises(ModelError, match="SRDF: document type declarations and entities are not allowed"):
+        parse_srdf(bomb, pk.load_pepper().document)
+    with pytest.raises(ModelError, match="URDF: document type declarations and entities are not allowed"):
+        pk.load_robot(bomb)
+    assert compare(bomb, bomb).faults[0].kind == "xml"
+
+
+def test_unreadable_path_is_named(tmp_path):
+    with pytest.raises(FileFormatError, match=r"lost\.urdf: cannot be read"):
+        audit(tmp_path / "lost.urdf")
+
+
+def test_path_and_text_and_robot_give_the_same(tmp_path):
+    path = tmp_path / "pepper.urdf"
+    path.write_text(pepper_text(), encoding="utf-8")
+    robot = pk.load_pepper(hands="mimic")
+    assert (
+        audit(path).to_dict() == audit(path.read_text(encoding="utf-8")).to_dict() == audit(robot).to_dict()
+    )
+    assert json.loads(json.dumps(audit(path).to_dict()))["ok"] is True
+
+
+def test_comparison_names_each_difference_with_its_size():
+    first = pk.load_pepper(hands="mimic")
+    second = in_element("joint", "HeadYaw", 'upper="2.08567"', 'upper="2.1"')
+    second = second.replace('xyz="-0.038 0 0.3089"', 'xyz="-0.038 0 0.3100"', 1)
+    second = second.replace('<mass value="1.51893"/>', '<mass value="1.6"/>', 1)
+    second = second.replace('multiplier="0.872665"', 'multiplier="0.8"', 1)
+    second = second.replace('rpy="0 -0.157079 0"', 'rpy="0 -0.057079 0"', 1)
+    second = second.replace('<link name="LSpeaker_frame"/>', "", 1)
+    result = compare(first, second)
+    found = {(d.name, d.quantity): d for d in result.differences}
+    assert found["HeadYaw", "upper limit"].size == pytest.approx(0.01433)
+    assert found["HeadYaw", "position"].size == pytest.approx(0.0011)
+    assert found["Head", "mass"].size == pytest.approx(0.08107)
+    assert found["LFinger11", "multiplier"].size == pytest.approx(0.072665)
+    assert found["LElbowYaw", "orientation (rpy)"].size == pytest.approx(0.1)
+    assert found["LSpeaker_frame", "presence"].second == "no"
+    assert len(result.differences) == 6
+    assert not result.equal
+    report = result.report()
+    assert "joint HeadYaw" in report
+    assert "0.0811 kg" in report
+    assert json.loads(json.dumps(result.to_dict()))["equal"] is False
+
+
+def test_comparison_of_equal_robots_is_empty():
+    robot = pk.load_pepper()
+    assert compare(robot, robot.urdf).equal
+    assert "no difference" in compare(robot, robot).report()
+
+
+def test_tolerance_of_the_comparison():
+    other = edited('lower="-2.08567"', 'lower="-2.0857"')
+    assert len(compare(pepper_text(), other).differences) == 1
+    assert compare(pepper_text(), other, tolerance=1e-3).equal
