@@ -19,6 +19,32 @@ KERNEL_FROM = 24
 Array = NDArray[np.float64]
 
 
+_FLOAT64 = np.dtype(np.float64)
+
+
+def is_state(pepper: PepperModel, *arrays: object) -> bool:
+    """Whether all are plain (n,) arrays of finite floats, so that nothing needs converting or naming.
+
+    A quick test for the everyday call: finite means that the sum of squares is, which one product tells.
+    """
+    shape = (pepper.n,)
+    for array in arrays:
+        if type(array) is not np.ndarray or array.dtype is not _FLOAT64 or array.shape != shape:
+            return False
+        if not array.dot(array) < math.inf:
+            return False
+    return True
+
+
+def are_vectors(pepper: PepperModel, *arrays: object) -> bool:
+    """Whether all are plain (n,) arrays of floats, finite or not."""
+    shape = (pepper.n,)
+    for array in arrays:
+        if type(array) is not np.ndarray or array.dtype is not _FLOAT64 or array.shape != shape:
+            return False
+    return True
+
+
 def over_states(
     pepper: PepperModel,
     function: Callable[..., Array],
@@ -30,8 +56,7 @@ def over_states(
 
     Args:
         pepper: The robot.
-        function: Takes one (n,) vector per quantity and returns an array of shape `shape` (which it may
-            overwrite at its next call).
+        function: Takes one (n,) vector per quantity and returns a new array of shape `shape`.
         shape: Shape of one result.
         quantity: Name of the same function in `symbolic.QUANTITIES`, and what it takes besides the robot;
             None where there is no kernel for it.
@@ -44,6 +69,10 @@ def over_states(
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
+    if is_state(pepper, *quantities.values()):
+        result = function(*quantities.values())
+        exact = type(result) is np.ndarray and result.shape == shape
+        return result if exact else np.asarray(result, dtype=float).reshape(shape)
     arrays = [_shaped(pepper, value, name) for name, value in quantities.items()]
     if all(array.ndim == 1 for array in arrays):
         return np.array(function(*_finite(pepper, arrays, quantities)), dtype=float).reshape(shape)

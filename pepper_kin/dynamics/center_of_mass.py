@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import is_state, over_states
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.model import PepperModel
 
@@ -27,14 +29,23 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    still = model.inertias[0]
-    mass = total_mass(pepper)
+    share, still = _share_of_moving(pepper)
+    if is_state(pepper, q) and not pepper.is_coupled:
+        return np.asarray(pinocchio.centerOfMass(model, data, q, False) * share + still)
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
-        moving = pinocchio.centerOfMass(model, data, pepper.to_full(q), False)
-        return (data.mass[0] * moving + still.mass * still.lever) / mass
+        moving: NDArray[np.float64] = pinocchio.centerOfMass(model, data, pepper.to_full(q), False)
+        return moving * share + still
 
     return over_states(pepper, one, (3,), ("center_of_mass",), q=q)
+
+
+@lru_cache(maxsize=32)
+def _share_of_moving(pepper: PepperModel) -> tuple[float, NDArray[np.float64]]:
+    """Return the moving links' share of the mass, and what those fixed to the floor add to the centre [m]."""
+    still = pepper.pinocchio_model.inertias[0]
+    part = still.mass / total_mass(pepper)
+    return 1.0 - part, part * np.array(still.lever)
 
 
 def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -51,7 +62,7 @@ def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.flo
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    share = 1.0 - model.inertias[0].mass / total_mass(pepper)
+    share, _ = _share_of_moving(pepper)
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False) @ pepper.full_map

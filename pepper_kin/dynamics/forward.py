@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import are_vectors, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -28,6 +28,11 @@ def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: Array
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
+    if not pepper.is_coupled and are_vectors(pepper, q, v, tau):
+        # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
+        a: NDArray[np.float64] = pinocchio.aba(pepper.pinocchio_model, pepper.pinocchio_data, q, v, tau)
+        if a.dot(a) < np.inf:
+            return a
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     full_map = pepper.full_map
 

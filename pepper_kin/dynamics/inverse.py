@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import are_vectors, is_state, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -28,6 +28,11 @@ def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLi
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
+    if not pepper.is_coupled and are_vectors(pepper, q, v, a):
+        # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
+        tau: NDArray[np.float64] = pinocchio.rnea(pepper.pinocchio_model, pepper.pinocchio_data, q, v, a)
+        if tau.dot(tau) < np.inf:
+            return tau
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -47,6 +52,10 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
+    if is_state(pepper, q) and not pepper.is_coupled:
+        return np.asarray(
+            pinocchio.computeGeneralizedGravity(pepper.pinocchio_model, pepper.pinocchio_data, q)
+        )
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import is_state, over_states
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model import PepperModel
 
 
 def total_mass(pepper: PepperModel) -> float:
     """Return the mass of all links, those fixed to the floor included [kg]."""
+    return _total_mass(pepper)
+
+
+@lru_cache(maxsize=32)
+def _total_mass(pepper: PepperModel) -> float:
     return float(sum(inertia.mass for inertia in pepper.pinocchio_model.inertias))
 
 
@@ -31,12 +38,13 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
+    if is_state(pepper, q) and not pepper.is_coupled:
+        return np.asarray(pinocchio.crba(pepper.pinocchio_model, pepper.pinocchio_data, q))
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     full_map = pepper.full_map
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
-        upper = np.triu(pinocchio.crba(model, data, pepper.to_full(q)))
-        full = upper + np.triu(upper, 1).T
+        full = pinocchio.crba(model, data, pepper.to_full(q))
         return full_map.T @ full @ full_map if pepper.is_coupled else full
 
     return over_states(pepper, one, (pepper.n, pepper.n), ("mass_matrix",), q=q)
@@ -64,10 +72,10 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         if pepper.is_coupled:
             return _inverse(pepper, mass_matrix(pepper, q))
-        upper = np.triu(pinocchio.computeMinverse(model, data, q))
-        if not np.isfinite(upper).all():
+        inverse = pinocchio.computeMinverse(model, data, q)
+        if not np.isfinite(inverse).all():
             return _inverse(pepper, mass_matrix(pepper, q))
-        return np.asarray(upper + np.triu(upper, 1).T)
+        return np.asarray(inverse)
 
     return over_states(pepper, one, (pepper.n, pepper.n), ("inverse_mass_matrix",), q=q)
 

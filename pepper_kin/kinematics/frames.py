@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import is_state, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -28,7 +28,17 @@ def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.floa
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    return frame_poses(pepper, q, (frame,))[..., 0, :, :]
+    frame_id = pepper.frame_id(frame)
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    if is_state(pepper, q) and not pepper.is_coupled:
+        pinocchio.forwardKinematics(model, data, q)
+        return np.asarray(pinocchio.updateFramePlacement(model, data, frame_id).homogeneous)
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        pinocchio.forwardKinematics(model, data, pepper.to_full(q))
+        return np.asarray(pinocchio.updateFramePlacement(model, data, frame_id).homogeneous)
+
+    return over_states(pepper, one, (4, 4), ("frame_pose", frame), q=q)
 
 
 def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDArray[np.float64]:
@@ -48,9 +58,9 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     ids = [pepper.frame_id(name) for name in frames]
-    result = np.empty((len(ids), 4, 4))
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        result = np.empty((len(ids), 4, 4))
         pinocchio.forwardKinematics(model, data, pepper.to_full(q))
         for place, frame_id in enumerate(ids):
             result[place] = pinocchio.updateFramePlacement(model, data, frame_id).homogeneous

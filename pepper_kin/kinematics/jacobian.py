@@ -6,8 +6,10 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import is_state, over_states
 from pepper_kin.model import PepperModel
+
+_AXES = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -27,8 +29,12 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
+    frame_id = pepper.frame_id(frame)
+    if is_state(pepper, q) and not pepper.is_coupled:
+        model, data = pepper.pinocchio_model, pepper.pinocchio_data
+        return np.asarray(pinocchio.computeFrameJacobian(model, data, q, frame_id, _AXES))
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    frame_id, axes = pepper.frame_id(frame), _AXES
     coupled, full_map = pepper.is_coupled, pepper.full_map
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,7 +61,7 @@ def frame_jacobian_rate(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: 
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    frame_id, axes = pepper.frame_id(frame), _AXES
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         pinocchio.computeJointJacobiansTimeVariation(model, data, pepper.to_full(q), pepper.rate_to_full(v))

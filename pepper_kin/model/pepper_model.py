@@ -40,6 +40,8 @@ class PepperModel:
             more coordinates than the robot: see `full_map`.
         full_map: (n_full, n) matrix E of q_full = E q + e.
         full_offset: (n_full,) vector e.
+        n: Number of coordinates.
+        is_coupled: Whether mimic joints follow others (`pinocchio_model` then has more coordinates than n).
     """
 
     name: str
@@ -56,10 +58,14 @@ class PepperModel:
     pinocchio_model: Any = field(repr=False)
     full_map: NDArray[np.float64] = field(repr=False)
     full_offset: NDArray[np.float64] = field(repr=False)
+    n: int = field(init=False)
+    is_coupled: bool = field(init=False, repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
     _frame_ids: dict[str, int] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "n", len(self.joint_names))
+        object.__setattr__(self, "is_coupled", self.full_map.shape[0] != len(self.joint_names))
         import pinocchio
 
         body = pinocchio.FrameType.BODY
@@ -74,11 +80,6 @@ class PepperModel:
         from pepper_kin.model.load import build_model
 
         return (build_model, (self.document, self.semantics))
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return len(self.joint_names)
 
     @property
     def link_names(self) -> tuple[str, ...]:
@@ -113,15 +114,11 @@ class PepperModel:
     @property
     def pinocchio_data(self) -> Any:
         """A `pinocchio.Data` of this thread, overwritten by every computation on it."""
-        data = getattr(self._local, "data", None)
-        if data is None:
-            data = self._local.data = self.pinocchio_model.createData()
-        return data
-
-    @property
-    def is_coupled(self) -> bool:
-        """Whether mimic joints follow others (`pinocchio_model` then has more coordinates than n)."""
-        return self.full_map.shape[0] != self.n
+        try:
+            return self._local.data
+        except AttributeError:
+            self._local.data = self.pinocchio_model.createData()
+            return self._local.data
 
     def to_full(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coordinates of `pinocchio_model`, E q + e, shape (..., n_full), of q, shape (..., n)."""
