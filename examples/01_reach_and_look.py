@@ -3,13 +3,13 @@
 import pepper_kin as pk
 
 pepper = pk.load_pepper()
-scene = pk.Scene().add_box("table", size=(0.60, 1.20, 0.04), position=(0.53, 0.0, 0.72))
-point = (0.38, 0.16, 0.82)
+scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+point = (0.38, 0.22, 0.82)
 tasks = [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)]
 
 plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0)
 print(plan.report())
-trajectory = pk.retime(pepper, plan.path)
+trajectory = pk.retime(pepper, plan.path, balance=0.01)
 certificate = trajectory.check(pepper, scene=scene)
 print(certificate.report())
 run = pk.Twin(pepper, timestep=0.001).execute(trajectory)

@@ -12,7 +12,9 @@ print(result.status.name)
 print(result.report())
 
 palm = pk.kinematics.frame_pose(pepper, result.q, "LArm_effector")[:3, 3]
-print("the palm stops at", palm.round(3), "which is", round(float(np.linalg.norm(palm - target)), 3), "m short")
+print(
+    "the palm stops at", palm.round(3), "which is", round(float(np.linalg.norm(palm - target)), 3), "m short"
+)
 
 assert not result.success
 assert np.all(result.q >= pepper.lower_limits)

@@ -10,6 +10,21 @@ from pathlib import Path
 from pepper_kin.exceptions import FileFormatError
 
 
+def make_folder(path: str | os.PathLike[str]) -> Path:
+    """Make a folder, with those above it; one that is there already is fine.
+
+    Raises:
+        FileFormatError: naming the path and why it cannot be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = f"cannot be made a folder: {error.strerror or error}"
+        raise FileFormatError(folder, reason) from error
+    return folder
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a text as UTF-8, its line ends as they are; see `write_bytes`."""
     return write_bytes(path, text.encode("utf-8"))

@@ -61,8 +61,8 @@ def reach(
 ) -> None:
     """Reach with a hand, look at a point, and do it safely.
 
-    Example: pepper-kin reach --hand left --at 0.35 0.2 0.85 --look-at 0.6 0.1 0.8
-    --avoid-box 0.6,1.0,0.04,0.6,0,0.7 -o out
+    Example: pepper-kin reach --hand left --at 0.38 0.22 0.82 --look-at 0.5 0.1 0.8
+    --avoid-box 0.4,0.8,0.03,0.47,0.05,0.715 -o out
     """
     from pepper_kin.jobs import reach as run_reach
     from pepper_kin.model import load_pepper
@@ -85,13 +85,14 @@ def gesture(
 
     Example: pepper-kin gesture left-arm -o gesture
     """
+    from pepper_kin.jobs import write_gesture
     from pepper_kin.model import load_pepper
     from pepper_kin.twin import replay
 
     report = replay(load_pepper(), name)
     if output is not None:
-        report.save(output)
-    print(json.dumps(report.to_dict(), indent=2) if as_json else report.report())
+        write_gesture(report, output)
+    print(json.dumps(report.as_dict(), indent=2) if as_json else report.report())
 
 
 def _scene(boxes: list[str]) -> Any:
@@ -116,18 +117,18 @@ def _announce(quiet: bool) -> Any:
 
 def _finish_reach(pepper: PepperModel, outcome: ReachOutcome, output: Path, as_json: bool) -> None:
     """Write the files, print the report, and exit with an error where the job was not done."""
-    from pepper_kin.jobs import reach_files
+    from pepper_kin.jobs import result_files
     from pepper_kin.viewer import save_reach_html
 
     if outcome.run is None:
         if as_json:
-            print(json.dumps(reach_files.summary(pepper, outcome), indent=2))
+            print(json.dumps(result_files.summary(pepper, outcome), indent=2))
         print(outcome.message, file=sys.stderr)
         raise typer.Exit(FAILED)
-    files = reach_files.write_outcome(pepper, outcome, output)
+    files = result_files.write_outcome(pepper, outcome, output)
     files["motion.html"] = save_reach_html(pepper, outcome, output / "motion.html")
     if as_json:
-        print(json.dumps(reach_files.summary(pepper, outcome), indent=2))
+        print(json.dumps(result_files.summary(pepper, outcome), indent=2))
     else:
         _print_reach(outcome)
         print("Written: " + ", ".join(str(path) for path in files.values()))

@@ -14,6 +14,7 @@ TOWER = (
     "model",
     "symbolic",
     "kernels",
+    "batch",
     "kinematics",
     "dynamics",
     "collision",

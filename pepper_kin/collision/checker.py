@@ -17,6 +17,9 @@ from pepper_kin.model import Box, Capsule, Cylinder, Geometry, Mesh, PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.model.shapes import read_only
 
+LEVER = 0.1
+"""About how far from their joint neighbouring bodies meet [m]: turns a distance kept into an angle kept."""
+
 
 @dataclass(frozen=True, eq=False)
 class ClosestPair:
@@ -86,7 +89,7 @@ class CollisionChecker:
         flat = q_all.reshape(-1, self.pepper.n)
         touching = np.zeros(flat.shape[0], dtype=bool)
         for table in self._ranges:
-            touching |= table.violated(flat)
+            touching |= table.violated(flat, self.self_margin / LEVER)
         for i in np.flatnonzero(~touching):
             touching[i] = self._touches(flat[i])
         return touching.reshape(q_all.shape[:-1])

@@ -42,15 +42,20 @@ class DependentRange:
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
 
-    def violated(self, q: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether the links touch, shape (...,), at joint positions q, shape (..., n) [rad]."""
+    def violated(self, q: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.bool_]:
+        """Whether the links touch, shape (...,), at joint positions q, shape (..., n) [rad].
+
+        Args:
+            q: Joint positions.
+            margin: Angle that the second joint keeps from a contact [rad].
+        """
         x, y = q[..., self.first], q[..., self.second]
         last = len(self.positions) - 1
         below = np.clip(np.searchsorted(self.positions, x, side="right") - 1, 0, last)
         above = np.clip(np.searchsorted(self.positions, x, side="left"), 0, last)
         lower = np.maximum(self.lower[below], self.lower[above])
         upper = np.minimum(self.upper[below], self.upper[above])
-        return np.asarray((y < lower) | (y > upper))
+        return np.asarray((y < lower + margin) | (y > upper - margin))
 
 
 @lru_cache(maxsize=32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -126,7 +126,38 @@ class Scene:
         rest = Scene({k: v for k, v in self.objects.items() if k != name})
         return rest.add(name, moved.geometry, position, rpy)
 
+    def padded(self, margin: float) -> Scene:
+        """Return a scene whose obstacles are larger by a margin on every side; meshes stay as they are.
+
+        Args:
+            margin: Distance added to every side [m].
+
+        Raises:
+            InvalidValueError: for a margin that is not a finite number of 0 or more.
+        """
+        if not (np.isfinite(margin) and margin >= 0):
+            raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+        return Scene(
+            {
+                name: replace(item, geometry=_grown(item.geometry, float(margin)))
+                for name, item in self.objects.items()
+            }
+        )
+
     def _known(self, name: str) -> SceneObject:
         if name not in self.objects:
             raise UnknownNameError("scene object", name, self.objects)
         return self.objects[name]
+
+
+def _grown(geometry: Geometry, margin: float) -> Geometry:
+    if isinstance(geometry, Box):
+        x, y, z = (length + 2 * margin for length in geometry.size)
+        return Box((x, y, z))
+    if isinstance(geometry, Sphere):
+        return Sphere(geometry.radius + margin)
+    if isinstance(geometry, Cylinder):
+        return Cylinder(geometry.radius + margin, geometry.length + 2 * margin)
+    if isinstance(geometry, Capsule):
+        return Capsule(geometry.radius + margin, geometry.length)
+    return geometry

@@ -1,21 +1,47 @@
 """Dynamics: torques, accelerations, mass, momentum, energy and balance."""
 
-from pepper_kin.dynamics.center_of_mass import center_of_mass, total_mass, zero_moment_point
+from pepper_kin.dynamics.base_wrench import base_wrench
+from pepper_kin.dynamics.center_of_mass import center_of_mass, center_of_mass_jacobian
+from pepper_kin.dynamics.coriolis import coriolis_matrix
+from pepper_kin.dynamics.derivatives import (
+    ForwardDynamicsDerivatives,
+    InverseDynamicsDerivatives,
+    forward_dynamics_derivatives,
+    inverse_dynamics_derivatives,
+)
 from pepper_kin.dynamics.energy import kinetic_energy, potential_energy
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.inverse import gravity_torque, inverse_dynamics
-from pepper_kin.dynamics.mass import mass_matrix
+from pepper_kin.dynamics.mass import inverse_mass_matrix, mass_matrix, total_mass
+from pepper_kin.dynamics.momentum import centroidal_map, centroidal_momentum
 from pepper_kin.dynamics.newton_euler import newton_euler
+from pepper_kin.dynamics.regressor import inertial_parameters, regressor
+from pepper_kin.dynamics.tip_over import WHEEL_CONTACTS, tip_over_margin
+from pepper_kin.dynamics.zero_moment_point import zero_moment_point
 
 __all__ = [
+    "WHEEL_CONTACTS",
+    "ForwardDynamicsDerivatives",
+    "InverseDynamicsDerivatives",
+    "base_wrench",
     "center_of_mass",
+    "center_of_mass_jacobian",
+    "centroidal_map",
+    "centroidal_momentum",
+    "coriolis_matrix",
     "forward_dynamics",
+    "forward_dynamics_derivatives",
     "gravity_torque",
+    "inertial_parameters",
     "inverse_dynamics",
+    "inverse_dynamics_derivatives",
+    "inverse_mass_matrix",
     "kinetic_energy",
     "mass_matrix",
     "newton_euler",
     "potential_energy",
+    "regressor",
+    "tip_over_margin",
     "total_mass",
     "zero_moment_point",
 ]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
@@ -20,15 +21,13 @@ def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[n
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         energy = pinocchio.computeKineticEnergy(model, data, pepper.to_full(q), pepper.rate_to_full(v))
         return np.array(energy)
 
-    return over_states(pepper, one, (), q=q, v=v)
+    return over_states(pepper, one, (), ("kinetic_energy",), q=q, v=v)
 
 
 def potential_energy(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -41,11 +40,9 @@ def potential_energy(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(pinocchio.computePotentialEnergy(model, data, pepper.to_full(q)))
 
-    return over_states(pepper, one, (), q=q)
+    return over_states(pepper, one, (), ("potential_energy",), q=q)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> NDArray[np.float64]:
@@ -27,8 +28,6 @@ def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: Array
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     full_map = pepper.full_map
 
@@ -41,4 +40,4 @@ def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: Array
         bias = pinocchio.nonLinearEffects(model, data, q_full, v_full) @ full_map
         return np.asarray(np.linalg.solve(mass, tau - bias))
 
-    return over_states(pepper, one, (pepper.n,), q=q, v=v, tau=tau)
+    return over_states(pepper, one, (pepper.n,), ("forward_dynamics",), q=q, v=v, tau=tau)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
@@ -27,15 +28,13 @@ def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLi
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         tau = pinocchio.rnea(model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a))
         return tau @ pepper.full_map if pepper.is_coupled else tau
 
-    return over_states(pepper, one, (pepper.n,), q=q, v=v, a=a)
+    return over_states(pepper, one, (pepper.n,), ("inverse_dynamics",), q=q, v=v, a=a)
 
 
 def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -48,12 +47,10 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         tau = pinocchio.computeGeneralizedGravity(model, data, pepper.to_full(q))
         return tau @ pepper.full_map if pepper.is_coupled else tau
 
-    return over_states(pepper, one, (pepper.n,), q=q)
+    return over_states(pepper, one, (pepper.n,), ("gravity_torque",), q=q)

@@ -1,12 +1,19 @@
-"""The joint-space mass matrix."""
+"""Mass: of all links, and as seen by the joints."""
 
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
+from pepper_kin.exceptions import ModelError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
+
+
+def total_mass(pepper: PepperModel) -> float:
+    """Return the mass of all links, those fixed to the floor included [kg]."""
+    return float(sum(inertia.mass for inertia in pepper.pinocchio_model.inertias))
 
 
 def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -24,8 +31,6 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     full_map = pepper.full_map
 
@@ -34,4 +39,42 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         full = upper + np.triu(upper, 1).T
         return full_map.T @ full @ full_map if pepper.is_coupled else full
 
-    return over_states(pepper, one, (pepper.n, pepper.n), q=q)
+    return over_states(pepper, one, (pepper.n, pepper.n), ("mass_matrix",), q=q)
+
+
+def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+    """Return M(q)^-1, symmetric: column j is the motion that a unit torque of joint j causes.
+
+    Through Pinocchio's recursion (Carpentier, Analytical inverse of the joint space inertia matrix, 2018).
+    With mimic joints M = E^T M_full E is formed and inverted instead.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+
+    Returns:
+        M^-1, shape (..., n, n).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN or infinity.
+        ModelError: naming joints that move no mass: M has no inverse.
+    """
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+
+    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+        if pepper.is_coupled:
+            return _inverse(pepper, mass_matrix(pepper, q))
+        upper = np.triu(pinocchio.computeMinverse(model, data, q))
+        if not np.isfinite(upper).all():
+            return _inverse(pepper, mass_matrix(pepper, q))
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    return over_states(pepper, one, (pepper.n, pepper.n), ("inverse_mass_matrix",), q=q)
+
+
+def _inverse(pepper: PepperModel, mass: NDArray[np.float64]) -> NDArray[np.float64]:
+    idle = [name for name, m in zip(pepper.joint_names, np.diag(mass), strict=True) if m <= 0]
+    if idle:
+        raise ModelError(f"the mass matrix has no inverse: no mass is moved by {', '.join(idle)}")
+    inverse = np.linalg.inv(mass)
+    return np.asarray((inverse + inverse.T) / 2)

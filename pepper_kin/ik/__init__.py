@@ -1,1 +1,36 @@
-"""Under construction."""
+"""Inverse kinematics: tasks in, the best configuration and the reason out."""
+
+from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
+from pepper_kin.ik.solve import solve
+from pepper_kin.ik.tasks import (
+    AxisAlignment,
+    FrameOrientation,
+    FramePose,
+    FramePosition,
+    HandPose,
+    HandPosition,
+    JointPosture,
+    LookAt,
+    Point,
+    Task,
+    TaskGroup,
+)
+
+__all__ = [
+    "AxisAlignment",
+    "FrameOrientation",
+    "FramePose",
+    "FramePosition",
+    "HandPose",
+    "HandPosition",
+    "IKResult",
+    "JointPosture",
+    "LookAt",
+    "Point",
+    "Status",
+    "Task",
+    "TaskError",
+    "TaskGroup",
+    "TorqueUse",
+    "solve",
+]

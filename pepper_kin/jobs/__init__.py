@@ -2,6 +2,6 @@
 
 from pepper_kin.jobs.demo import demo_scene, run_demo
 from pepper_kin.jobs.reach import ReachOutcome, reach
-from pepper_kin.jobs.reach_files import write_outcome
+from pepper_kin.jobs.result_files import write_gesture, write_outcome
 
-__all__ = ["ReachOutcome", "demo_scene", "reach", "run_demo", "write_outcome"]
+__all__ = ["ReachOutcome", "demo_scene", "reach", "run_demo", "write_gesture", "write_outcome"]

@@ -8,16 +8,16 @@ from pepper_kin.collision import Scene
 from pepper_kin.jobs.reach import ReachOutcome, reach
 from pepper_kin.model import PepperModel
 
-TARGET = (0.38, 0.16, 0.82)
-GAZE = (0.48, 0.12, 0.76)
+TARGET = (0.38, 0.22, 0.82)
+GAZE = (0.47, 0.12, 0.79)
 
 
 def demo_scene() -> Scene:
-    """Return the table that stands between the hanging hand and its target."""
+    """Return the table, with a cup on it, that stands between the hanging hand and its target."""
     return (
         Scene()
-        .add_box("table", size=(0.60, 1.20, 0.04), position=(0.53, 0.0, 0.72))
-        .add_box("parcel", size=(0.10, 0.08, 0.12), position=(0.52, 0.16, 0.80))
+        .add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+        .add_cylinder("cup", radius=0.035, length=0.12, position=GAZE)
     )
 
 

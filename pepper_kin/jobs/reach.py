@@ -12,16 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, clearance
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.ik import HandPosition, LookAt
+from pepper_kin.ik import HandPosition, IKResult, LookAt, Status, solve
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
-from pepper_kin.motion import Plan, plan
+from pepper_kin.motion import Plan, PlanStatus, plan
 from pepper_kin.trajectory import Certificate, Trajectory, retime
 from pepper_kin.twin import Run, Twin
 
 CAMERA = "CameraTop_frame"
+BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
+SETTLE = 0.5  # [s] that the twin goes on after the motion's end
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,27 +112,52 @@ def reach(
         return ReachOutcome(hand, target, gaze, scene, found, message=message, **{**fields, **more})
 
     if not found.success or found.path is None:
-        return outcome(found.report())
+        return outcome(_why_not(pepper, tasks[0], scene, found, seed))
     if len(found.path) < 2:
         return outcome("The hand is there already: nothing to move.")
     clock.enter("timing")
     try:
-        trajectory = retime(pepper, found.path)
+        trajectory = retime(pepper, found.path, balance=BALANCE)
     except InfeasibleError as error:
         return outcome(str(error))
     clock.enter("certificate")
     certificate = trajectory.check(pepper, scene=scene)
     clock.enter("twin")
-    run = Twin(pepper, timestep=timestep).execute(trajectory, settle=0.5)
+    run = Twin(pepper, timestep=timestep).execute(trajectory, settle=SETTLE)
     clock.enter("report")
-    figures = _figures(pepper, hand, target, gaze, scene, found, trajectory, run)
+    figures = _figures(pepper, tasks, scene, found, trajectory, run)
     clock.enter("done")
     figures["stage_seconds"] = clock.seconds
-    side = f"The {hand} hand ends {figures['hand_error_m'] * 1000:.1f} mm from its target"
-    look = "" if gaze is None else f", the gaze {np.degrees(figures['gaze_error_rad']):.2f} degrees off"
-    checked = "all limits kept" if certificate.ok else certificate.report()
-    message = f"{side}{look}, after {trajectory.duration:.2f} s; {checked}."
+    message = _sentence(hand, figures, certificate)
     return outcome(message, trajectory=trajectory, certificate=certificate, run=run, figures=figures)
+
+
+def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan, seed: int) -> str:
+    """Say in one line why there is no path; for a hand out of reach, how far the nearest point is."""
+    if found.status is not PlanStatus.NO_IK or found.ik is None:
+        return found.report()
+    # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
+    alone = solve(pepper, [task], q0=pepper.neutral(), scene=scene, seed=seed)
+    palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
+    wanted, point = (f"({', '.join(f'{x:.3f}' for x in p)})" for p in (task.target, palm))
+    if alone.success:
+        return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
+    gap = float(np.linalg.norm(palm - task.target))
+    cause = ", without a collision," if alone.status is Status.CLOSEST_COLLISION else ""
+    near = f"the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away"
+    return f"The hand cannot reach {wanted}: {near}."
+
+
+def _unmet(result: IKResult) -> str:
+    return "; ".join(error.shortfall for error in result.errors if not error.met)
+
+
+def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate) -> str:
+    palm = f"The {hand} hand ends {figures['hand_error_m'] * 1000:.1f} mm from its target"
+    gaze = figures["gaze_error_rad"]
+    look = "" if gaze is None else f", the gaze {np.degrees(gaze):.2f} degrees off"
+    checked = "all limits are kept" if certificate.ok else certificate.report()
+    return f"{palm}{look}, after {figures['duration_s']:.2f} s; {checked}."
 
 
 class _Clock:
@@ -150,36 +177,26 @@ class _Clock:
 
 
 def _figures(
-    pepper: PepperModel,
-    hand: str,
-    target: NDArray[np.float64],
-    gaze: NDArray[np.float64] | None,
-    scene: Scene,
-    found: Plan,
-    trajectory: Trajectory,
-    run: Run,
+    pepper: PepperModel, tasks: list[Any], scene: Scene, found: Plan, trajectory: Trajectory, run: Run
 ) -> dict[str, Any]:
     """Measure the executed motion: nothing here is taken from the solver's or planner's word."""
     q_end = run.position[-1]
-    palm = HandPosition(hand, target).frame
-    hand_path = frame_pose(pepper, run.position[::10], palm)[:, :3, 3]
-    gaze_error = None if gaze is None else _gaze_error(frame_pose(pepper, q_end, CAMERA), gaze)
+    reached = tasks[0]
+    palm_path = frame_pose(pepper, run.position[::10], reached.frame)[:, :3, 3]
+    palm = frame_pose(pepper, q_end, reached.frame)[:3, 3]
+    gaze_error = _gaze_error(frame_pose(pepper, q_end, CAMERA), tasks[1].target) if len(tasks) > 1 else None
     executed = clearance(pepper, run.position[::5], scene)
-    use = np.abs(run.torque).max(axis=0) / pepper.effort_limits
-    error = run.position - run.reference_position
     return {
-        "hand_error_m": float(np.linalg.norm(frame_pose(pepper, q_end, palm)[:3, 3] - target)),
+        "hand_error_m": float(np.linalg.norm(palm - reached.target)),
         "gaze_error_rad": gaze_error,
         "path_length_joint": found.length,
-        "hand_path_length_m": float(np.sum(np.linalg.norm(np.diff(hand_path, axis=0), axis=1))),
+        "hand_path_length_m": float(np.sum(np.linalg.norm(np.diff(palm_path, axis=0), axis=1))),
         "duration_s": trajectory.duration,
         "smallest_clearance_planned_m": found.clearance,
         "smallest_clearance_executed_m": float(executed.min()),
-        "peak_torque_use": dict(zip(pepper.joint_names, use.tolist(), strict=True)),
-        "tracking_error_rms": dict(
-            zip(pepper.joint_names, np.sqrt(np.mean(error**2, axis=0)).tolist(), strict=True)
-        ),
-        "tracking_error_max": float(np.abs(error).max()),
+        "peak_torque_use": dict(zip(pepper.joint_names, run.torque_use.tolist(), strict=True)),
+        "tracking_error_rms": dict(zip(pepper.joint_names, run.rms_error.tolist(), strict=True)),
+        "tracking_error_max": float(run.max_error.max()),
     }
 
 

@@ -1,6 +1,17 @@
-"""Forward kinematics: poses and Jacobians of frames."""
+"""Forward kinematics: poses, velocities, accelerations and Jacobians of frames."""
 
 from pepper_kin.kinematics.frames import frame_pose, frame_poses, link_poses
-from pepper_kin.kinematics.jacobian import frame_jacobian
+from pepper_kin.kinematics.jacobian import frame_jacobian, frame_jacobian_rate
+from pepper_kin.kinematics.manipulability import manipulability
+from pepper_kin.kinematics.velocity import frame_acceleration, frame_velocity
 
-__all__ = ["frame_jacobian", "frame_pose", "frame_poses", "link_poses"]
+__all__ = [
+    "frame_acceleration",
+    "frame_jacobian",
+    "frame_jacobian_rate",
+    "frame_pose",
+    "frame_poses",
+    "frame_velocity",
+    "link_poses",
+    "manipulability",
+]

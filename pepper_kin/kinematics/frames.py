@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -45,8 +46,6 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     ids = [pepper.frame_id(name) for name in frames]
     result = np.empty((len(ids), 4, 4))
@@ -57,7 +56,7 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
             result[place] = pinocchio.updateFramePlacement(model, data, frame_id).homogeneous
         return result
 
-    return over_states(pepper, one, (len(ids), 4, 4), q=q)
+    return over_states(pepper, one, (len(ids), 4, 4), ("frame_poses", tuple(frames)), q=q)
 
 
 def link_poses(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:

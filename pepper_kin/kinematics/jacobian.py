@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.batch import over_states
 from pepper_kin.model import PepperModel
-from pepper_kin.model.batch import over_states
 
 
 def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -26,8 +27,6 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    import pinocchio
-
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
     coupled, full_map = pepper.is_coupled, pepper.full_map
@@ -36,4 +35,32 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
         jacobian = pinocchio.computeFrameJacobian(model, data, pepper.to_full(q), frame_id, axes)
         return jacobian @ full_map if coupled else jacobian
 
-    return over_states(pepper, one, (6, pepper.n), q=q)
+    return over_states(pepper, one, (6, pepper.n), ("frame_jacobian", frame), q=q)
+
+
+def frame_jacobian_rate(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: str) -> NDArray[np.float64]:
+    """Return dJ/dt of a frame's Jacobian while the robot moves, so that its acceleration is J a + dJ/dt v.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        frame: A name of `pepper.frame_names`.
+
+    Returns:
+        dJ/dt, shape (..., 6, n), in the axes of `frame_jacobian` [m/(rad s), 1/s].
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+    """
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+    def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+        pinocchio.computeJointJacobiansTimeVariation(model, data, pepper.to_full(q), pepper.rate_to_full(v))
+        pinocchio.updateFramePlacement(model, data, frame_id)
+        rate = pinocchio.getFrameJacobianTimeVariation(model, data, frame_id, axes)
+        return np.asarray(rate @ pepper.full_map)
+
+    return over_states(pepper, one, (6, pepper.n), ("frame_jacobian_rate", frame), q=q, v=v)

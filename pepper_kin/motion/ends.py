@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import IKResult, solve
+from pepper_kin.ik import IKResult, Task, solve
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.motion.plan_result import PlanStatus
@@ -38,17 +38,25 @@ def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tu
 
 
 def goals_of(
-    pepper: PepperModel,
+    checker: CollisionChecker,
     start: NDArray[np.float64],
     goal: ArrayLike | Sequence[Any],
-    checker: CollisionChecker,
     joints: str | Sequence[str] | None,
+    margin: float,
     seed: int,
     timeout: float,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
-    """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none."""
+    """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
+
+    Tasks are solved with the margin to the scene first, and without it where that fails.
+    """
+    pepper = checker.pepper
     if _are_tasks(goal):
-        ik = solve(pepper, goal, q0=start, scene=checker.scene, seed=seed, joints=joints, timeout=timeout / 2)
+        tasks = cast("Sequence[Task]", goal)
+        for scene in (checker.scene.padded(margin), checker.scene):
+            ik = solve(pepper, tasks, q0=start, scene=scene, seed=seed, joints=joints, timeout=timeout / 3)
+            if ik.success and fault_of(checker, ik.q, "goal") is None:
+                break
         if not ik.success:
             return np.empty((0, pepper.n)), ik, (PlanStatus.NO_IK, ik.report())
         candidates, result = ik.q[None], ik

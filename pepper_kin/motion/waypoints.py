@@ -45,9 +45,9 @@ def waypoints_of(
     Returns:
         Way-points, shape (m, n) [rad or m]; the polyline's own ends come first and last.
     """
-    resolution = problem.resolution / 2 if problem.resolution is not None else None
+    resolution = problem.counting_oracle().resolution
     short = planners.shortcut(
-        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=resolution
+        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=resolution / 2 / 2
     )
     for candidate in (short, path):
         try:
@@ -58,7 +58,7 @@ def waypoints_of(
         if found is not None:
             return found
     # A polyline with no room to round its corners: way-points so dense that their spline follows it.
-    return embed(short.resample(problem.resolution).points)
+    return embed(short.resample(resolution).points)
 
 
 def _interpolated(
@@ -85,7 +85,7 @@ def _spline_is_valid(
     moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
     ends = spline.at(np.arange(len(spline.breaks) - 1), np.diff(spline.breaks))
     lengths = problem.metric.distance(spline.coefficients[:, 0][:, moving], ends[:, moving])
-    counts = np.maximum(2, np.ceil(1.5 * lengths / problem.resolution).astype(int))
+    counts = np.maximum(2, np.ceil(1.5 * lengths / problem.counting_oracle().resolution).astype(int))
     states = np.concatenate(
         [
             spline.at(np.full(count, i), np.linspace(0, h, count))

@@ -1,6 +1,24 @@
 """Trajectories: a value, timing within the robot's limits, an independent check, and files."""
 
-from pepper_kin.trajectory.retime import retime
+from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
+from pepper_kin.trajectory.check import check
+from pepper_kin.trajectory.csv_file import read_csv, write_csv
+from pepper_kin.trajectory.retiming import retime
+from pepper_kin.trajectory.table_file import read_columns, read_table, write_table
 from pepper_kin.trajectory.trajectory import Samples, State, Trajectory
 
-__all__ = ["Samples", "State", "Trajectory", "retime"]
+__all__ = [
+    "Certificate",
+    "LimitCheck",
+    "Samples",
+    "ScalarCheck",
+    "State",
+    "Trajectory",
+    "check",
+    "read_columns",
+    "read_csv",
+    "read_table",
+    "retime",
+    "write_csv",
+    "write_table",
+]

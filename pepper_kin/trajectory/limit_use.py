@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import edge_moments, support_polygon
 from pepper_kin.trajectory.trajectory import State
 
 Array = NDArray[np.float64]
@@ -21,11 +22,14 @@ class Limits:
         velocity: [rad/s or m/s], shape (n,).
         acceleration: [rad/s^2 or m/s^2], shape (n,).
         torque: [N m or N], shape (n,); None to leave torque out.
+        balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
+            balance out.
     """
 
     velocity: Array
     acceleration: Array
     torque: Array | None
+    balance: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +72,25 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
         if over.any():
             gravity = dynamics.gravity_torque(pepper, state.position[over])
             square = max(square, _square_stretch(torque[over], gravity, limits.torque))
+    polygon = support_polygon(pepper) if limits.balance is not None else None
+    if polygon is not None and limits.balance is not None:
+        moving = edge_moments(pepper, polygon, *state, margin=limits.balance)
+        tipping = (moving < 0).any(axis=1)
+        if tipping.any():
+            still = np.zeros_like(state.position[tipping])
+            resting = edge_moments(
+                pepper, polygon, state.position[tipping], still, still, margin=limits.balance
+            )
+            square = max(square, _square_stretch_to_stand(moving[tipping], resting))
     return LimitUse(share, float(np.sqrt(square)))
+
+
+def _square_stretch_to_stand(moving: Array, resting: Array) -> float:
+    """Return the least k^2 such that r + (m - r) / k^2 >= 0 for all edge moments, shape (T, k) each."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = (resting - moving) / resting
+    needed = np.where(resting > 0, needed, np.inf)
+    return float(np.where(moving < 0, needed, 1.0).max())
 
 
 def _square_stretch(torque: Array, gravity: Array, limit: Array) -> float:

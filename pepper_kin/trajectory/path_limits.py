@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import WHEELS, edge_moments, support_polygon
 from pepper_kin.trajectory.path import CubicPath
 
 Array = NDArray[np.float64]
-
-QUANTITIES = ("acceleration", "torque")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +60,13 @@ class PathLimits:
 
     At either end of each interval, for every row,
         |a u + b x + c| <= bound,   and   x <= speed_bound.
-    Acceleration: a = q', b = q'', c = 0.  Torque: a = M q', b = M q'' + C(q, q') q', c = g.
+    Acceleration: a = q', b = q'', c = 0.  Torque: a = M q', b = M q'' + C(q, q') q', c = g.  Balance: the
+    moments of the floor's force about the edges of the support polygon.
     Pham and Pham, A new approach to time-optimal path parameterization based on reachability analysis,
     IEEE Trans. Robotics 34 (2018).
 
     Attributes:
-        names: (quantity, joint) of every row.
+        names: (quantity, joint) of every row; for balance ("balance", edge).
         a: shape (2, N, r).
         b: shape (2, N, r).
         c: shape (2, N, r).
@@ -98,6 +99,7 @@ def path_limits(
     velocity: Array,
     acceleration: Array,
     torque: Array | None,
+    balance: float | None = None,
 ) -> PathLimits:
     """Evaluate the coefficients at all grid points at once.
 
@@ -107,6 +109,8 @@ def path_limits(
         velocity: Limits [rad/s or m/s], inf for none, shape (n,).
         acceleration: Limits [rad/s^2 or m/s^2], inf for none, shape (n,).
         torque: Limits [N m or N], inf for none, shape (n,); None to leave torque out.
+        balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
+            balance out.
 
     Returns:
         The limits; joints without a finite limit have no row.
@@ -121,6 +125,9 @@ def path_limits(
         finite = np.isfinite(limit)
         names += [(quantity, joint) for joint, use in zip(pepper.joint_names, finite, strict=True) if use]
         rows.append((a[..., finite], b[..., finite], c[..., finite], limit[finite]))
+    if balance is not None:
+        names += [("balance", f"edge {k}") for k in range(3)]
+        rows.append(_balance_coefficients(pepper, q, first, second, balance))
     a, b, c, bound = (np.concatenate(part, axis=-1) for part in zip(*rows, strict=True))
     return PathLimits(tuple(names), a, b, c, bound, velocity, first)
 
@@ -130,8 +137,30 @@ def _torque_coefficients(
 ) -> tuple[Array, Array, Array]:
     from pepper_kin import dynamics
 
-    still = np.zeros_like(q)
-    states = [(q, still, still), (q, still, first), (q, first, second)]
-    batch = [np.stack(part) for part in zip(*states, strict=True)]
-    c, a, b = dynamics.inverse_dynamics(pepper, *batch)
+    c, a, b = dynamics.inverse_dynamics(pepper, *_three_states(q, first, second))
     return a - c, b - c, c
+
+
+def _balance_coefficients(
+    pepper: PepperModel, q: Array, first: Array, second: Array, margin: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return rows that keep each edge moment h = a u + b x + c at zero or above.
+
+    Rows are two-sided, |a u + b x + (c - B)| <= B, with B beyond what any motion reaches: the weight at an
+    arm of a metre.
+    """
+    from pepper_kin import dynamics
+
+    polygon = support_polygon(pepper)
+    if polygon is None:
+        raise InvalidValueError("balance", margin, f"None for a robot without {', '.join(WHEELS)}")
+    states, rates, accelerations = _three_states(q, first, second)
+    c, a, b = edge_moments(pepper, polygon, states, rates, accelerations, margin)
+    most = np.full(len(polygon), 9.81 * dynamics.total_mass(pepper))
+    return a - c, b - c, c - most, most
+
+
+def _three_states(q: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:
+    """Return q, v and a of rest, of unit path acceleration and of unit path speed, shape (3, ..., n) each."""
+    still = np.zeros_like(q)
+    return np.stack([q, q, q]), np.stack([still, still, first]), np.stack([still, first, second])

@@ -15,6 +15,7 @@ from pepper_kin.trajectory.path_limits import Grid, PathLimits
 
 Array = NDArray[np.float64]
 
+_UNTHREADED_PRODUCT = 200_000  # multiplications that OpenBLAS does without threads
 _GREATEST = 1e6  # bound on scaled x where no velocity limit acts; toppra wants numbers
 
 
@@ -52,8 +53,8 @@ def fastest_speed(grid: Grid, limits: PathLimits, row_scale: Array, velocity_sca
     speed_bound = limits.speed_bound(velocity_scale)
     time_unit = _time_unit(limits, bound, speed_bound, length)
     gain = length / time_unit**2
-    params = _canonical_form(grid, limits, bound, gain, length, speed_bound * time_unit**2 / length**2)
-    scaled_speed, failed_at = _solve((grid.s - grid.s[0]) / length, params)
+    constraints = _canonical_form(grid, limits, bound, gain, length, speed_bound * time_unit**2 / length**2)
+    scaled_speed, failed_at = _solve((grid.s - grid.s[0]) / length, constraints)
     if scaled_speed is None:
         return SpeedProfile(None, failed_at)
     return SpeedProfile(scaled_speed * length / time_unit)
@@ -73,11 +74,14 @@ def _time_unit(limits: PathLimits, bound: Array, speed_bound: Array, length: flo
 
 def _canonical_form(
     grid: Grid, limits: PathLimits, bound: Array, gain: float, length: float, x_most: Array
-) -> tuple[Any, ...]:
+) -> list[tuple[Any, ...]]:
     """Return toppra's (a, b, c, F, g, ubound, xbound) of `|a u + b x + c| <= bound` at both ends.
 
     With v = (rows at the first end, rows at the second end), F v <= g reads v <= 1, -v <= 1.
     At the second end x is x + 2 D u.  Unit length and time: u = gain u', x = gain L x'.
+
+    The rows come in groups: toppra multiplies each group by its F, and products above a certain size are
+    handed to threads, whose start costs more than all the rest where the machine is busy.
     """
     a = limits.a * (gain / bound)
     b = limits.b * (gain * length / bound)
@@ -90,13 +94,16 @@ def _canonical_form(
     rows = [np.concatenate([row, row[-1:]]) for row in rows]  # the last grid point has no interval
     k = rows[0].shape[-1]
     x_bound = np.stack([np.zeros(grid.size + 1), np.minimum(x_most, _GREATEST)], axis=-1)
-    if k == 0:
-        return (None, None, None, None, None, None, x_bound)
-    identity = np.eye(k)
-    return (*rows, np.vstack([identity, -identity]), np.ones(2 * k), None, x_bound)
+    constraints: list[tuple[Any, ...]] = [(None, None, None, None, None, None, x_bound)]
+    group = max(1, int(np.sqrt(_UNTHREADED_PRODUCT / (2 * (grid.size + 1)))))
+    for start in range(0, k, group):
+        part = [np.ascontiguousarray(row[:, start : start + group]) for row in rows]
+        identity = np.eye(part[0].shape[1])
+        constraints.append((*part, np.vstack([identity, -identity]), np.ones(2 * len(identity)), None, None))
+    return constraints
 
 
-def _solve(s: Array, params: tuple[Any, ...]) -> tuple[Array | None, int | None]:
+def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, int | None]:
     with _quiet():
         from toppra.algorithm import TOPPRA
         from toppra.constraint import DiscretizationType, LinearConstraint
@@ -104,21 +111,23 @@ def _solve(s: Array, params: tuple[Any, ...]) -> tuple[Array | None, int | None]
         class Limits(LinearConstraint):
             """Coefficients that were evaluated beforehand."""
 
-            def __init__(self) -> None:
+            def __init__(self, params: tuple[Any, ...]) -> None:
                 super().__init__()
+                self._params = params
                 self.identical = True
                 self.discretization_type = DiscretizationType.Interpolation
                 self._format_string = ""
 
             def compute_constraint_params(self, path: Any, gridpoints: Any, *args: Any) -> Any:
-                return params
+                return self._params
 
         class Line:
             """toppra asks a path for nothing but its interval where coefficients are given."""
 
             path_interval = (s[0], s[-1])
 
-        solver = TOPPRA([Limits()], Line(), gridpoints=s, solver_wrapper="seidel")
+        rows = [Limits(params) for params in constraints]
+        solver = TOPPRA(rows, Line(), gridpoints=s, solver_wrapper="seidel")
         _, speed, _, controllable = solver.compute_parameterization(0.0, 0.0, return_data=True)
     if speed is None:
         empty = np.flatnonzero(np.isnan(controllable).any(axis=1))

@@ -1,1 +1,25 @@
-"""Under construction."""
+"""The twin: the robot's dynamics with its servos, stepped through time."""
+
+from pepper_kin.twin.actuators import ActuatorParameters, actuator_parameters
+from pepper_kin.twin.gestures import GestureReport, replay
+from pepper_kin.twin.integrator import Integrator
+from pepper_kin.twin.paper_gestures import GESTURES, PaperGesture, paper_gesture, paper_inconsistencies
+from pepper_kin.twin.run import Run, read_run
+from pepper_kin.twin.twin import DivergedError, Twin, TwinState
+
+__all__ = [
+    "GESTURES",
+    "ActuatorParameters",
+    "DivergedError",
+    "GestureReport",
+    "Integrator",
+    "PaperGesture",
+    "Run",
+    "Twin",
+    "TwinState",
+    "actuator_parameters",
+    "paper_gesture",
+    "paper_inconsistencies",
+    "read_run",
+    "replay",
+]

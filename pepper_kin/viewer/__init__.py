@@ -3,6 +3,7 @@
 from pepper_kin.viewer.browser import find_chromium, screenshot
 from pepper_kin.viewer.drawable import Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion
+from pepper_kin.viewer.reach_page import save_reach_html
 from pepper_kin.viewer.recording import write_motion_page
 from pepper_kin.viewer.viewer import Viewer
 
@@ -12,6 +13,7 @@ __all__ = [
     "Viewer",
     "find_chromium",
     "marker",
+    "save_reach_html",
     "screenshot",
     "write_motion_page",
 ]

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 from urllib.parse import urlencode
 
+from pepper_kin import atomic_file
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError, UnknownNameError
-from pepper_kin.viewer.atomic_file import replaced_when_whole
 
 CameraView: TypeAlias = Literal["three-quarter", "front", "side", "top"]
 
@@ -86,6 +86,7 @@ def screenshot(
         InvalidValueError: The page does not exist, or the size is not two positive whole numbers.
         UnknownNameError: There is no such view.
         InfeasibleError: The browser gave no picture.
+        FileFormatError: The picture cannot be written.
     """
     page = Path(html_path).resolve()
     if not page.is_file():
@@ -100,7 +101,8 @@ def screenshot(
     if chromium is None:
         raise MissingDependencyError("chromium", "apt-get install chromium", "a picture of a page")
     options = {"view": view, "panel": int(panel)} | ({} if at_time is None else {"t": repr(float(at_time))})
-    with replaced_when_whole(png_path) as picture, tempfile.TemporaryDirectory() as profile:
+    with tempfile.TemporaryDirectory() as profile:
+        picture = Path(profile) / "picture.png"
         command = [
             chromium,
             *CHROMIUM_FLAGS,
@@ -111,9 +113,9 @@ def screenshot(
             f"{page.as_uri()}#{urlencode(options)}",
         ]
         _run(command, timeout)
-        if picture.stat().st_size == 0:
+        if not picture.is_file():
             raise InfeasibleError("picture", "the browser wrote nothing", "open the page by hand to see why")
-    return Path(png_path)
+        return atomic_file.write_bytes(png_path, picture.read_bytes())
 
 
 def _run(command: list[str], timeout: float) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +14,9 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory import Trajectory
 
-Playable: TypeAlias = "JointMotion | ArrayLike"
+_TRAJECTORY_STEP = 0.005  # [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,27 @@ class JointMotion:
         object.__setattr__(self, "series", MappingProxyType(curves))
 
 
+class ExecutedMotion(Protocol):
+    """What the viewer reads of a run of the twin.
+
+    Attributes:
+        time: Sample times, shape (T,) [s].
+        position: Joint positions, shape (T, n) [rad or m].
+        torque: Joint torques or forces, shape (T, n) [N m or N].
+    """
+
+    @property
+    def time(self) -> NDArray[np.float64]: ...  # noqa: D102
+    @property
+    def position(self) -> NDArray[np.float64]: ...  # noqa: D102
+    @property
+    def torque(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+
+Playable: TypeAlias = JointMotion | Trajectory | ExecutedMotion | NDArray[np.float64] | Sequence[float]
+"""What a viewer can play; an array of shape (n,) is a posture held still."""
+
+
 def still(pepper: PepperModel, q: ArrayLike) -> JointMotion:
     """Return the motion that stays at joint positions q, shape (n,) [rad or m].
 
@@ -61,15 +83,52 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
 
     Args:
         pepper: The robot.
-        motion: A `JointMotion`, or joint positions of shape (n,).
+        motion: A `JointMotion`, a trajectory (its velocities become curves), a run of the twin (its torques
+            become curves), or joint positions of shape (n,).
 
     Returns:
         The motion.
 
     Raises:
-        InvalidValueError: for a motion of another robot, or with NaN or infinity.
+        InvalidValueError: for a motion of another robot, with NaN or infinity, or for something else.
     """
     if isinstance(motion, JointMotion):
         as_joint_vectors(pepper, motion.positions, "positions")
         return motion
-    return still(pepper, motion)
+    if isinstance(motion, Trajectory):
+        return _of_trajectory(pepper, motion)
+    if isinstance(motion, np.ndarray | Sequence):
+        return still(pepper, motion)
+    return _of_run(pepper, motion)
+
+
+def _of_trajectory(pepper: PepperModel, trajectory: Trajectory) -> JointMotion:
+    if trajectory.joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
+        )
+    samples = trajectory.sample(_TRAJECTORY_STEP)
+    return JointMotion(
+        samples.time, samples.position, _curves(pepper, "velocity", ("rad/s", "m/s"), samples.velocity)
+    )
+
+
+def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
+    try:
+        times, positions, torques = run.time, run.position, run.torque
+    except AttributeError as error:
+        allowed = "a run, a trajectory, a JointMotion or joint positions"
+        raise InvalidValueError("motion", type(run).__name__, allowed) from error
+    positions = as_joint_vectors(pepper, positions, "positions of the run")
+    torques = as_joint_vectors(pepper, torques, "torques of the run")
+    return JointMotion(times, positions, _curves(pepper, "torque", ("N m", "N"), torques))
+
+
+def _curves(
+    pepper: PepperModel, quantity: str, units: tuple[str, str], values: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return one curve per joint; `units` are those of a turning and of a sliding joint."""
+    return {
+        f"{joint} {quantity} [{units[unit == 'm']}]": values[:, index]
+        for index, (joint, unit) in enumerate(zip(pepper.joint_names, pepper.joint_units, strict=True))
+    }

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin import atomic_file
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.viewer.atomic_file import replaced_when_whole
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.drawing import draw_commands, link_path
 from pepper_kin.viewer.motion_frames import MotionFrames, motion_frames
@@ -57,10 +57,10 @@ def write_motion_page(
         The path of the file.
 
     Raises:
-        InvalidValueError: Wrong shapes, times that do not increase, NaN or infinite values, transforms that
-            are not rigid, or a path that cannot be written.
+        InvalidValueError: Wrong shapes, times that do not increase, NaN or infinite values, or transforms
+            that are not rigid.
         UnknownNameError: A drawable sits on a link that is not in `link_names`.
-        FileFormatError: A mesh file cannot be read.
+        FileFormatError: A mesh file cannot be read, or the path cannot be written.
     """
     names = tuple(link_names)
     frames = motion_frames(times, link_poses, len(names), dict(series or {}), fps)
@@ -92,10 +92,7 @@ def write_frames_page(
         "motion": _motion_data(frames, names, drawn, buffers),
         "buffers": buffers.contents,
     }
-    page = _page(title, content)
-    with replaced_when_whole(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return Path(path)
+    return atomic_file.write_text(path, _page(title, content))
 
 
 class _Buffers:

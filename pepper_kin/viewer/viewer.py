@@ -161,9 +161,8 @@ class Viewer:
             The path of the file.
 
         Raises:
-            InvalidValueError: for a motion of another robot, NaN or infinity, or a path that cannot be
-                written.
-            FileFormatError: A mesh of the robot cannot be read.
+            InvalidValueError: for a motion of another robot, or with NaN or infinity.
+            FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         chosen = self._motion if motion is None else joint_motion(self._pepper, motion)
         frames = self._frames(chosen, chosen.series if series is None else series, fps)
@@ -202,6 +201,7 @@ class Viewer:
             InvalidValueError: As for `save_html`, or a size that is not two positive whole numbers.
             UnknownNameError: There is no such view.
             InfeasibleError: The browser gave no picture.
+            FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         with tempfile.TemporaryDirectory() as folder:
             page = self.save_html(Path(folder) / "scene.html", motion, series={})

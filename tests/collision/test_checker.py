@@ -146,3 +146,35 @@ def test_bad_objects_are_named(call, message):
 def test_unknown_object_is_named():
     with pytest.raises(UnknownNameError, match="unknown scene object 'chair'; available: table"):
         TABLE.move("chair", (0, 0, 0))
+
+
+def test_padded_scene_is_nearer_by_the_margin():
+    """Growing a sphere by a margin lowers the distance to it by just that; a box grows on every side."""
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    head = next(s for s in pepper.collision_shapes if s.link == "Head")
+    top = (pk.kinematics.frame_pose(pepper, q, "Head") @ head.transform_shape_to_link)[:3, 3]
+    scene = pk.Scene().add_sphere("lamp", 0.05, top + np.array([0, 0, head.geometry.radius + 0.0525]))
+    before, after = (
+        pk.collision.closest_pair(pepper, q, s) for s in (scene.padded(0.0), scene.padded(0.002))
+    )
+    assert before.names == after.names == ("Head", "lamp")
+    assert before.distance - after.distance == pytest.approx(0.002, abs=1e-9)
+    assert TABLE.padded(0.01).objects["table"].geometry.size == pytest.approx((0.62, 1.02, 0.06))
+    with pytest.raises(InvalidValueError, match=r"margin: got -0\.1"):
+        scene.padded(-0.1)
+
+
+def test_margins_widen_what_counts_as_contact():
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    own = float(pk.collision.clearance(pepper, q))
+    assert not pk.collision.checker_for(pepper, None, 0.0, own * 0.9).in_collision(q)
+    assert pk.collision.checker_for(pepper, None, 0.0, own * 1.1).in_collision(q)
+    hand = pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:3, 3]
+    scene = pk.Scene().add_sphere("ball", 0.05, hand + np.array([0.15, 0.1, 0]))
+    gap = pk.collision.closest_pair(pepper, q, scene)
+    near = float(pk.collision.clearance(pepper, q, scene))
+    assert near <= own or gap.names[1] == "ball"
+    assert not pk.collision.checker_for(pepper, scene, 0.001).in_collision(q)
+    assert pk.collision.checker_for(pepper, scene, 0.2).in_collision(q)

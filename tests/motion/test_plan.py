@@ -91,7 +91,8 @@ def test_goal_in_collision():
 
 def test_goal_too_heavy_names_joint_and_torque():
     pepper = pk.load_pepper()
-    goal = pepper.joint_vector({"KneePitch": -0.5, "HipPitch": -1.0, "HeadPitch": 0.0})
+    bow = {"KneePitch": -0.5, "HipPitch": -1.0, "LShoulderPitch": 0.0, "RShoulderPitch": 0.0}
+    goal = pepper.joint_vector(bow)
     torque = pk.dynamics.gravity_torque(pepper, goal)[0]
     assert abs(torque) > pepper.effort_limits[0]
     found = pk.plan(pepper, pepper.posture("Stand"), goal)

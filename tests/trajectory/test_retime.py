@@ -1,5 +1,6 @@
 """Timing along paths: closed forms, toppra itself as oracle, limits at 1 kHz, refusals."""
 
+import itertools
 import logging
 
 import numpy as np
@@ -17,8 +18,8 @@ ONE_JOINT = """
   <link name="arm"><inertial><origin xyz="0.4 0 0"/><mass value="2"/>
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="J" type="revolute"><parent link="world"/><child link="arm"/><axis xyz="{axis}"/>
-    <limit lower="-3" upper="3" velocity="{velocity}" acceleration="{acceleration}" effort="{effort}"/></joint>
-</robot>"""
+    <limit lower="-3" upper="3" velocity="{velocity}" acceleration="{acceleration}" effort="{effort}"/>
+  </joint></robot>"""
 INERTIA = 0.01 + 2 * 0.4**2
 WEIGHT = 2 * 9.81 * 0.4  # gravity torque of the arm stretched out
 
@@ -136,7 +137,7 @@ def test_duration_agrees_with_toppra_used_directly(pepper, seed):
             inverse_dynamics, both, np.zeros(pepper.n), discretization_scheme=DiscretizationType.Interpolation
         ),
     ]
-    pieces = [np.linspace(a, b, 60) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]
+    pieces = [np.linspace(a, b, 60) for a, b in itertools.pairwise(breaks)]
     grid = np.unique(np.concatenate(pieces))
     grid[-1] = breaks[-1]
     solver = toppra.algorithm.TOPPRA(
@@ -271,7 +272,7 @@ def test_curve_of_no_length_or_outside_is_refused(pepper):
     with pytest.raises(InvalidValueError, match="3 joints, expected 15 joints"):
         retime(pepper, CubicPath([0.0, 1.0], still[..., :3]))
     jump = np.concatenate([still, still + 0.1])
-    with pytest.raises(InvalidValueError, match="a jump of 0.1 at parameter 1, expected pieces that meet"):
+    with pytest.raises(InvalidValueError, match=r"a jump of 0.1 at parameter 1, expected pieces that meet"):
         CubicPath([0.0, 1.0, 2.0], jump)
     with pytest.raises(InvalidValueError, match="breaks of the path"):
         CubicPath([0.0, 0.0], still)
@@ -322,3 +323,24 @@ def test_path_is_duck_typed(pepper):
     curve = as_cubic_path(pepper, random_waypoints(pepper, 2))
     assert retime(pepper, Curve(curve)) == retime(pepper, curve)
     assert not read_only(curve.breaks).flags.writeable
+
+
+def test_smooth_paths_of_the_planners_are_followed_exactly(pepper):
+    from pepper_kin import planners
+
+    points = random_waypoints(pepper, 21, count=3)
+    box = planners.Problem(
+        start=points[0],
+        goals=points[-1:],
+        lower=pepper.lower_limits,
+        upper=pepper.upper_limits,
+        oracle=lambda q: np.ones(len(q), dtype=bool),
+    )
+    curve = planners.smooth(box, planners.Path(points))
+    trajectory = retime(pepper, curve)
+    assert trajectory.check(pepper).acceleration.ok
+    np.testing.assert_allclose(trajectory.start, curve.start, atol=1e-12)
+    np.testing.assert_allclose(trajectory.end, curve.goal, atol=1e-9)
+    dense = curve.sample(curve.length / 20_000)
+    for q in trajectory(np.linspace(0, trajectory.duration, 20)).position:
+        assert np.linalg.norm(dense - q, axis=1).min() < 1e-3

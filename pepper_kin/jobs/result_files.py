@@ -11,7 +11,10 @@ from typing import Any
 from pepper_kin import atomic_file
 from pepper_kin.jobs.reach import ReachOutcome
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory import write_csv
+from pepper_kin.twin import GestureReport
 
+CSV_STEP = 0.001  # [s] between rows of trajectory.csv
 _LIBRARIES = ("pin", "placo", "proxsuite", "coal", "toppra", "meshcat", "numpy")
 
 
@@ -68,9 +71,33 @@ def write_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path
     folder = atomic_file.make_folder(folder)
     files: dict[str, Path] = {}
     if outcome.trajectory is not None and outcome.run is not None:
-        files["trajectory.csv"] = outcome.trajectory.save_csv(folder / "trajectory.csv")
-        files["run.csv"] = outcome.run.save_csv(folder / "run.csv")
+        files["trajectory.csv"] = write_csv(folder / "trajectory.csv", outcome.trajectory, dt=CSV_STEP)
+        files["run.csv"] = outcome.run.save(folder / "run.csv")
         files["columns.json"] = folder / "columns.json"
     text = json.dumps(summary(pepper, outcome), indent=2) + "\n"
     files["summary.json"] = atomic_file.write_text(folder / "summary.json", text)
     return files
+
+
+def write_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:
+    """Write `summary.json`, `trajectory.csv`, `run.csv` and `columns.json` of a gesture.
+
+    Args:
+        report: The replayed gesture.
+        folder: Where; made if it is not there.
+
+    Returns:
+        The files written, by name.
+
+    Raises:
+        PepperKinError: where the folder cannot be written to; no half-written file is left.
+    """
+    folder = atomic_file.make_folder(folder)
+    return {
+        "trajectory.csv": write_csv(folder / "trajectory.csv", report.trajectory, dt=CSV_STEP),
+        "run.csv": report.run.save(folder / "run.csv"),
+        "columns.json": folder / "columns.json",
+        "summary.json": atomic_file.write_text(
+            folder / "summary.json", json.dumps(report.as_dict(), indent=2) + "\n"
+        ),
+    }

@@ -35,7 +35,7 @@ def plan(
     *,
     planner: str = "rrt_connect",
     joints: str | Sequence[str] | None = None,
-    margin: float = 0.005,
+    margin: float = 0.01,
     seed: int = 0,
     timeout: float = 5.0,
 ) -> Plan:
@@ -65,18 +65,13 @@ def plan(
         UnknownNameError: for an unknown joint or group.
     """
     begin = time.perf_counter()
-    check_choice("planner", planner, PLANNERS)
-    check_positive("timeout", timeout, "[s]")
-    q_start = as_joint_vectors(pepper, start, "start")
-    if q_start.ndim != 1:
-        raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
-    check_within_limits(pepper, q_start, "start")
+    q_start = _checked_start(pepper, start, planner, margin, timeout)
     ended = Ending(pepper, begin, seed, planner)
     checker = checker_for(pepper, scene)
     fault = fault_of(checker, q_start, "start")
     if fault is not None:
         return ended(*fault)
-    goals, ik, fault = goals_of(pepper, q_start, goal, checker, joints, seed, timeout)
+    goals, ik, fault = goals_of(checker, q_start, goal, joints, margin, seed, timeout)
     if fault is not None:
         return ended(*fault, ik=ik)
     free = free_joints(pepper, joints, q_start, goals)
@@ -96,6 +91,21 @@ def plan(
     figures = _path_figures(checker, path)
     message = f"Path of {len(path)} way-points with a clearance of {figures['clearance'] * 1000:.1f} mm."
     return ended(PlanStatus.SOLVED, message, ik=ik, states_checked=result.states_checked, **figures)
+
+
+def _checked_start(
+    pepper: PepperModel, start: ArrayLike, planner: str, margin: float, timeout: float
+) -> NDArray[np.float64]:
+    """Check what was asked for; return the start, shape (n,)."""
+    check_choice("planner", planner, PLANNERS)
+    check_positive("timeout", timeout, "[s]")
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    q_start = as_joint_vectors(pepper, start, "start")
+    if q_start.ndim != 1:
+        raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
+    check_within_limits(pepper, q_start, "start")
+    return q_start
 
 
 def _embedding(
@@ -131,23 +141,28 @@ def _margins(
     checker: CollisionChecker, start: NDArray[np.float64], goals: NDArray[np.float64], margin: float
 ) -> tuple[float, float]:
     """Return the margins kept to the scene and to the robot itself [m]: as wanted, or what the ends allow."""
-    wanted = float(margin)
-    if not (np.isfinite(wanted) and wanted >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
     alone = checker_for(checker.pepper)
-    ends = min(float(alone.clearance(start)), float(alone.clearance(goals).max()))
-    return _scene_margin(checker, start, goals, wanted), max(min(wanted, ends / 2), 0.0)
+    room = min(float(alone.clearance(start)), float(alone.clearance(goals).max()))
+    kept_self = min(margin, max(room, 0.0) / 2)
+    if not _ends_are_free(checker, start, goals, 0.0, kept_self):
+        kept_self = 0.0
+    kept = margin
+    while kept > 1e-4:
+        if _ends_are_free(checker, start, goals, kept, kept_self):
+            return kept, kept_self
+        kept /= 2
+    return 0.0, kept_self
 
 
-def _scene_margin(
-    checker: CollisionChecker, start: NDArray[np.float64], goals: NDArray[np.float64], wanted: float
-) -> float:
-    while wanted > 1e-4:
-        padded = checker_for(checker.pepper, checker.scene, wanted)
-        if not padded.in_collision(start) and not padded.in_collision(goals).all():
-            return wanted
-        wanted /= 2
-    return 0.0
+def _ends_are_free(
+    checker: CollisionChecker,
+    start: NDArray[np.float64],
+    goals: NDArray[np.float64],
+    margin: float,
+    self_margin: float,
+) -> bool:
+    padded = checker_for(checker.pepper, checker.scene, margin, self_margin)
+    return not padded.in_collision(start) and not padded.in_collision(goals).all()
 
 
 def _problem(

@@ -1,0 +1,26 @@
+"""Make the pictures of the documentation: python docs/make_pictures.py (needs a Chromium)."""
+
+from pathlib import Path
+
+import pepper_kin as pk
+from pepper_kin.jobs import run_demo
+
+FOLDER = Path(__file__).parent / "pictures"
+
+
+def main() -> None:
+    """Write the pictures."""
+    FOLDER.mkdir(exist_ok=True)
+    pepper = pk.load_pepper()
+    outcome = run_demo(pepper)
+    viewer = pk.Viewer(pepper).add_scene(outcome.scene).add_target("hand", outcome.target)
+    at_time = outcome.trajectory.duration
+    viewer.save_image(FOLDER / "demo.png", outcome.run, at_time=at_time, size=(1280, 720))
+    for looks in ("visual", "collision"):
+        for view in ("front", "side", "three-quarter"):
+            picture = FOLDER / f"{looks}_{view}.png"
+            pk.Viewer(pepper, looks=looks).save_image(picture, size=(600, 800), view=view)
+
+
+if __name__ == "__main__":
+    main()

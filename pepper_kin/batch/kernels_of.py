@@ -1,0 +1,69 @@
+"""Compiled kernels of a robot's quantities, made once and kept."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from functools import lru_cache
+from importlib.resources import files
+from weakref import WeakKeyDictionary
+
+from pepper_kin.kernels import Kernel, compile_function
+from pepper_kin.model import PepperModel
+
+_kept: WeakKeyDictionary[PepperModel, dict[tuple[object, ...], Kernel]] = WeakKeyDictionary()
+_lock = threading.Lock()
+
+
+def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "float64") -> Kernel:
+    """Return the compiled kernel of a quantity: of `symbolic.function(pepper, quantity, *args)`.
+
+    The first use compiles it (a fraction of a second for most, some seconds for derivatives) and keeps the
+    machine code on disk; later uses, in other processes too, load it without building the expression.
+
+    Args:
+        pepper: The robot.
+        quantity: A name of `symbolic.QUANTITIES`, such as "inverse_dynamics".
+        *args: What that quantity takes besides the robot, such as a frame's name.
+        dtype: "float64" or "float32".
+
+    Returns:
+        The kernel: call it with arrays of shape (N, n), `threads=` and `out=`.
+
+    Raises:
+        UnknownNameError: for a quantity or frame that is not known.
+        InvalidValueError: for another dtype.
+    """
+    key = (quantity, *args, dtype)
+    with _lock:
+        found = _kept.setdefault(pepper, {}).get(key)
+    if found is None:
+        found = compile_function(
+            lambda: _expression(pepper, quantity, args), dtype=dtype, key=_disk_key(pepper, quantity, args)
+        )
+        with _lock:
+            found = _kept[pepper].setdefault(key, found)
+    return found
+
+
+def _expression(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> object:
+    from pepper_kin import symbolic
+
+    return symbolic.function(pepper, quantity, *args)
+
+
+def _disk_key(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> str:
+    """Name what the code depends on: the robot, the quantity and the source of the expressions."""
+    robot = hashlib.sha256(pepper.urdf.encode()).hexdigest()
+    return f"{quantity}{args!r} of {robot} by {_source_digest()}"
+
+
+@lru_cache(maxsize=1)
+def _source_digest() -> str:
+    digest = hashlib.sha256()
+    for room in ("symbolic", "model"):
+        folder = files(f"pepper_kin.{room}")
+        for file in sorted(folder.iterdir(), key=lambda f: f.name):
+            if file.name.endswith(".py"):
+                digest.update(file.read_bytes())
+    return digest.hexdigest()

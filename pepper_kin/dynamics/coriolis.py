@@ -1,0 +1,37 @@
+"""The Coriolis matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.batch import over_states
+from pepper_kin.model import PepperModel
+
+
+def coriolis_matrix(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
+    """Return C(q, v) of tau = M(q) a + C(q, v) v + g(q), by Christoffel symbols.
+
+    C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) v_k / 2; with it dM/dt - 2 C is skew.  Through
+    Pinocchio.  With mimic joints C = E^T C_full E, where q_full = E q + e.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+
+    Returns:
+        C, shape (..., n, n) [N m s/rad and the like].
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+    """
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    full_map = pepper.full_map
+
+    def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+        full = pinocchio.computeCoriolisMatrix(model, data, pepper.to_full(q), pepper.rate_to_full(v))
+        return full_map.T @ full @ full_map if pepper.is_coupled else np.asarray(full)
+
+    return over_states(pepper, one, (pepper.n, pepper.n), ("coriolis_matrix",), q=q, v=v)

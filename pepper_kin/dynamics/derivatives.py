@@ -1,0 +1,105 @@
+"""Derivatives of inverse and forward dynamics."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.batch import over_states
+from pepper_kin.dynamics.forward import forward_dynamics
+from pepper_kin.dynamics.mass import inverse_mass_matrix
+from pepper_kin.model import PepperModel
+
+Array = NDArray[np.float64]
+
+
+class InverseDynamicsDerivatives(NamedTuple):
+    """Derivatives of tau(q, v, a), each of shape (..., n, n): rows are torques.
+
+    Attributes:
+        dtau_dq: By positions [N m/rad].
+        dtau_dv: By velocities [N m s/rad].
+        dtau_da: By accelerations, M(q) [kg m^2].
+    """
+
+    dtau_dq: Array
+    dtau_dv: Array
+    dtau_da: Array
+
+
+class ForwardDynamicsDerivatives(NamedTuple):
+    """Derivatives of a(q, v, tau), each of shape (..., n, n): rows are accelerations.
+
+    Attributes:
+        da_dq: By positions [1/s^2].
+        da_dv: By velocities [1/s].
+        da_dtau: By torques, M(q)^-1 [1/(kg m^2)].
+    """
+
+    da_dq: Array
+    da_dv: Array
+    da_dtau: Array
+
+
+def inverse_dynamics_derivatives(
+    pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike
+) -> InverseDynamicsDerivatives:
+    """Return the derivatives of tau = M(q) a + C(q, v) v + g(q).
+
+    Carpentier and Mansard, Analytical derivatives of rigid body dynamics algorithms (2018); through
+    Pinocchio.  With mimic joints each is E^T A_full E.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+
+    Returns:
+        dtau_dq, dtau_dv and dtau_da, each of shape (..., n, n).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+    """
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    full_map, n = pepper.full_map, pepper.n
+
+    def one(q: Array, v: Array, a: Array) -> Array:
+        v_full, a_full = pepper.rate_to_full(v), pepper.rate_to_full(a)
+        pinocchio.computeRNEADerivatives(model, data, pepper.to_full(q), v_full, a_full)
+        mass = np.triu(data.M)
+        blocks = np.array([data.dtau_dq, data.dtau_dv, mass + np.triu(mass, 1).T])
+        return full_map.T @ blocks @ full_map if pepper.is_coupled else blocks
+
+    blocks = over_states(pepper, one, (3, n, n), ("inverse_dynamics_derivatives",), q=q, v=v, a=a)
+    return InverseDynamicsDerivatives(*(blocks[..., k, :, :] for k in range(3)))
+
+
+def forward_dynamics_derivatives(
+    pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike
+) -> ForwardDynamicsDerivatives:
+    """Return the derivatives of a = M(q)^-1 (tau - C(q, v) v - g(q)).
+
+    da/dq = -M^-1 dtau/dq and da/dv = -M^-1 dtau/dv, where the derivatives of inverse dynamics are taken at
+    the acceleration a; da/dtau = M^-1 (Carpentier and Mansard, 2018).
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        tau: Joint torques or forces [N m or N], shape (..., n).
+
+    Returns:
+        da_dq, da_dv and da_dtau, each of shape (..., n, n).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        ModelError: naming joints that move no mass.
+    """
+    inverse = inverse_mass_matrix(pepper, q)
+    by = inverse_dynamics_derivatives(pepper, q, v, forward_dynamics(pepper, q, v, tau))
+    da_dtau = np.array(np.broadcast_to(inverse, by.dtau_dq.shape))
+    return ForwardDynamicsDerivatives(-inverse @ by.dtau_dq, -inverse @ by.dtau_dv, da_dtau)

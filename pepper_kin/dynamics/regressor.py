@@ -1,0 +1,52 @@
+"""Torques as a linear function of the inertial parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.batch import over_states
+from pepper_kin.model import PepperModel
+
+
+def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
+    """Return Y with tau = Y(q, v, a) pi, linear in the inertial parameters pi of `inertial_parameters`.
+
+    Atkeson, An and Hollerbach, Estimation of inertial parameters of manipulator loads and links (1986);
+    through Pinocchio.  With mimic joints Y = E^T Y_full.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+
+    Returns:
+        Y, shape (..., n, 10 k) for k moving bodies.
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+    """
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+
+    def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
+        full = pinocchio.computeJointTorqueRegressor(
+            model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a)
+        )
+        return pepper.full_map.T @ full if pepper.is_coupled else np.asarray(full)
+
+    return over_states(pepper, one, (pepper.n, 10 * (model.njoints - 1)), ("regressor",), q=q, v=v, a=a)
+
+
+def inertial_parameters(pepper: PepperModel) -> NDArray[np.float64]:
+    """Return the inertial parameters pi of all moving bodies, shape (10 k,).
+
+    For each body (a joint's child with all links fixed to it, in the order of `pepper.pinocchio_model`):
+    m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz, about the origin of its joint frame and in its
+    axes [kg, kg m, kg m^2].
+
+    Args:
+        pepper: The robot.
+    """
+    return np.concatenate([i.toDynamicParameters() for i in list(pepper.pinocchio_model.inertias)[1:]])

@@ -1,0 +1,70 @@
+"""The certificate of a result, computed from the problem and q alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.problem import Problem
+from pepper_kin.ik.result import TaskError, TorqueUse
+from pepper_kin.ik.search import torque_ratios
+from pepper_kin.ik.tasks.task import Array
+
+# A joint within this of a bound is at it [rad or m].
+AT_LIMIT = 1e-4
+
+# A limit blocks where the tasks' gradient along the joint is this part of the weighted distance or more.
+PUSH = 1e-3
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What holds at q; the attributes are those of `IKResult`."""
+
+    errors: tuple[TaskError, ...]
+    active_limits: tuple[str, ...]
+    blocking_limits: tuple[str, ...]
+    clearance: float | None
+    in_collision: bool | None
+    torque_use: TorqueUse
+
+
+def certify(problem: Problem, collisions: Collisions, q: Array) -> Certificate:
+    """Return the certificate of q, shape (n,) [rad or m]."""
+    pepper = problem.pepper
+    errors = tuple(
+        TaskError(
+            label=task.label,
+            frame=task.frame,
+            value=task.error(pepper, q),
+            tolerance=task.tolerance,
+            unit=task.unit,
+            shortfall=task.shortfall(pepper, q),
+            attained=task.attained(pepper, q),
+        )
+        for task in problem.tasks
+    )
+    at_lower = problem.movable & (q <= problem.lower + AT_LIMIT)
+    at_upper = problem.movable & (q >= problem.upper - AT_LIMIT)
+    residual = problem.stack(problem.residuals(q))
+    distance = float(np.linalg.norm(residual))
+    pull = -problem.jacobian(q).T @ residual
+    blocking = (at_lower & (pull < -PUSH * distance)) | (at_upper & (pull > PUSH * distance))
+    if all(error.met for error in errors):
+        blocking[:] = False
+    ratios = torque_ratios(pepper, q)
+    hardest = int(np.argmax(ratios))
+    return Certificate(
+        errors=errors,
+        active_limits=_names(problem, at_lower | at_upper),
+        blocking_limits=_names(problem, blocking),
+        clearance=collisions.clearance(q),
+        in_collision=None if not collisions.considered else not collisions.free(q),
+        torque_use=TorqueUse(pepper.joint_names[hardest], float(ratios[hardest])),
+    )
+
+
+def _names(problem: Problem, mask: np.ndarray) -> tuple[str, ...]:
+    return tuple(problem.pepper.joint_names[i] for i in np.flatnonzero(mask))

@@ -1,0 +1,189 @@
+"""The optimisation problem that all solvers share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pepper_kin.dynamics import mass_matrix
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+
+# epsilon of the posture term: at a residual of a task's tolerance it shifts the optimum by micrometres.
+POSTURE_WEIGHT = 1e-3
+
+# Iterations go on until every error is this fraction of its tolerance.
+CLOSE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """min over q of F(q) = (sum_i w_i^2 |r_i(q)|^2 + eps^2 |q - q_ref|^2) / 2, lower <= q <= upper.
+
+    Joints that may not move have `lower == upper`.
+
+    Attributes:
+        pepper: The robot.
+        tasks: The tasks, groups taken apart.
+        q0: Where the search starts, and what locked joints keep [rad or m], shape (n,).
+        movable: Which joints may move, shape (n,).
+        lower: Lower bounds [rad or m], shape (n,).
+        upper: Upper bounds [rad or m], shape (n,).
+        scale: d, shape (n,): how dear the motion of each joint is; the damping is lambda |diag(d) dq|^2.
+    """
+
+    pepper: PepperModel
+    tasks: tuple[Task, ...]
+    q0: Array
+    movable: np.ndarray
+    lower: Array
+    upper: Array
+    scale: Array
+
+    def residuals(self, q: Array) -> list[Array]:
+        """Return the residual of each task, without weights."""
+        return [task.residual(self.pepper, q) for task in self.tasks]
+
+    def stack(self, residuals: Sequence[Array]) -> Array:
+        """Return all residuals times their weights, shape (m,)."""
+        return np.concatenate([t.weight * r for t, r in zip(self.tasks, residuals, strict=True)])
+
+    def jacobian(self, q: Array) -> Array:
+        """Return the derivative of the stacked residuals, shape (m, n)."""
+        return np.concatenate([task.weight * task.jacobian(self.pepper, q) for task in self.tasks])
+
+    def task_cost(self, residuals: Sequence[Array]) -> float:
+        """Return F without the posture term."""
+        return 0.5 * sum(t.weight**2 * float(r @ r) for t, r in zip(self.tasks, residuals, strict=True))
+
+    def cost(self, q: Array, residuals: Sequence[Array], reference: Array) -> float:
+        """Return F(q), given r(q) and q_ref."""
+        shift = (q - reference)[self.movable]
+        return self.task_cost(residuals) + 0.5 * POSTURE_WEIGHT**2 * float(shift @ shift)
+
+    def is_met(self, residuals: Sequence[Array], fraction: float = 1.0) -> bool:
+        """Whether every task's error is within this fraction of its tolerance."""
+        pairs = zip(self.tasks, residuals, strict=True)
+        return all(task.size(residual) <= fraction * task.tolerance for task, residual in pairs)
+
+    def is_close(self, residuals: Sequence[Array]) -> bool:
+        """Whether nothing is left to gain: all tasks are well met and none is a mere preference."""
+        return all(np.isfinite(task.tolerance) for task in self.tasks) and self.is_met(residuals, CLOSE)
+
+    def clip(self, q: Array) -> Array:
+        """Return q moved into the bounds."""
+        return np.clip(q, self.lower, self.upper)
+
+    def without_limits(self) -> Problem:
+        """Return the problem with bounds only on the joints that may not move."""
+        lower = np.where(self.movable, -np.inf, self.lower)
+        upper = np.where(self.movable, np.inf, self.upper)
+        return replace(self, lower=read_only(lower), upper=read_only(upper))
+
+
+def make_problem(
+    pepper: PepperModel, tasks: Sequence[Task], q0: Array, movable: np.ndarray, keep_idle: bool
+) -> Problem:
+    """Build the problem of checked tasks and a checked start.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks.
+        q0: The start, within the limits, shape (n,).
+        movable: The joints that the caller lets move, shape (n,).
+        keep_idle: Whether joints that no task depends on keep still.
+
+    Returns:
+        The problem.
+    """
+    if keep_idle:
+        movable = movable & joints_used(pepper, tasks)
+    return Problem(
+        pepper=pepper,
+        tasks=tuple(tasks),
+        q0=read_only(q0),
+        movable=movable,
+        lower=read_only(np.where(movable, pepper.lower_limits, q0)),
+        upper=read_only(np.where(movable, pepper.upper_limits, q0)),
+        scale=read_only(motion_scale(pepper, q0)),
+    )
+
+
+def joints_used(pepper: PepperModel, tasks: Iterable[Task]) -> np.ndarray:
+    """Return which joints move any task's residual, shape (n,).
+
+    A joint without influence has a zero column at every q; at two generic configurations no column that is
+    not always zero vanishes.
+    """
+    span = np.minimum(pepper.upper_limits, np.pi) - np.maximum(pepper.lower_limits, -np.pi)
+    low = np.maximum(pepper.lower_limits, -np.pi)
+    used = np.zeros(pepper.n, dtype=bool)
+    for fraction in (0.3819, 0.7236):
+        q = low + fraction * span * (1 - 0.2 * np.sin(np.arange(pepper.n)))
+        for task in tasks:
+            used |= np.abs(task.jacobian(pepper, q)).max(axis=0) > 1e-9
+    return used
+
+
+def motion_scale(pepper: PepperModel, q: Array) -> Array:
+    """Return d_i = sqrt(M_ii / median M_ii), between 1/2 and 4: joints that carry much move less.
+
+    sum_i M_ii dq_i^2 is the kinetic energy of the step, cross terms left out.
+    """
+    inertia = np.maximum(np.diagonal(mass_matrix(pepper, q)), 1e-9)
+    return np.clip(np.sqrt(inertia / np.median(inertia)), 0.5, 4.0)
+
+
+def flatten_tasks(pepper: PepperModel, tasks: Task | TaskGroup | Iterable[Task | TaskGroup]) -> list[Task]:
+    """Return the parts of all tasks, checked against the robot.
+
+    Raises:
+        InvalidValueError: for no task at all, or something that is none.
+        UnknownNameError: for a frame or joint that the robot lacks.
+    """
+    given = [tasks] if isinstance(tasks, (Task, TaskGroup)) else tasks
+    if not isinstance(given, Iterable) or isinstance(given, (str, bytes)):
+        raise InvalidValueError("tasks", repr(tasks)[:80], "a list of tasks such as HandPosition")
+    flat: list[Task] = []
+    for item in given:
+        if isinstance(item, TaskGroup):
+            flat.extend(item.parts)
+        elif isinstance(item, Task):
+            flat.append(item)
+        else:
+            raise InvalidValueError("tasks", repr(item)[:80], "tasks such as HandPosition or LookAt")
+    if not flat:
+        raise InvalidValueError("tasks", "none", "at least one task")
+    for task in flat:
+        task.check(pepper)
+    return flat
+
+
+def movable_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> np.ndarray:
+    """Return which joints may move, shape (n,).
+
+    Args:
+        pepper: The robot.
+        joints: A group's name, joint names, or None for all.
+
+    Raises:
+        UnknownNameError: for an unknown group or joint.
+        InvalidValueError: where no joint is left.
+    """
+    if joints is None:
+        return np.ones(pepper.n, dtype=bool)
+    if isinstance(joints, str):
+        if joints not in pepper.group_names:
+            raise UnknownNameError("joint group", joints, pepper.group_names)
+        names: Sequence[str] = pepper.joint_group(joints)
+    else:
+        names = tuple(joints)
+    if not names:
+        raise InvalidValueError("joints", repr(joints), "a group or names with at least one moving joint")
+    movable = np.zeros(pepper.n, dtype=bool)
+    movable[[pepper.joint_index(name) for name in names]] = True
+    return movable

@@ -1,0 +1,179 @@
+"""The answer of an inverse kinematics call, with its certificate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
+
+
+class Status(Enum):
+    """How a call ended."""
+
+    SOLVED = "solved"
+    CLOSEST_UNREACHABLE = "closest_unreachable"
+    CLOSEST_LIMITS = "closest_limits"
+    CLOSEST_COLLISION = "closest_collision"
+    TIMED_OUT = "timed_out"
+
+    @property
+    def advice(self) -> str:
+        """What to do, in a sentence."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Status.SOLVED: "Use q.",
+    Status.CLOSEST_UNREACHABLE: (
+        "No posture reaches it, even without joint limits: bring the targets nearer or closer together, "
+        "move the base, or loosen a tolerance."
+    ),
+    Status.CLOSEST_LIMITS: (
+        "Only the joint limits are in the way: move the target or the base, let more joints move, or ask for "
+        "less (a position without an orientation, a wider tolerance)."
+    ),
+    Status.CLOSEST_COLLISION: (
+        "It is reached only in collision: move the target or the obstacle, approach from another side, or "
+        "give more restarts."
+    ),
+    Status.TIMED_OUT: "Time ran out before the search was done: give more time or a start nearer the target.",
+}
+
+
+@dataclass(frozen=True)
+class TaskError:
+    """How well one task was met, recomputed from q.
+
+    Attributes:
+        label: What the task moves.
+        frame: Its frame, None for a posture.
+        value: The error [unit].
+        tolerance: The largest error allowed [unit].
+        unit: "m" or "rad".
+        shortfall: The error in words, with the target.
+        attained: What is reached instead, in words.
+    """
+
+    label: str
+    frame: str | None
+    value: float
+    tolerance: float
+    unit: str
+    shortfall: str
+    attained: str
+
+    @property
+    def met(self) -> bool:
+        """Whether the error is within the tolerance."""
+        return self.value <= self.tolerance
+
+
+@dataclass(frozen=True)
+class TorqueUse:
+    """The joint that gravity asks most of.
+
+    Attributes:
+        joint: Its name.
+        ratio: |gravity torque| / effort limit; above 1 the robot cannot hold the posture.
+    """
+
+    joint: str
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class IKResult:
+    """The best configuration found and a certificate recomputed from it, never the solver's word.
+
+    Attributes:
+        status: How the call ended.
+        q: Joint positions within all limits [rad or m], shape (n,), read-only.
+        errors: Of each task, groups taken apart.
+        active_limits: Names of the joints that may move and are at a limit.
+        blocking_limits: Those of them that the unmet tasks push against.
+        clearance: Smallest distance to itself and the scene [m]; None where collisions were not considered.
+        in_collision: Whether q touches itself or the scene; None where collisions were not considered.
+        torque_use: The joint that gravity asks most of.
+        iterations: Steps over all starts.
+        restarts: Starts used after the first.
+        time: Wall-clock time of the call [s].
+        solver: Name of the solver.
+        seed: Seed of the restarts.
+        hint: What else was found out, such as that more joints would help; may be empty.
+    """
+
+    status: Status
+    q: Array
+    errors: tuple[TaskError, ...]
+    active_limits: tuple[str, ...]
+    blocking_limits: tuple[str, ...]
+    clearance: float | None
+    in_collision: bool | None
+    torque_use: TorqueUse
+    iterations: int
+    restarts: int
+    time: float
+    solver: str
+    seed: int
+    hint: str = ""
+
+    @property
+    def success(self) -> bool:
+        """Whether every task is met."""
+        return self.status is Status.SOLVED
+
+    @property
+    def advice(self) -> str:
+        """What to do next, in a sentence."""
+        return self.status.advice
+
+    def report(self) -> str:
+        """Return the result in plain words, one fact a line."""
+        lines = [self._headline()]
+        lines += [self._line(error) for error in self.errors]
+        if self.hint:
+            lines.append(f"{self.hint}.")
+        if self.clearance is not None:
+            touching = "; it touches" if self.in_collision else ""
+            lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}")
+        lines.append(self._torque())
+        lines.append(
+            f"{self.solver}: {self.iterations} iterations, {self.restarts} restarts (seed {self.seed}), "
+            f"{1000 * self.time:.1f} ms"
+        )
+        if not self.success:
+            lines.append(self.advice)
+        return "\n".join(lines)
+
+    def _headline(self) -> str:
+        return {
+            Status.SOLVED: "solved: every task is met",
+            Status.CLOSEST_UNREACHABLE: "not reached: beyond reach; this is the closest found",
+            Status.CLOSEST_LIMITS: "not reached: blocked by joint limits; this is the closest found",
+            Status.CLOSEST_COLLISION: "not reached: blocked by collision; this is the closest found",
+            Status.TIMED_OUT: "not reached: time ran out; this is the closest found so far",
+        }[self.status]
+
+    def _line(self, error: TaskError) -> str:
+        if error.met:
+            words = words_for_length if error.unit == "m" else words_for_angle
+            return f"{error.label}: error {words(error.value)}, {error.attained}"
+        limits = self.blocking_limits
+        blocked = f": {_listed(limits)} at {_their(limits)}" if limits else ""
+        lone = len(self.errors) == 1 and self.status is not Status.TIMED_OUT
+        nearest = "nearest reachable " if lone and self.clearance is None else "comes to "
+        return f"{error.shortfall}{blocked}; {nearest}{error.attained}"
+
+    def _torque(self) -> str:
+        use = self.torque_use
+        line = f"gravity uses at most {100 * use.ratio:.0f} % of a motor's torque ({use.joint})"
+        return line if use.ratio <= 1 else line + ": the robot cannot hold this posture"
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _their(names: tuple[str, ...]) -> str:
+    return "its limit" if len(names) == 1 else "their limits"

@@ -1,0 +1,207 @@
+"""Steps by placo's task solver."""
+
+from __future__ import annotations
+
+import threading
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
+from pepper_kin.ik.solvers.step_solver import STEP_BOUND, HalfSpaces, StepSolver
+from pepper_kin.ik.tasks import FramePosition, JointPosture, Task
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model import PepperModel
+
+# placo's robots float: seven coordinates and six velocities of the base come first, and stay where they are.
+BASE_POSITION = 7
+BASE_VELOCITY = 6
+HOME = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+# placo reads bounds as finite numbers.
+UNBOUNDED = 1e6
+
+_robots = threading.local()
+
+
+class PlacoSolver(StepSolver):
+    """Hands the tasks to `placo.KinematicsSolver` and takes its step.
+
+    Positions and postures are placo's own tasks, mimic joints its gears.  Turning tasks enter as pairs of
+    soft joint-space half-spaces, J dq + r <= 0 and >= 0, whose penalties add up to |J dq + r|^2: placo's own
+    orientation and axis tasks leave out how a camera's motion shifts the direction to a point, and how a turn
+    of some size composes, so they meet what can be met but do not lead to the closest where it cannot.
+
+    Rhoban, PlaCo: rigid body planning and control (software).
+
+    Args:
+        problem: The problem.
+
+    Raises:
+        InvalidValueError: for a robot with mimic joints that placo cannot follow.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        import placo
+
+        self._problem = problem
+        pepper = problem.pepper
+        self._robot = robot_of(pepper)
+        self._rows = _full_rows(pepper)
+        self._follows: np.ndarray = np.abs(pepper.full_map[:, problem.movable]).max(axis=1) > 0
+        self._solver = placo.KinematicsSolver(self._robot)
+        self._solver.mask_fbase(True)
+        self._solver.enable_joint_limits(True)
+        self._solver.enable_velocity_limits(False)
+        self._linearised: list[tuple[int, Task, Any]] = []
+        for place, task in enumerate(problem.tasks):
+            self._add(place, task)
+        self._posture = self._solver.add_joints_task()
+        self._posture.configure("posture", "soft", POSTURE_WEIGHT**2)
+        self._damping = self._solver.add_regularization_task(1.0)
+        self._lock_and_couple()
+
+    def step(
+        self,
+        q: Array,
+        residuals: Sequence[Array],
+        reference: Array,
+        damping: float,
+        half_spaces: HalfSpaces | None = None,
+    ) -> Array | None:
+        """Return the step; see `StepSolver`."""
+        problem, pepper = self._problem, self._problem.pepper
+        self._enter(q)
+        for place, task, pair in self._linearised:
+            pair.A, pair.b = self._pair(q, task.weight, residuals[place], task.jacobian(pepper, q))
+        self._posture.set_joints(
+            {pepper.joint_names[i]: float(reference[i]) for i in np.flatnonzero(problem.movable)}
+        )
+        for i in np.flatnonzero(problem.movable):
+            self._damping.set_joint_weight(pepper.joint_names[i], float(damping * problem.scale[i] ** 2))
+        constraint = None if half_spaces is None else self._constrain(q, half_spaces)
+        try:
+            full = np.array(self._solver.solve(False))[BASE_VELOCITY:]
+        except RuntimeError:
+            return None
+        finally:
+            if constraint is not None:
+                self._solver.remove_constraint(constraint)
+        step = np.where(problem.movable, full[self._rows], 0.0)
+        return np.clip(step, -STEP_BOUND, STEP_BOUND) if np.isfinite(step).all() else None
+
+    def _enter(self, q: Array) -> None:
+        """Set the robot's state and the box of this step; the robot is shared by all solvers of a thread."""
+        problem, model = self._problem, self._robot.model
+        self._robot.state.q = np.concatenate([HOME, problem.pepper.to_full(q)])
+        lower = np.full(model.nq, -UNBOUNDED)
+        upper = np.full(model.nq, UNBOUNDED)
+        places = BASE_POSITION + self._rows
+        lower[places] = np.maximum(problem.lower, q - STEP_BOUND)
+        upper[places] = np.minimum(problem.upper, q + STEP_BOUND)
+        model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+        self._robot.update_kinematics()
+
+    def _constrain(self, q: Array, half_spaces: HalfSpaces) -> Any:
+        """Add normals (q + dq) <= offsets + normals q, the form that placo takes."""
+        normals = np.zeros((half_spaces.offsets.size, self._robot.model.nq))
+        normals[:, BASE_POSITION + self._rows] = half_spaces.normals
+        constraint = self._solver.add_joint_space_half_spaces_constraint(
+            normals, half_spaces.offsets + half_spaces.normals @ q
+        )
+        constraint.configure("half-spaces", "hard", 1.0)
+        return constraint
+
+    def _add(self, place: int, task: Task) -> None:
+        pepper, solver = self._problem.pepper, self._solver
+        if isinstance(task, FramePosition):
+            solver.add_position_task(task.frame, task.target).configure(task.label, "soft", task.weight**2)
+        elif isinstance(task, JointPosture):
+            names = [pepper.joint_names[i] for i in task.indices(pepper)]
+            own = solver.add_joints_task()
+            own.set_joints(dict(zip(names, task.target.tolist(), strict=True)))
+            own.configure(task.label, "soft", task.weight**2)
+        else:
+            pair = solver.add_joint_space_half_spaces_constraint(np.zeros((1, 1)), np.zeros(1))
+            pair.configure(f"{task.label} {place}", "soft", 1.0)
+            self._linearised.append((place, task, pair))
+
+    def _pair(self, q: Array, weight: float, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+        """Return A and b of A (q + dq) <= b that stand for w (J dq + r) = 0."""
+        rows = np.zeros((residual.size, self._robot.model.nq))
+        rows[:, BASE_POSITION + self._rows] = weight * jacobian
+        right = weight * (jacobian @ q - residual)
+        return np.vstack([rows, -rows]), np.concatenate([right, -right])
+
+    def _lock_and_couple(self) -> None:
+        pepper = self._problem.pepper
+        gears = None
+        for row, name in enumerate(_full_names(self._robot)):
+            if not self._follows[row]:
+                self._solver.mask_dof(name)
+            elif name not in pepper.joint_names:
+                self._damping.set_joint_weight(name, 0.0)
+                gears = gears if gears is not None else self._solver.add_gear_task()
+                leader = int(np.argmax(np.abs(pepper.full_map[row])))
+                gears.add_gear(name, pepper.joint_names[leader], float(pepper.full_map[row, leader]))
+        if gears is not None:
+            gears.configure("mimic joints", "hard", 1.0)
+
+
+def robot_of(pepper: PepperModel) -> Any:
+    """Return placo's robot for a model, built once per thread and kept while the model lives.
+
+    Raises:
+        ModelError: where placo reads another tree.
+        InvalidValueError: where a mimic joint has an offset, which placo's gears lack.
+    """
+    import placo
+
+    known: WeakKeyDictionary[PepperModel, Any] | None = getattr(_robots, "by_model", None)
+    if known is None:
+        known = _robots.by_model = WeakKeyDictionary()
+    robot = known.get(pepper)
+    if robot is None:
+        if np.abs(pepper.full_offset).max() > 0:
+            raise InvalidValueError(
+                "solver", "'placo'", "'proxsuite' for a robot whose mimic joints have an offset"
+            )
+        robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, _plain_urdf(pepper))
+        if _full_names(robot) != list(pepper.pinocchio_model.names)[1:]:
+            raise ModelError(f"placo orders the joints of robot {pepper.name!r} in another way")
+        known[pepper] = robot
+    return robot
+
+
+def _full_names(robot: Any) -> list[str]:
+    """Return placo's joints without the world and the floating base."""
+    return list(robot.model.names)[2:]
+
+
+def _full_rows(pepper: PepperModel) -> np.ndarray:
+    """Return the place of each joint among all joints, mimic ones included, shape (n,)."""
+    full = list(pepper.pinocchio_model.names)[1:]
+    return np.array([full.index(name) for name in pepper.joint_names])
+
+
+def _plain_urdf(pepper: PepperModel) -> str:
+    """Return the URDF without shapes and mimic elements, and with every joint of one coordinate."""
+    root = ET.fromstring(pepper.urdf)
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                link.remove(element)
+    for joint in root.findall("joint"):
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            for limit in joint.findall("limit"):
+                joint.remove(limit)
+            bounds = {"lower": f"{-UNBOUNDED}", "upper": f"{UNBOUNDED}", "effort": "0", "velocity": "0"}
+            ET.SubElement(joint, "limit", bounds)
+    return ET.tostring(root, encoding="unicode")

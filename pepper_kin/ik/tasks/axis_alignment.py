@@ -1,0 +1,111 @@
+"""Turn an axis of a frame into a direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis
+from pepper_kin.ik.tasks.task import (
+    ANGLE_TOLERANCE,
+    Array,
+    Task,
+    checked_tolerance,
+    checked_weight,
+    words_for_angle,
+    words_for_vector,
+)
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class AxisAlignment(Task):
+    """An axis a of a frame points along a direction u of the world; the turn about it is left free.
+
+    r(q) = (theta / sin theta) B d with d = R^T u, see `direction_residual`; |r| = theta, the angle between
+    them.  R' = [J_w q']x R gives dd/dq = R^T [u]x J_w.
+
+    Attributes:
+        frame: A name of `pepper.frame_names`.
+        direction: u, unit vector in the world, shape (3,), read-only.
+        axis: a, unit vector in the frame, shape (3,), read-only.
+        basis: B, two directions across the axis in the frame, shape (2, 3), read-only.
+        weight: Weight in the sum of squares.
+        tolerance: Largest angle of a task that is met [rad].
+        label: What is turned, in words; the frame's name if left empty.
+    """
+
+    frame: str
+    direction: Array
+    axis: Array
+    basis: Array
+    weight: float
+    tolerance: float
+    label: str
+    unit: ClassVar[str] = "rad"
+
+    def __init__(
+        self,
+        frame: str,
+        direction: ArrayLike,
+        axis: ArrayLike = (1.0, 0.0, 0.0),
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+        label: str = "",
+    ) -> None:
+        name = label or str(frame)
+        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "label", name)
+        object.__setattr__(self, "direction", _unit(direction, f"direction of {name}"))
+        object.__setattr__(self, "axis", _unit(axis, f"axis of {name}"))
+        object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
+        object.__setattr__(self, "weight", checked_weight(weight, name))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot without the frame."""
+        pepper.frame_id(self.frame)
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the turn still to make [rad], shape (2,)."""
+        return self._turn(pepper, q)[0]
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return dr/dd R^T [u]x J_w, shape (2, n)."""
+        _, slope, rotation = self._turn(pepper, q)
+        angular = frame_jacobian(pepper, q, self.frame)[3:]
+        return slope @ rotation.T @ cross_matrix(self.direction) @ angular
+
+    def size(self, residual: Array) -> float:
+        """Return the angle between axis and direction [rad]."""
+        return float(np.linalg.norm(residual))
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far the axis is off the direction."""
+        angle = words_for_angle(self.error(pepper, q))
+        return f"{self.label} points {angle} away from direction {words_for_vector(self.direction)}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the direction of the axis."""
+        axis = frame_pose(pepper, q, self.frame)[:3, :3] @ self.axis
+        return f"direction {words_for_vector(axis)}"
+
+    def _turn(self, pepper: PepperModel, q: Array) -> tuple[Array, Array, Array]:
+        rotation = frame_pose(pepper, q, self.frame)[:3, :3]
+        residual, slope = direction_residual(self.axis, self.basis, rotation.T @ self.direction)
+        return residual, slope, rotation
+
+
+def _unit(vector: ArrayLike, quantity: str) -> Array:
+    array = as_finite(vector, quantity, (3,))
+    length = float(np.linalg.norm(array))
+    if length < 1e-9:
+        raise InvalidValueError(quantity, array, "a vector that is not zero")
+    return read_only(array / length)

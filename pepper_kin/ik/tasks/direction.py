@@ -1,0 +1,60 @@
+"""The angle between two directions as a residual that has one minimum only."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pepper_kin.ik.tasks.task import Array
+
+# Below this sine the two directions count as parallel: there the exact formulas would divide by zero.
+PARALLEL = 1e-7
+
+
+def sideways_basis(axis: Array) -> Array:
+    """Return B, shape (2, 3): two unit rows normal to a unit axis and to one another.
+
+    For the x axis they are y and z.
+    """
+    first = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
+    first = first - (first @ axis) * axis
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(axis, first)])
+
+
+def cross_matrix(vector: Array) -> Array:
+    """Return [a]x, shape (3, 3): [a]x b = a x b."""
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def direction_residual(axis: Array, basis: Array, direction: Array) -> tuple[Array, Array]:
+    """Return r and dr/dd of the turn from a unit axis a to a unit direction d.
+
+    r = (theta / sin theta) B d, where B d are the two components of d across the axis and theta is the angle
+    between a and d.  Hence |r| = theta: it grows up to pi, where d is opposite to a, whereas B d alone would
+    vanish there and trap a solver.  With c = a . d = cos theta and f = theta / sin theta,
+
+        dr/dd = f B + f'(c) (B d) a^T,    f'(c) = (c f - 1) / (1 - c^2).
+
+    Args:
+        axis: a, shape (3,).
+        basis: B, shape (2, 3), see `sideways_basis`.
+        direction: d, shape (3,).
+
+    Returns:
+        r, shape (2,) [rad], and dr/dd, shape (2, 3).
+    """
+    across, cosine = basis @ direction, float(axis @ direction)
+    sine = math.hypot(across[0], across[1])
+    theta = math.atan2(sine, cosine)
+    if sine < PARALLEL and cosine < 0:
+        # Exactly behind: every way round is as good, so take the first.
+        across, sine = np.array([PARALLEL, 0.0]), PARALLEL
+    if theta < 1e-3:
+        factor, slope = 1 + theta**2 / 6, -1 / 3 - 2 * theta**2 / 15
+    else:
+        factor = theta / sine
+        slope = (cosine * factor - 1) / sine**2
+    return factor * across, factor * basis + slope * np.outer(across, axis)

@@ -1,0 +1,111 @@
+"""Turn a frame into an orientation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.task import (
+    ANGLE_TOLERANCE,
+    Array,
+    Task,
+    checked_tolerance,
+    checked_weight,
+    words_for_angle,
+)
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class FrameOrientation(Task):
+    """A frame has a given orientation: r(q) = log(R R_t^T), the rotation vector from target to frame.
+
+    It is stated in world axes; |r| is the angle between the two orientations.  With R' = [w]x R,
+
+        dr/dq = L(r)^-1 J_w,
+
+    where L is the left Jacobian of SO(3) (Sola, Deray, Atchuthan, A micro Lie theory for state estimation in
+    robotics, 2018, eq. 146).
+
+    Attributes:
+        frame: A name of `pepper.frame_names`.
+        target: R_t, the rotation matrix from frame to world, shape (3, 3), read-only.
+        weight: Weight in the sum of squares.
+        tolerance: Largest angle of a task that is met [rad].
+        label: What is turned, in words; the frame's name if left empty.
+    """
+
+    frame: str
+    target: Array
+    weight: float
+    tolerance: float
+    label: str
+    unit: ClassVar[str] = "rad"
+
+    def __init__(
+        self,
+        frame: str,
+        target: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+        label: str = "",
+    ) -> None:
+        name = label or str(frame)
+        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "label", name)
+        object.__setattr__(self, "target", checked_rotation(target, f"orientation of {name}"))
+        object.__setattr__(self, "weight", checked_weight(weight, name))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot without the frame."""
+        pepper.frame_id(self.frame)
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return log(R R_t^T) [rad], shape (3,)."""
+        import pinocchio
+
+        return np.array(pinocchio.log3(self._turn(pepper, q)))
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return L(r)^-1 J_w, shape (3, n)."""
+        import pinocchio
+
+        # Pinocchio gives the inverse of the right Jacobian, which is the transpose of the left one's.
+        inverse = np.array(pinocchio.Jlog3(self._turn(pepper, q))).T
+        return inverse @ frame_jacobian(pepper, q, self.frame)[3:]
+
+    def size(self, residual: Array) -> float:
+        """Return the angle between the orientations [rad]."""
+        return float(np.linalg.norm(residual))
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far the frame is turned away."""
+        return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the rotation vector that is left to make."""
+        left = ", ".join(f"{np.degrees(value) + 0.0:.1f}" for value in -self.residual(pepper, q))
+        return f"orientation still wants a turn of ({left}) deg about the world's axes"
+
+    def _turn(self, pepper: PepperModel, q: Array) -> Array:
+        return frame_pose(pepper, q, self.frame)[:3, :3] @ self.target.T
+
+
+def checked_rotation(matrix: ArrayLike, quantity: str) -> Array:
+    """Return a rotation matrix, shape (3, 3), as a read-only copy.
+
+    Raises:
+        InvalidValueError: where it is not orthonormal and right-handed to 1e-6.
+    """
+    array = as_finite(matrix, quantity, (3, 3))
+    if np.abs(array @ array.T - np.eye(3)).max() > 1e-6 or np.linalg.det(array) < 0:
+        raise InvalidValueError(quantity, array.tolist(), "a rotation matrix: orthonormal, right-handed")
+    return read_only(array)

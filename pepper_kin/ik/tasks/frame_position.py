@@ -1,0 +1,83 @@
+"""Bring the origin of a frame to a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.ik.tasks.task import (
+    POSITION_TOLERANCE,
+    Array,
+    Task,
+    checked_tolerance,
+    checked_weight,
+    words_for_length,
+    words_for_vector,
+)
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class FramePosition(Task):
+    """The origin of a frame is at a point of the world: r(q) = o(q) - p, dr/dq = J_v, error |r| [m].
+
+    Attributes:
+        frame: A name of `pepper.frame_names`.
+        target: The point p in the world [m], shape (3,), read-only.
+        weight: Weight in the sum of squares.
+        tolerance: Largest distance of a task that is met [m].
+        label: What is moved, in words; the frame's name if left empty.
+    """
+
+    frame: str
+    target: Array
+    weight: float
+    tolerance: float
+    label: str
+    unit: ClassVar[str] = "m"
+
+    def __init__(
+        self,
+        frame: str,
+        target: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        label: str = "",
+    ) -> None:
+        name = label or str(frame)
+        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "label", name)
+        object.__setattr__(self, "target", read_only(as_finite(target, f"target of {name}", (3,))))
+        object.__setattr__(self, "weight", checked_weight(weight, name))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "m"))
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot without the frame."""
+        pepper.frame_id(self.frame)
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return o(q) - p [m], shape (3,)."""
+        return frame_pose(pepper, q, self.frame)[:3, 3] - self.target
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return J_v, shape (3, n)."""
+        return frame_jacobian(pepper, q, self.frame)[:3]
+
+    def size(self, residual: Array) -> float:
+        """Return the distance to the point [m]."""
+        return float(np.linalg.norm(residual))
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far the frame stops from the point."""
+        distance = words_for_length(self.error(pepper, q))
+        return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the point where the frame is."""
+        return f"point {words_for_vector(frame_pose(pepper, q, self.frame)[:3, 3])}"

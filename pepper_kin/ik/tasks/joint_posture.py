@@ -1,0 +1,92 @@
+"""Bring joints to given positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, Array, Task, checked_tolerance, checked_weight
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+from pepper_kin.model.shapes import read_only
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class JointPosture(Task):
+    """Joints are at given positions: r(q) = S q - target, dr/dq = S, where S selects the joints.
+
+    The error is the largest deviation of one joint [rad, or m for a joint that slides].  With an infinite
+    tolerance and a small weight it is a preference, which other tasks override.
+
+    Attributes:
+        target: Positions [rad or m], shape (n,) or one for each of `joints`, read-only.
+        joints: The joints meant; None for all, in the robot's order.
+        weight: Weight in the sum of squares.
+        tolerance: Largest deviation of a task that is met [rad or m].
+        frame: None: it acts on joints.
+        label: The posture, or its joints, in words.
+    """
+
+    target: Array
+    joints: tuple[str, ...] | None
+    weight: float
+    tolerance: float
+    frame: None
+    label: str
+    unit: ClassVar[str] = "rad"
+
+    def __init__(
+        self,
+        q: ArrayLike,
+        joints: Sequence[str] | None = None,
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+    ) -> None:
+        names = None if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
+        if names is not None and (not names or len(set(names)) < len(names)):
+            raise InvalidValueError("joints of posture", list(names), "at least one joint, each once")
+        target = as_finite(q, "posture", (None if names is None else len(names),))
+        object.__setattr__(self, "target", read_only(target))
+        object.__setattr__(self, "joints", names)
+        object.__setattr__(self, "frame", None)
+        object.__setattr__(self, "label", "posture" if names is None else f"posture of {', '.join(names)}")
+        object.__setattr__(self, "weight", checked_weight(weight, "posture"))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, "posture", "rad"))
+
+    def indices(self, pepper: PepperModel) -> list[int]:
+        """Return the places of the joints in the robot's joint vector."""
+        return [pepper.joint_index(name) for name in self.joints or pepper.joint_names]
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot that lacks a joint, or has another number of them."""
+        if self.joints is None:
+            as_joint_vectors(pepper, self.target, "posture")
+        self.indices(pepper)
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return S q - target [rad or m]."""
+        return q[self.indices(pepper)] - self.target
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return S."""
+        return np.eye(pepper.n)[self.indices(pepper)]
+
+    def size(self, residual: Array) -> float:
+        """Return the largest deviation [rad or m]."""
+        return float(np.abs(residual).max())
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return the joint that is farthest from its place."""
+        worst = int(np.argmax(np.abs(self.residual(pepper, q))))
+        index = self.indices(pepper)[worst]
+        name, unit = pepper.joint_names[index], pepper.joint_units[index]
+        return f"{name} stops at {q[index]:.4f} {unit}, short of {self.target[worst]:.4f} {unit}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the size of the largest deviation."""
+        return f"posture {self.error(pepper, q):.4f} rad (or m) away"

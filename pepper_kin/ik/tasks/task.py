@@ -1,0 +1,134 @@
+"""What every task of the inverse kinematics is."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import ClassVar, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+
+Array: TypeAlias = NDArray[np.float64]
+
+POSITION_TOLERANCE = 1e-3
+ANGLE_TOLERANCE = math.radians(0.5)
+
+
+class Task(ABC):
+    """Something that a configuration should fulfil: a residual r(q) that should vanish.
+
+    Tasks are frozen values.  A solver minimises sum_i w_i^2 |r_i(q)|^2 over all tasks i, with w_i the weight
+    (metres and radians count alike at equal weights); the task is met where `error` is within `tolerance`.
+
+    Symbols used in all formulas: (o, R) position and orientation of the frame in the world, J_v and J_w the
+    linear and angular rows of its Jacobian in world axes, [a]x the matrix of the cross product with a.
+
+    Attributes:
+        frame: The frame that the task acts on; None where it acts on joints.
+        label: What the task moves, in words.
+        weight: w_i, above zero.
+        tolerance: Largest error of a task that is met [unit]; infinite for a mere preference.
+        unit: Unit of `error` and `tolerance`, "m" or "rad".
+    """
+
+    frame: str | None
+    label: str
+    weight: float
+    tolerance: float
+    unit: ClassVar[str]
+
+    @abstractmethod
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot that lacks a frame or joint of the task.
+
+        Raises:
+            UnknownNameError: listing what the robot has.
+            InvalidValueError: where a joint vector of the task does not fit the robot.
+        """
+
+    @abstractmethod
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return r(q), shape (m,) [m or rad], at joint positions q, shape (n,) [rad or m]."""
+
+    @abstractmethod
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return dr/dq, shape (m, n), at joint positions q, shape (n,) [rad or m]."""
+
+    @abstractmethod
+    def size(self, residual: Array) -> float:
+        """Return the error that a residual amounts to [unit]."""
+
+    def error(self, pepper: PepperModel, q: Array) -> float:
+        """Return how far q, shape (n,) [rad or m], is from meeting the task [unit]."""
+        return self.size(self.residual(pepper, q))
+
+    @abstractmethod
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return in words how far q is from meeting the task, with the target."""
+
+    @abstractmethod
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return in words what q reaches in the target's place."""
+
+
+class TaskGroup(ABC):
+    """Several tasks under one name, such as the position and the orientation of a pose.
+
+    The solvers see the parts, and a result reports the error of each.
+    """
+
+    @property
+    @abstractmethod
+    def parts(self) -> tuple[Task, ...]:
+        """The tasks that it stands for."""
+
+
+def checked_weight(weight: float, label: str) -> float:
+    """Return a weight as a float.
+
+    Raises:
+        InvalidValueError: unless it is finite and above zero.
+    """
+    return _number(weight, f"weight of {label}", "a finite number above 0", infinite=False)
+
+
+def checked_tolerance(tolerance: float, label: str, unit: str) -> float:
+    """Return a tolerance as a float; infinity is allowed and means that any error will do.
+
+    Raises:
+        InvalidValueError: unless it is above zero.
+    """
+    allowed = f"a number above 0 [{unit}], infinite for a mere preference"
+    return _number(tolerance, f"tolerance of {label}", allowed, infinite=True)
+
+
+def _number(value: float, quantity: str, allowed: str, infinite: bool) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidValueError(quantity, repr(value), allowed) from None
+    if not number > 0 or (math.isinf(number) and not infinite):
+        raise InvalidValueError(quantity, value, allowed)
+    return number
+
+
+def words_for_length(value: float) -> str:
+    """Return a length [m] in metres, centimetres or millimetres: "4.2 cm"."""
+    if value >= 1.0:
+        return f"{value:.2f} m"
+    return f"{100 * value:.1f} cm" if value >= 0.01 else f"{1000 * value:.2g} mm"
+
+
+def words_for_angle(value: float) -> str:
+    """Return an angle [rad] in degrees: "12.3 deg"."""
+    degrees = math.degrees(value)
+    return f"{degrees:.1f} deg" if degrees >= 1.0 else f"{degrees:.2g} deg"
+
+
+def words_for_vector(vector: Array) -> str:
+    """Return "(x, y, z)" with three decimals."""
+    return "(" + ", ".join(f"{value + 0.0:.3f}" for value in np.round(vector, 3)) + ")"

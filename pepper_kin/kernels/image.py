@@ -1,0 +1,57 @@
+"""A compiled function as a value: machine code and what is needed to call it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from pepper_kin.kernels.instructions import Signature
+
+
+@dataclass(frozen=True)
+class KernelImage:
+    """An object file with its description.
+
+    Attributes:
+        signature: Names and shapes of inputs and outputs.
+        dtype: "float64" or "float32".
+        lanes: Number of states in one vector.
+        slot_count: Vectors that the block function needs as work space.
+        flop_count: Arithmetic operations of one state; a sine counts as one.
+        object_code: The object file.
+    """
+
+    signature: Signature
+    dtype: str
+    lanes: int
+    slot_count: int
+    flop_count: int
+    object_code: bytes
+
+    def to_bytes(self) -> bytes:
+        """One line of JSON, then the object file."""
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "object_code"}
+        return (
+            json.dumps(fields | {"signature": dataclasses.asdict(self.signature)}).encode()
+            + b"\n"
+            + self.object_code
+        )
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> KernelImage:
+        """The inverse of `to_bytes`.
+
+        Raises:
+            ValueError, KeyError, TypeError: The bytes are something else.
+        """
+        header, _, object_code = data.partition(b"\n")
+        fields = json.loads(header)
+        names: dict[str, Any] = {key: _as_tuples(value) for key, value in fields.pop("signature").items()}
+        return cls(signature=Signature(**names), object_code=object_code, **fields)
+
+
+def _as_tuples(value: object) -> object:
+    """JSON's lists as the tuples that they were."""
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value

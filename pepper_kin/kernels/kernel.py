@@ -1,0 +1,224 @@
+"""Compiled functions: `compile_function` and the `Kernel` that it returns."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import math
+import struct
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, cast
+
+import llvmlite
+import llvmlite.binding as llvm
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.arrays import Rows, make_outputs, read_inputs, refuse_not_finite
+from pepper_kin.kernels.cache import cache_key, read_image, write_image
+from pepper_kin.kernels.codegen import module_ir
+from pepper_kin.kernels.compiler import LoadedCode, compile_ir
+from pepper_kin.kernels.image import KernelImage
+from pepper_kin.kernels.instructions import Signature, check_function, read_program
+from pepper_kin.kernels.partition import partition
+from pepper_kin.kernels.target import Target, host_target
+from pepper_kin.kernels.threads import run_in_pieces
+
+if TYPE_CHECKING:
+    import casadi
+
+CHUNK_LENGTH = 200
+"""Operations per compiled function, at most; longer programs are cut."""
+
+_SLOW_COMPILATION = 2.0  # [s]; beyond, the first use says so
+_logger = logging.getLogger(__name__)
+
+_BATCH = ctypes.CFUNCTYPE(
+    ctypes.c_int64,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+    ctypes.c_void_p,
+    ctypes.c_int64,
+    ctypes.c_void_p,
+)
+
+
+class Kernel:
+    """A function compiled for batches of states.
+
+    For Python, call it with arrays.  For other compiled code (Numba, C), these functions are at its
+    addresses; `f64` is `float` in a float32 kernel, W is `lanes`, elements are numbered row-major, all inputs
+    (outputs) one after the other, and no two of the arrays may overlap:
+
+    * `void single(const f64* in, f64* out, f64* work)` at `single_address`: one state, `in[k]` is element k.
+    * `void block(const f64* in, f64* out, f64* work)` at `block_address`: W states, `in[k * W + lane]`.
+    * `int64 batch(const f64* const* inputs, const int64* input_strides, f64* const* outputs,
+      const int64* output_strides, int64 count, f64* work)` at `batch_address`: `count` states in row-major
+      arrays, strides in elements from row to row; the result is not zero if an input held NaN or an infinity.
+
+    `work` has room for `work_size` numbers, one such array per thread; it needs no initial content, and no
+    alignment beyond that of a number (64 bytes is fastest).  The addresses are valid while the kernel lives.
+
+    Attributes:
+        signature: Names and shapes of inputs and outputs.
+        dtype: Number format of inputs and outputs, float64 or float32.
+        lanes: Number of states that one vector holds.
+        work_size: Room that `work` needs, in numbers of `dtype`.
+        flop_count: Arithmetic operations for one state; a sine counts as one.
+        from_cache: Whether the code was read from disk.
+        single_address: Address of `single`.
+        block_address: Address of `block`.
+        batch_address: Address of `batch`.
+    """
+
+    def __init__(self, image: KernelImage, target: Target, *, from_cache: bool = False) -> None:
+        self.signature: Signature = image.signature
+        self.dtype = np.dtype(image.dtype)
+        self.lanes = image.lanes
+        self.flop_count = image.flop_count
+        self.from_cache = from_cache
+        elements = sum(self.signature.input_sizes) + sum(self.signature.output_sizes)
+        self.work_size = (elements + image.slot_count) * image.lanes
+        self._output_sizes = self.signature.output_sizes
+        self._code = LoadedCode(image.object_code, target)
+        self.single_address = self._code.address("kernel_single")
+        self.block_address = self._code.address("kernel_block")
+        self.batch_address = self._code.address("kernel_batch")
+        self._batch = _BATCH(self.batch_address)
+
+    def __call__(
+        self, *inputs: ArrayLike, out: object = None, threads: int = 1, check_finite: bool = True
+    ) -> NDArray[np.floating] | tuple[NDArray[np.floating], ...]:
+        """Evaluate the function for every state.
+
+        Args:
+            inputs: One array per input, shape (..., rows) where the function has a column vector, else
+                (..., rows, columns).  Leading axes must agree; an input without any goes with every state.
+                Other real dtypes and layouts are converted; rows that are contiguous are read in place.
+            out: Array for the result (a sequence of arrays for several outputs) of the right shape and dtype.
+            threads: Number of threads that share the states.  The result does not depend on it.
+            check_finite: Refuse NaN and infinities.  If one is found, `out` has been written to.
+
+        Returns:
+            Shape (..., rows) or (..., rows, columns); a tuple of arrays unless there is exactly one output.
+            Structural zeros are exact zeros.
+
+        Raises:
+            InvalidValueError: An argument has the wrong shape or type, or is not finite.
+        """
+        if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 1:
+            raise InvalidValueError("threads", repr(threads), "an integer of at least 1")
+        leading, rows = read_inputs(self.signature, self.dtype, inputs)
+        results = make_outputs(self.signature, self.dtype, leading, out, rows)
+        count = math.prod(leading)
+        if count and self._evaluate(rows, results, count, int(threads)) and check_finite:
+            refuse_not_finite(self.signature, rows)
+        return results[0] if len(results) == 1 else tuple(results)
+
+    def __repr__(self) -> str:
+        """Name, inputs, outputs and format."""
+        inputs = ", ".join(f"{n}[{r}x{c}]" for n, (r, c) in _named(self.signature, "input"))
+        outputs = ", ".join(f"{n}[{r}x{c}]" for n, (r, c) in _named(self.signature, "output"))
+        return f"Kernel({self.signature.name}: ({inputs}) -> ({outputs}), {self.dtype}, {self.lanes} lanes)"
+
+    def _evaluate(
+        self, inputs: Sequence[Rows], outputs: Sequence[np.ndarray], count: int, threads: int
+    ) -> bool:
+        """Run the compiled loop; the result tells whether an input is not finite."""
+        sources = [(rows.address, rows.stride) for rows in inputs]
+        targets = [(array.ctypes.data, size) for array, size in zip(outputs, self._output_sizes, strict=True)]
+        input_strides = _pack([stride for _, stride in sources])
+        output_strides = _pack([stride for _, stride in targets])
+        item = self.dtype.itemsize
+        findings: list[int] = []
+
+        def run(start: int, stop: int) -> None:
+            starts = _pack([address + start * stride * item for address, stride in sources])
+            ends = _pack([address + start * stride * item for address, stride in targets])
+            work = np.empty(self.work_size * item + 64, np.uint8)
+            aligned = -(-work.ctypes.data // 64) * 64
+            findings.append(self._batch(starts, input_strides, ends, output_strides, stop - start, aligned))
+
+        if threads == 1:
+            run(0, count)
+        else:
+            run_in_pieces(count, threads, self.lanes, run)
+        return any(findings)
+
+
+def compile_function(
+    function: casadi.Function | Callable[[], casadi.Function],
+    *,
+    dtype: str = "float64",
+    key: str | None = None,
+    cache: bool = True,
+    target: Target | None = None,
+) -> Kernel:
+    """Compile a CasADi function for batches of states, or read its code from the cache.
+
+    Args:
+        function: A function of SX expressions (`function.expand()` of an MX function).  With a `key`, it may
+            also be a callable without arguments that makes one; it is called only if the cache has no code.
+        dtype: "float64" or "float32": the format of inputs, outputs and of everything between.
+        key: Name under which the code is cached.  It must change whenever the function does.  Without it, the
+            function's serialised expression is the key.
+        cache: Whether to read and write the cache on disk.
+        target: Processor to compile for: the one this runs on, or one with fewer instructions.
+
+    Raises:
+        InvalidValueError: `function` is not a function of SX expressions, or `dtype` is unknown.
+        UnsupportedInstructionError: The function holds an instruction that cannot be compiled.
+    """
+    target = target or host_target()
+    target.lanes(dtype)  # refuses an unknown dtype before any work is done
+    if key is None:
+        check_function(function)
+        content = function.serialize()  # type: ignore[union-attr]
+    else:
+        content = f"key {key}"
+    full_key = cache_key(content, dtype, repr(target), str(CHUNK_LENGTH), *_versions())
+    image = read_image(full_key) if cache else None
+    if image is not None:
+        return Kernel(image, target, from_cache=True)
+    made = function if hasattr(function, "class_name") else function()
+    image = _compile(cast("casadi.Function", made), target, dtype)
+    if cache:
+        write_image(full_key, image)
+    return Kernel(image, target)
+
+
+def kernel_ir(function: casadi.Function, *, dtype: str = "float64", target: Target | None = None) -> str:
+    """The LLVM IR that `compile_function` would compile, as text to read."""
+    program = read_program(function)
+    return module_ir(program, partition(program, CHUNK_LENGTH), target or host_target(), dtype)
+
+
+def _compile(function: casadi.Function, target: Target, dtype: str) -> KernelImage:
+    start = time.perf_counter()
+    program = read_program(function)
+    parts = partition(program, CHUNK_LENGTH)
+    code = compile_ir(module_ir(program, parts, target, dtype), target)
+    duration = time.perf_counter() - start
+    level = logging.WARNING if duration > _SLOW_COMPILATION else logging.DEBUG
+    _logger.log(level, "compiled %s (%s) in %.1f s", program.signature.name, dtype, duration)
+    return KernelImage(
+        program.signature, dtype, target.lanes(dtype), parts.slot_count, program.flop_count, code
+    )
+
+
+def _pack(numbers: Sequence[int]) -> bytes:
+    """A C array of int64 (or of pointers, which have that size); ctypes passes the address of bytes."""
+    return struct.pack(f"={len(numbers)}q", *numbers)
+
+
+def _versions() -> tuple[str, ...]:
+    return llvmlite.__version__, ".".join(map(str, llvm.llvm_version_info))
+
+
+def _named(signature: Signature, kind: str) -> list[tuple[str, tuple[int, int]]]:
+    if kind == "input":
+        return list(zip(signature.input_names, signature.input_shapes, strict=True))
+    return list(zip(signature.output_names, signature.output_shapes, strict=True))

@@ -1,0 +1,155 @@
+"""Cutting a long program into chunks, each of which becomes one function.
+
+The time to compile a straight-line function grows faster than its length; chunks of bounded length keep it
+linear.  Chunks of a few hundred operations are also faster: within one function LLVM moves operations over
+any distance, and what it moves away from its use has to be saved and fetched again.  CasADi's own order,
+depth first, keeps few values alive.
+
+Inside a chunk values live in registers; a value that a later chunk reads is kept in a slot of a work array,
+and a slot is used again once its last reader has run.  Constants and inputs need no slot: every chunk reads
+them where they are.
+
+Sines and cosines of inputs (of joint angles, say) are taken before the first chunk, in one small loop, and
+stay in the first slots: the loop overlaps several of them, where straight-line code would wait for each.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import accumulate
+
+from pepper_kin.kernels.instructions import Operation, Program
+
+TRIGONOMETRIC = frozenset(("sin", "cos", "tan"))
+"""Operations that are computed from sine and cosine."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A run of operations.
+
+    Attributes:
+        values: Numbers of the values computed here, in order; those that every chunk can read are left out.
+        loads: Values read here and computed in an earlier chunk, with their slots.
+        stores: Values computed here and read in a later chunk, with their slots.
+        outputs: (element of the outputs, value) stored by this chunk; the value is None for a structural
+            zero.
+    """
+
+    values: tuple[int, ...]
+    loads: dict[int, int]
+    stores: dict[int, int]
+    outputs: tuple[tuple[int, int | None], ...]
+
+
+@dataclass(frozen=True)
+class Partition:
+    """A program in chunks.
+
+    Attributes:
+        angles: Elements of the inputs whose sine and cosine are taken first; those of `angles[k]` are in
+            slots 2 k and 2 k + 1.
+        chunks: The chunks, in the order in which they run.
+        slot_count: Number of slots that the work array needs.
+    """
+
+    angles: tuple[int, ...]
+    chunks: tuple[Chunk, ...]
+    slot_count: int
+
+
+def partition(program: Program, chunk_length: int) -> Partition:
+    """Cut a program into chunks.
+
+    Args:
+        program: The program.
+        chunk_length: Number of operations of a chunk, at most.
+    """
+    angles = {value: None for value in map(_angle_of(program), program.operations) if value is not None}
+    runs = _runs(program, chunk_length)
+    chunk_of = {value: index for index, run in enumerate(runs) for value in run}
+    last_reader = dict(chunk_of)
+    for value, index in chunk_of.items():
+        for operand in program.operations[value].operands:
+            if operand in chunk_of:
+                last_reader[operand] = max(last_reader[operand], index)
+    outputs: list[list[tuple[int, int | None]]] = [[] for _ in runs]
+    for element, output in enumerate(program.outputs):
+        outputs[0 if output is None else chunk_of.get(output, 0)].append((element, output))
+    slots, slot_count = _assign_slots(runs, last_reader, 2 * len(angles))
+    chunks = []
+    for index, run in enumerate(runs):
+        read = {operand for value in run for operand in program.operations[value].operands}
+        loads = {value: slots[value] for value in sorted(read) if chunk_of.get(value, index) < index}
+        stores = {value: slots[value] for value in run if last_reader[value] > index}
+        chunks.append(Chunk(tuple(run), loads, stores, tuple(outputs[index])))
+    return Partition(tuple(angles), tuple(chunks), slot_count)
+
+
+def _angle_of(program: Program) -> Callable[[Operation], int | None]:
+    """A function of an operation: the input element of which it is the sine, cosine or tangent, or None."""
+
+    def angle(operation: Operation) -> int | None:
+        if operation.name not in TRIGONOMETRIC:
+            return None
+        argument = program.operations[operation.operands[0]]
+        return int(argument.immediate) if argument.name == "input" else None
+
+    return angle
+
+
+def _runs(program: Program, chunk_length: int) -> list[list[int]]:
+    """Consecutive operations, at least one run; cut in the second half, where fewest values are alive."""
+    angle = _angle_of(program)
+    values = [
+        value
+        for value, operation in enumerate(program.operations)
+        if not operation.is_leaf and (angle(operation) is None or operation.name == "tan")
+    ]
+    alive = _alive_after(program, values)
+    runs, start = [], 0
+    while len(values) - start > chunk_length:
+        # The later of two equal places: fewer chunks.
+        cut = min(range(chunk_length, max(1, chunk_length // 2) - 1, -1), key=lambda n: alive[start + n - 1])
+        runs.append(values[start : start + cut])
+        start += cut
+    return [*runs, values[start:]]
+
+
+def _alive_after(program: Program, values: list[int]) -> list[int]:
+    """How many of the values, computed in this order, are still to be read after each of them."""
+    place = {value: index for index, value in enumerate(values)}
+    last_read = list(range(len(values)))
+    for index, value in enumerate(values):
+        for operand in program.operations[value].operands:
+            if operand in place:
+                last_read[place[operand]] = index
+    change = [0] * (len(values) + 1)
+    for index, last in enumerate(last_read):
+        change[index] += 1
+        change[last] -= 1
+    return list(accumulate(change))[:-1]
+
+
+def _assign_slots(
+    runs: list[list[int]], last_reader: dict[int, int], slot_count: int
+) -> tuple[dict[int, int], int]:
+    """A slot for every value that outlives its chunk: the lowest free one beyond the first `slot_count`."""
+    slots: dict[int, int] = {}
+    free: list[int] = []
+    ends: dict[int, list[int]] = {}
+    for index, run in enumerate(runs):
+        # A slot read for the last time in chunk k may be written again in chunk k + 1, not earlier: inside
+        # one chunk the order of reading and writing would matter.
+        for value in ends.pop(index - 1, ()):
+            heapq.heappush(free, slots[value])
+        for value in run:
+            if last_reader[value] > index:
+                if not free:
+                    heapq.heappush(free, slot_count)
+                    slot_count += 1
+                slots[value] = heapq.heappop(free)
+                ends.setdefault(last_reader[value], []).append(value)
+    return slots, slot_count

@@ -1,0 +1,60 @@
+"""The processor that code is generated for, and how many numbers fit into one of its registers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import llvmlite.binding as llvm
+
+from pepper_kin.exceptions import InvalidValueError
+
+SCALAR_BYTES: dict[str, int] = {"float64": 8, "float32": 4}
+"""The two number formats of kernels and their size in bytes."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor.
+
+    Attributes:
+        triple: LLVM's name of the platform.
+        cpu: LLVM's name of the processor.
+        features: LLVM's list of instruction set extensions ("+avx2,-avx512f,...").
+        vector_bytes: Width of a vector register [bytes]: 64, 32 or 16.
+        has_fma: Whether multiply-add with one rounding is an instruction.
+    """
+
+    triple: str
+    cpu: str
+    features: str
+    vector_bytes: int
+    has_fma: bool
+
+    def lanes(self, dtype: str) -> int:
+        """Number of values of `dtype` ("float64" or "float32") in one vector register."""
+        if dtype not in SCALAR_BYTES:
+            raise InvalidValueError("dtype", repr(dtype), "'float64' or 'float32'")
+        return self.vector_bytes // SCALAR_BYTES[dtype]
+
+
+@cache
+def host_target() -> Target:
+    """The processor that runs this program, with the widest vectors that it has."""
+    cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features()
+    return make_target(llvm.get_process_triple(), cpu, features.flatten())
+
+
+def make_target(triple: str, cpu: str, features: str) -> Target:
+    """A processor by its names in LLVM; vector width and multiply-add follow from the features.
+
+    Args:
+        triple: Name of the platform ("x86_64-unknown-linux-gnu").
+        cpu: Name of the processor ("x86-64", "znver3", "generic").
+        features: Extensions, "+" for present, comma-separated; "+avx512f" gives 64-byte vectors, "+avx"
+            32-byte ones, anything else 16 (SSE2, NEON).
+    """
+    present = {name[1:] for name in features.split(",") if name.startswith("+")}
+    vector_bytes = 64 if "avx512f" in present else 32 if "avx" in present else 16
+    has_fma = bool(present & {"fma", "avx512f"}) or triple.startswith(("aarch64", "arm64"))
+    return Target(triple, cpu, features, vector_bytes, has_fma)

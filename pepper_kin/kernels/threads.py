@@ -1,0 +1,75 @@
+"""Sharing the rows of a batch among threads.
+
+Compiled code is called through ctypes, which releases the interpreter's lock, so plain threads run side by
+side.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+_PIECES_PER_THREAD = 4  # so that a thread that loses its core for a while leaves the rest to others
+_SMALLEST_PIECE = 512  # rows; below, starting a thread costs more than it brings
+
+_lock = threading.Lock()
+_pool: ThreadPoolExecutor | None = None
+_pool_size = 0
+
+
+def run_in_pieces(count: int, threads: int, multiple: int, run: Callable[[int, int], None]) -> None:
+    """Call `run(start, stop)` for consecutive ranges that cover `range(count)`.
+
+    Args:
+        count: Number of rows.
+        threads: Number of threads, the calling one included.
+        multiple: Ranges start at multiples of this.
+        run: Called from several threads at once; an exception is passed on to the caller.
+    """
+    length = max(_SMALLEST_PIECE, -(-count // (threads * _PIECES_PER_THREAD)))
+    length = -(-length // multiple) * multiple
+    pieces = deque((start, min(start + length, count)) for start in range(0, count, length))
+    helpers = min(threads, len(pieces)) - 1
+    if helpers <= 0:
+        run(0, count)
+        return
+
+    def work() -> None:
+        while pieces:
+            try:
+                piece = pieces.popleft()
+            except IndexError:  # another thread took the last one
+                return
+            run(*piece)
+
+    futures = [_executor(helpers).submit(work) for _ in range(helpers)]
+    try:
+        work()
+    finally:
+        pieces.clear()  # after an exception the others need not go on
+        for future in futures:
+            future.exception()  # wait: they use arrays of the caller
+    for future in futures:
+        future.result()
+
+
+def _executor(helpers: int) -> ThreadPoolExecutor:
+    """A pool with at least so many threads; it lives as long as the process."""
+    global _pool, _pool_size
+    with _lock:
+        if _pool is None or _pool_size < helpers:
+            _pool, _pool_size = ThreadPoolExecutor(helpers, thread_name_prefix="pepper_kin"), helpers
+        return _pool
+
+
+def _forget_pool() -> None:
+    """In a forked child the pool's threads do not exist."""
+    global _lock, _pool, _pool_size
+    _lock, _pool, _pool_size = threading.Lock(), None, 0
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_pool)

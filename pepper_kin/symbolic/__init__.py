@@ -1,0 +1,55 @@
+"""CasADi `SX` functions of the model's quantities, for optimisation and for compilation.
+
+    from pepper_kin import load_pepper, symbolic
+
+    pepper = load_pepper()
+    dynamics = symbolic.forward_dynamics(pepper)         # casadi.Function (q, v, tau) -> a
+    hand = symbolic.frame_pose(pepper, "LArm_effector")  # q -> 4 x 4
+
+Each takes a robot and names, and returns a `casadi.Function` of column vectors, built once for each robot.
+The model's constants are folded in and what is always zero is a structural zero.  `function(pepper, name)`
+looks one up by name.
+"""
+
+from pepper_kin.symbolic.balance import base_wrench, zero_moment_point
+from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
+from pepper_kin.symbolic.energy import kinetic_energy, potential_energy
+from pepper_kin.symbolic.forward_dynamics import forward_dynamics
+from pepper_kin.symbolic.forward_dynamics_derivatives import forward_dynamics_derivatives
+from pepper_kin.symbolic.inverse_dynamics import gravity_torque, inverse_dynamics
+from pepper_kin.symbolic.inverse_dynamics_derivatives import coriolis_matrix, inverse_dynamics_derivatives
+from pepper_kin.symbolic.jacobians import frame_jacobian, frame_jacobian_rate
+from pepper_kin.symbolic.mass_matrix import inverse_mass_matrix, mass_matrix
+from pepper_kin.symbolic.momentum import centroidal_map, centroidal_momentum
+from pepper_kin.symbolic.poses import frame_pose, frame_poses
+from pepper_kin.symbolic.registry import QUANTITIES, function
+from pepper_kin.symbolic.regressor import regressor
+from pepper_kin.symbolic.velocities import frame_acceleration, frame_velocity
+
+__all__ = [
+    "QUANTITIES",
+    "base_wrench",
+    "center_of_mass",
+    "center_of_mass_jacobian",
+    "centroidal_map",
+    "centroidal_momentum",
+    "coriolis_matrix",
+    "forward_dynamics",
+    "forward_dynamics_derivatives",
+    "frame_acceleration",
+    "frame_jacobian",
+    "frame_jacobian_rate",
+    "frame_pose",
+    "frame_poses",
+    "frame_velocity",
+    "function",
+    "gravity_torque",
+    "inverse_dynamics",
+    "inverse_dynamics_derivatives",
+    "inverse_mass_matrix",
+    "kinetic_energy",
+    "mass_matrix",
+    "potential_energy",
+    "regressor",
+    "zero_moment_point",
+]

@@ -1,0 +1,119 @@
+"""Body frames that make expressions short: z along the joint's axis, origins where translations vanish.
+
+A frame that is fixed to a moving body may be chosen freely.  With z along the joint's axis a rotation by the
+joint costs six operations instead of fifteen; with the origin moved along the axis to where the neighbouring
+axis passes by, most components of the translations between joints are zero (Denavit and Hartenberg, 1955).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+SNAP = 1e-11
+"""Entries of constant rotations this near to 0 or 1 are taken for it: URDFs round pi / 2 to twelve digits."""
+
+Array = NDArray[np.float64]
+
+
+class Alignment(NamedTuple):
+    """A body's frame relative to the joint frame of `PepperModel.pinocchio_model`.
+
+    Attributes:
+        rotation: (3, 3), columns are the axes of the body's frame in the joint's frame.
+        origin: (3,), origin of the body's frame in the joint's frame [m].
+    """
+
+    rotation: Array
+    origin: Array
+
+    def place(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
+        """Return a placement in the joint's frame (rotation, translation) as one in the body's frame."""
+        return self.rotation.T @ rotation, self.rotation.T @ (translation - self.origin)
+
+
+def snapped(rotation: Array, tolerance: float = SNAP) -> Array:
+    """Return a rotation whose entries within a tolerance of 0, 1 and -1 are exactly that."""
+    nearest = np.round(rotation)
+    return np.where(np.abs(rotation - nearest) < tolerance, nearest, rotation) + 0.0
+
+
+def joint_axis(joint: Any) -> tuple[Array, bool]:
+    """Return the axis of a Pinocchio joint in its own frame, shape (3,), and whether it slides."""
+    subspace = np.asarray(joint.S if hasattr(joint, "S") else joint.createData().S).reshape(6)
+    slides = bool(np.linalg.norm(subspace[:3]) > 0.5)
+    return (subspace[:3] if slides else subspace[3:]), slides
+
+
+def align(model: Any, shift_origins: bool) -> list[Alignment]:
+    """Choose the frames of all bodies.
+
+    Args:
+        model: `pinocchio.Model` whose joints all have one coordinate.
+        shift_origins: Whether origins may leave the joint's own origin.
+
+    Returns:
+        One alignment per joint, without Pinocchio's universe.
+    """
+    rotations = [np.eye(3)]
+    for i in range(1, model.njoints):
+        rotations.append(_rotation(model, i, rotations[model.parents[i]]))
+    origins = np.zeros((model.njoints, 3))
+    if shift_origins:
+        _shift(model, rotations, origins)
+    return [Alignment(r, o) for r, o in zip(rotations, origins, strict=True)][1:]
+
+
+def _rotation(model: Any, i: int, parent: Array) -> Array:
+    """Return the axes of body i: z along the joint, x such that the constant rotations have most zeros."""
+    axis = snapped(joint_axis(model.joints[i])[0])
+    placed = parent.T @ model.jointPlacements[i].rotation
+    children = [c for c in range(1, model.njoints) if model.parents[c] == i]
+    turns = [model.jointPlacements[c].rotation @ joint_axis(model.joints[c])[0] for c in children]
+    guides = [np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], *placed, np.cross(placed.T[:, 2], axis), *turns]
+    best, most = np.eye(3), -1
+    for guide, sign in product(guides, (1.0, -1.0)):
+        x = sign * (guide - axis * (axis @ guide))
+        if np.linalg.norm(x) < 1e-3:
+            continue
+        x = snapped(x / np.linalg.norm(x))
+        axes = np.column_stack([x, np.cross(axis, x), axis])
+        zeros = np.sum(snapped(placed @ axes) == 0)
+        zeros += sum(np.sum(np.abs(axes.T @ turn) < SNAP) for turn in turns)
+        if zeros > most:
+            best, most = axes, zeros
+    return best
+
+
+def _shift(model: Any, rotations: list[Array], origins: Array) -> None:
+    """Move origins along their axes, one at a time, while that makes translations sparser."""
+
+    def translation(child: int) -> Array:
+        parent = model.parents[child]
+        pose = model.jointPlacements[child]
+        inside = pose.rotation @ origins[child] + pose.translation - origins[parent]
+        return np.asarray(rotations[parent].T @ inside)
+
+    def fills(joints: list[int]) -> int:
+        return sum(int(np.sum(np.abs(translation(j)) > 1e-12)) for j in joints)
+
+    for _ in range(3):
+        for i in range(1, model.njoints):
+            axis, slides = joint_axis(model.joints[i])
+            if slides:
+                continue
+            edges = [i, *(c for c in range(1, model.njoints) if model.parents[c] == i)]
+            start = origins[i].copy()
+            along = rotations[model.parents[i]].T @ model.jointPlacements[i].rotation @ axis
+            here = translation(i)
+            steps = [-here[k] / along[k] for k in range(3) if abs(along[k]) > 1e-3]
+            steps += [float((rotations[i].T @ rotations[i] @ translation(c))[2]) for c in edges[1:]]
+            best, fewest = start, fills(edges)
+            for step in steps:
+                origins[i] = start + step * axis
+                if fills(edges) < fewest:
+                    best, fewest = origins[i].copy(), fills(edges)
+            origins[i] = best

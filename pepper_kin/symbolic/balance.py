@@ -1,0 +1,68 @@
+"""What the floor does to the robot: base wrench and zero-moment point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.inverse_dynamics import Wrench, body_wrenches
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.motion import collect, force_and_moment, world_motion
+from pepper_kin.symbolic.scalars import reciprocal
+from pepper_kin.symbolic.states import State, make_state, new_inputs
+from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.vectors import add
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@remembered
+def base_wrench(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v, a) -> wrench that the floor exerts on the robot.
+
+    The rate of the momentum of all links about the world's origin, less their weight; links fixed to the
+    floor included.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v, a (n each); output `wrench` (6): force [N], then moment about the world's origin
+        [N m], in world axes.
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v", "a")
+    force, torque = _floor_wrench(make_state(tree, inputs["q"], inputs["v"], inputs["a"]))
+    return make_function("base_wrench", graph, inputs, {"wrench": [[x] for x in (*force, *torque)]})
+
+
+@remembered
+def zero_moment_point(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v, a) -> zero-moment point (-n_y, n_x) / f_z of the base wrench (f, n).
+
+    Where the floor would have to pull (f_z <= 0) there is no such point; the function then returns what
+    the formula gives, without a warning.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v, a (n each); output `point` (2): x and y on the floor [m].
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v", "a")
+    force, torque = _floor_wrench(make_state(tree, inputs["q"], inputs["v"], inputs["a"]))
+    share = reciprocal(force[2])
+    rows = [[-torque[1] * share], [torque[0] * share]]
+    return make_function("zero_moment_point", graph, inputs, {"point": rows})
+
+
+def _floor_wrench(state: State) -> Wrench:
+    _, (force, torque) = collect(state, body_wrenches(state))
+    resting = world_motion(state.tree.gravity)
+    for inertia in (state.tree.ground, state.tree.still):
+        f, n = force_and_moment(resting, inertia)
+        force, torque = add(force, f), add(torque, n)
+    return force, torque

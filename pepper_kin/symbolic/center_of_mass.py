@@ -1,0 +1,70 @@
+"""Centre of mass of the whole robot and its Jacobian."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.composite import first_moments
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.jacobians import Columns, reduced_rows
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.poses import world_poses
+from pepper_kin.symbolic.states import State, make_state, new_inputs
+from pepper_kin.symbolic.tree import Tree, read_tree
+from pepper_kin.symbolic.vectors import Vector, add, scale, times, z_cross
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@remembered
+def center_of_mass(pepper: PepperModel) -> casadi.Function:
+    """Return the function q -> centre of mass of all links, those fixed to the floor included.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q (n); output `center` (3) in world coordinates [m].
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q")
+    center = center_of_all(make_state(tree, inputs["q"]))
+    return make_function("center_of_mass", graph, inputs, {"center": [[x] for x in center]})
+
+
+@remembered
+def center_of_mass_jacobian(pepper: PepperModel) -> casadi.Function:
+    """Return the function q -> J_c(q): velocity of the centre of mass of all links = J_c v.
+
+    Column i is z_i x h_i / m, or z_i m_i / m where the joint slides: h_i and m_i are the moment of what
+    joint i carries, about a point on its axis, and its mass.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q (n); output `jacobian` (3, n) in world axes [m/rad].
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q")
+    state = make_state(tree, inputs["q"])
+    moments, masses, _ = first_moments(state)
+    columns: Columns = []
+    for body, (rotation, _), h, m in zip(tree.bodies, world_poses(state), moments, masses, strict=True):
+        local = (0.0, 0.0, m) if body.slides else z_cross(h)
+        columns.append(tuple(times(rotation, scale(1.0 / total_mass(tree), local))))
+    rows = reduced_rows(tree.full_map, columns)
+    return make_function("center_of_mass_jacobian", graph, inputs, {"jacobian": rows})
+
+
+def total_mass(tree: Tree) -> float:
+    """Return the mass of all links [kg]."""
+    return tree.moving_mass + tree.still.mass
+
+
+def center_of_all(state: State) -> Vector:
+    """Return the centre of mass of all links in the world."""
+    moment = add(first_moments(state)[2], state.tree.still.first)
+    return scale(1.0 / total_mass(state.tree), moment)

@@ -1,0 +1,61 @@
+"""Mechanical energy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.composite import first_moments
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.momentum import velocities
+from pepper_kin.symbolic.scalars import Value
+from pepper_kin.symbolic.states import make_state, new_inputs
+from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.vectors import cross, dot
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@remembered
+def kinetic_energy(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v) -> v^T M(q) v / 2.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v (n each); output `energy` (1) [J].
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v")
+    state = make_state(tree, inputs["q"], inputs["v"])
+    total: Value = 0.0
+    for (omega, velocity), body in zip(velocities(state), tree.bodies, strict=True):
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.second
+        x, y, z = omega
+        # omega . (tr(Sigma) - Sigma) omega / 2, its constants gathered.
+        spin = x * ((0.5 * (yy + zz)) * x - xy * y - xz * z) + y * ((0.5 * (xx + zz)) * y - yz * z)
+        spin = spin + (0.5 * (xx + yy)) * (z * z)
+        drift = (0.5 * body.inertia.mass) * dot(velocity, velocity)
+        total = total + spin + drift + dot(velocity, cross(omega, body.inertia.first))
+    for armature, v in zip(tree.armature, state.v, strict=True):
+        total = total + (0.5 * armature) * (v * v)
+    return make_function("kinetic_energy", graph, inputs, {"energy": [[total]]})
+
+
+@remembered
+def potential_energy(pepper: PepperModel) -> casadi.Function:
+    """Return the function q -> -sum(m_i g . c_i) over the moving links; zero where their centre is at z = 0.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q (n); output `energy` (1) [J].
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q")
+    _, _, moment = first_moments(make_state(tree, inputs["q"]))
+    return make_function("potential_energy", graph, inputs, {"energy": [[-dot(tree.gravity, moment)]]})

@@ -1,0 +1,47 @@
+"""Forward dynamics: the motion that torques cause."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.composite import coupled_entries, mass_entries
+from pepper_kin.symbolic.factorization import factorize
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.inverse_dynamics import full_torques
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.states import gather, make_state, new_inputs
+from pepper_kin.symbolic.tree import read_tree
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@remembered
+def forward_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> casadi.Function:
+    """Return the function (q, v, tau) -> a = M(q)^-1 (tau - C(q, v) v - g(q)).
+
+    Composite-rigid-body algorithm and recursive Newton-Euler on base parameters, then M = L^T D L with the
+    zeros of the tree: for robots of this size fewer operations than the articulated-body algorithm.
+
+    Args:
+        pepper: The robot.
+        contact_frame: A frame that an outer force acts on; the function then has a fourth input `wrench`
+            (6) [N, N m], as in `inverse_dynamics`.
+
+    Returns:
+        Function of q, v, tau (n each); output `a` (n) [rad/s^2 or m/s^2].
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        ModelError: naming joints that move no mass.
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v", "tau")
+    if contact_frame is not None:
+        inputs["wrench"] = graph.inputs(6)
+    state = make_state(tree, inputs["q"], inputs["v"])
+    bias = gather(tree.full_map, full_torques(state, contact_frame, inputs.get("wrench")))
+    factors = factorize(coupled_entries(state, mass_entries(state)), pepper.joint_names)
+    a = factors.solve([tau - b for tau, b in zip(inputs["tau"], bias, strict=True)])
+    return make_function("forward_dynamics", graph, inputs, {"a": [[value] for value in a]})

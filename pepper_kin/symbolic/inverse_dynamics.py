@@ -1,0 +1,109 @@
+"""Inverse dynamics: the torques that a motion needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.composite import first_moments
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.motion import (
+    along_joints,
+    collect,
+    force_and_moment,
+    motions,
+    turn_towards,
+)
+from pepper_kin.symbolic.scalars import Value
+from pepper_kin.symbolic.states import State, gather, make_state, new_inputs
+from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.vectors import Vector, add, cross, subtract
+
+if TYPE_CHECKING:
+    import casadi
+
+Wrench = tuple[Vector, Vector]
+
+
+@remembered
+def inverse_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> casadi.Function:
+    """Return the function (q, v, a) -> tau = M(q) a + C(q, v) v + g(q).
+
+    Recursive Newton-Euler (Luh, Walker and Paul, 1980) on base parameters, in body frames.
+
+    Args:
+        pepper: The robot.
+        contact_frame: A frame that an outer force acts on.  The function then has a fourth input
+            `wrench` (6) [N, N m]: force on the robot at the frame's origin, then moment, in world axes;
+            tau is less by J^T wrench.
+
+    Returns:
+        Function of q, v, a (n each); output `tau` (n) [N m or N].
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v", "a")
+    if contact_frame is not None:
+        inputs["wrench"] = graph.inputs(6)
+    state = make_state(tree, inputs["q"], inputs["v"], inputs["a"])
+    tau = full_torques(state, contact_frame, inputs.get("wrench"))
+    rows = [[value] for value in gather(tree.full_map, tau)]
+    return make_function("inverse_dynamics", graph, inputs, {"tau": rows})
+
+
+@remembered
+def gravity_torque(pepper: PepperModel) -> casadi.Function:
+    """Return the function q -> g(q), the torques that hold the robot still.
+
+    Each joint holds the weight of its composite body: tau_i = -z . (h_i x g), in the body's axes.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q (n); output `tau` (n) [N m or N].
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q")
+    state = make_state(tree, inputs["q"])
+    moments, masses, _ = first_moments(state)
+    pulls: list[Vector] = []
+    tau: list[Value] = []
+    for body, turn, (x, y, _), mass in zip(tree.bodies, state.turns, moments, masses, strict=True):
+        pull = turn.inward(pulls[body.parent] if body.parent >= 0 else tree.gravity)
+        pulls.append(pull)
+        tau.append(-mass * pull[2] if body.slides else y * pull[0] - x * pull[1])
+    return make_function("gravity_torque", graph, inputs, {"tau": [[t] for t in gather(tree.full_map, tau)]})
+
+
+def body_wrenches(state: State) -> list[Wrench]:
+    """Return the wrench that moves each body, in its own axes about its origin."""
+    moved = zip(motions(state), state.tree.bodies, strict=True)
+    return [force_and_moment(motion, body.inertia) for motion, body in moved]
+
+
+def full_torques(
+    state: State, contact_frame: str | None = None, wrench: Sequence[Value] | None = None
+) -> list[Value]:
+    """Return the torques of all coordinates of `pinocchio_model`."""
+    wrenches = body_wrenches(state)
+    if contact_frame is not None and wrench is not None:
+        add_contact(state, wrenches, contact_frame, wrench)
+    totals, _ = collect(state, wrenches)
+    rotors = (j * a for j, a in zip(state.tree.armature, state.a, strict=True))
+    return [t + rotor for t, rotor in zip(along_joints(state, totals), rotors, strict=True)]
+
+
+def add_contact(state: State, wrenches: list[Wrench], frame: str, wrench: Sequence[Value]) -> None:
+    """Take an outer wrench (in world axes at a frame's origin) off what a body needs from its joint."""
+    body, _, place = state.tree.anchor(frame)
+    if body < 0:
+        return
+    force = turn_towards(state, body, tuple(wrench[:3]))
+    torque = add(turn_towards(state, body, tuple(wrench[3:])), cross(place, force))
+    f, n = wrenches[body]
+    wrenches[body] = (subtract(f, force), subtract(n, torque))

@@ -1,0 +1,72 @@
+"""Derivatives of inverse dynamics, and the Coriolis matrix, which is half of one of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.composite import coupled_entries, symmetric_rows
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.scalars import Value
+from pepper_kin.symbolic.states import make_state, new_inputs
+from pepper_kin.symbolic.torque_derivatives import Entries, torque_derivatives
+from pepper_kin.symbolic.tree import Array, read_tree
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@remembered
+def inverse_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v, a) -> derivatives of tau = M(q) a + C(q, v) v + g(q).
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v, a (n each); outputs `dtau_dq`, `dtau_dv`, `dtau_da` (n, n), the last is M(q).
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v", "a")
+    state = make_state(tree, inputs["q"], inputs["v"], inputs["a"])
+    derivatives = torque_derivatives(state)
+    outputs = {
+        "dtau_dq": coupled_rows(tree.full_map, derivatives.wrt_q),
+        "dtau_dv": coupled_rows(tree.full_map, derivatives.wrt_v),
+        "dtau_da": symmetric_rows(coupled_entries(state, derivatives.mass), pepper.n),
+    }
+    return make_function("inverse_dynamics_derivatives", graph, inputs, outputs)
+
+
+@remembered
+def coriolis_matrix(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v) -> C(q, v) of tau = M a + C v + g, by Christoffel symbols.
+
+    C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) v_k / 2.  These symbols are symmetric in j and k, so
+    that d(C v)/dv = 2 C: the matrix is half of the derivative of the torques by the velocities.  With it
+    dM/dt - 2 C is skew.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v (n each); output `coriolis` (n, n).
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v")
+    derivatives = torque_derivatives(make_state(tree, inputs["q"], inputs["v"]))
+    rows = [[0.5 * x for x in row] for row in coupled_rows(tree.full_map, derivatives.wrt_v)]
+    return make_function("coriolis_matrix", graph, inputs, {"coriolis": rows})
+
+
+def coupled_rows(full_map: Array, entries: Entries) -> list[list[Value]]:
+    """Return E^T A E as rows."""
+    gains = [[(k, gain) for k, gain in enumerate(row) if gain] for row in full_map.tolist()]
+    n = full_map.shape[1]
+    rows: list[list[Value]] = [[0.0] * n for _ in range(n)]
+    for (i, j), value in entries.items():
+        for a, gain_a in gains[i]:
+            for b, gain_b in gains[j]:
+                rows[a][b] = rows[a][b] + (gain_a * gain_b) * value
+    return rows

@@ -1,0 +1,84 @@
+"""Momentum about the centre of mass."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.center_of_mass import center_of_all
+from pepper_kin.symbolic.composite import composite_inertias, unit_wrench
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.jacobians import Columns, reduced_rows
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.motion import collect
+from pepper_kin.symbolic.poses import world_poses
+from pepper_kin.symbolic.states import State, make_state, new_inputs
+from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.vectors import ZERO, Vector, add, cross, scale, subtract, times, trace
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@remembered
+def centroidal_momentum(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v) -> momentum of the robot about the centre of mass of all its links.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v (n each); output `momentum` (6): linear [kg m/s], then angular [kg m^2/s], in world
+        axes.
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v")
+    state = make_state(tree, inputs["q"], inputs["v"])
+    momenta = []
+    for (omega, velocity), body in zip(velocities(state), tree.bodies, strict=True):
+        h, second = body.inertia.first, body.inertia.second
+        linear = add(scale(body.inertia.mass, velocity), cross(omega, h))
+        spin = subtract(scale(trace(second), omega), times(second, omega))
+        momenta.append((linear, add(cross(h, velocity), spin)))
+    _, (linear, angular) = collect(state, momenta)
+    about_center = subtract(angular, cross(center_of_all(state), linear))
+    rows = [[x] for x in (*linear, *about_center)]
+    return make_function("centroidal_momentum", graph, inputs, {"momentum": rows})
+
+
+@remembered
+def centroidal_map(pepper: PepperModel) -> casadi.Function:
+    """Return the function q -> A(q) with centroidal momentum = A(q) v (Orin and Goswami, 2008).
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q (n); output `map` (6, n), linear first, in world axes.
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q")
+    state = make_state(tree, inputs["q"])
+    inertias, _ = composite_inertias(state)
+    center = center_of_all(state)
+    columns: Columns = []
+    for body, (rotation, origin), inertia in zip(tree.bodies, world_poses(state), inertias, strict=True):
+        force, torque = (times(rotation, u) for u in unit_wrench(body.slides, inertia))
+        columns.append((*force, *add(torque, cross(subtract(origin, center), force))))
+    rows = reduced_rows(tree.full_map, columns)
+    return make_function("centroidal_map", graph, inputs, {"map": rows})
+
+
+def velocities(state: State) -> list[tuple[Vector, Vector]]:
+    """Return the angular velocity of every body and the velocity of its origin, in its own axes."""
+    result: list[tuple[Vector, Vector]] = []
+    parts = zip(state.tree.bodies, state.turns, state.translations, state.v, strict=True)
+    for body, turn, r, v in parts:
+        omega, velocity = result[body.parent] if body.parent >= 0 else (ZERO, ZERO)
+        omega, velocity = turn.inward(omega), turn.inward(add(velocity, cross(omega, r)))
+        if body.slides:
+            velocity = (velocity[0], velocity[1], velocity[2] + v)
+        else:
+            omega = (omega[0], omega[1], omega[2] + v)
+        result.append((omega, velocity))
+    return result

@@ -1,0 +1,74 @@
+"""Torques as a linear function of the inertial parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.bodies import clean, numbers
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.inverse_dynamics import Wrench
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.motion import Motion, moment, motions, to_parent
+from pepper_kin.symbolic.scalars import Value
+from pepper_kin.symbolic.states import follow, make_state, new_inputs
+from pepper_kin.symbolic.tree import Array, read_tree
+from pepper_kin.symbolic.vectors import ZERO, cross, times
+
+if TYPE_CHECKING:
+    import casadi
+
+_TENSOR_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+@remembered
+def regressor(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v, a) -> Y with tau = Y(q, v, a) pi.
+
+    pi holds ten parameters for each moving body, bodies in the order of `pepper.pinocchio_model` (links fixed
+    to a body are part of it): m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz, moments about the
+    origin of the body's joint frame, in its axes; `inertia.toDynamicParameters()` of Pinocchio gives them.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v, a (n each); output `regressor` (n, 10 bodies).
+    """
+    tree = read_tree(pepper, compact=False)
+    graph, inputs = new_inputs(tree, "q", "v", "a")
+    state = make_state(tree, inputs["q"], inputs["v"], inputs["a"])
+    count = len(tree.bodies)
+    full: list[list[Value]] = [[0.0] * (10 * count) for _ in range(count)]
+    for i, motion in enumerate(motions(state)):
+        for k, wrench in enumerate(_parameter_wrenches(motion, tree.alignments[i].rotation)):
+            j = i
+            while j >= 0:
+                full[j][10 * i + k] = wrench[0][2] if tree.bodies[j].slides else wrench[1][2]
+                wrench = to_parent(state, j, *wrench)
+                j = tree.bodies[j].parent
+    columns = [follow(tree.full_map.T, [row[k] for row in full]) for k in range(10 * count)]
+    rows = [[column[i] for column in columns] for i in range(pepper.n)]
+    return make_function("regressor", graph, inputs, {"regressor": rows})
+
+
+def _parameter_wrenches(motion: Motion, axes: Array) -> list[Wrench]:
+    """Return the wrench that moves a body whose one parameter is one, for each of the ten.
+
+    Args:
+        motion: How the body moves, in its own axes.
+        axes: Its axes in the joint's frame, in which the parameters are stated.
+    """
+    wrenches: list[Wrench] = [(motion.a, ZERO)]
+    for k in range(3):
+        first = numbers(axes.T[:, k])
+        wrenches.append((times(motion.field(), first), cross(first, motion.a)))
+    for k, m in _TENSOR_PLACES:
+        tensor = np.zeros((3, 3))
+        tensor[k, m] = tensor[m, k] = 1.0
+        tensor = axes.T @ tensor @ axes
+        second = clean(np.trace(tensor) / 2 * np.eye(3) - tensor)
+        wrenches.append((ZERO, moment(motion, numbers(second))))
+    return wrenches

@@ -1,0 +1,125 @@
+"""Scalars that fold constants, share equal operations and carry their sign for free.
+
+The algorithms of this room work on numbers that are either Python floats (constants of the model) or
+`Scalar`s (what depends on the inputs).  Zeros and ones vanish, equal operations are one node however often
+they are written, and a minus sign costs nothing until it must be stored.  Nothing here knows CasADi; the
+finished graph is turned into `SX` by `functions.py`, which is several times quicker than building `SX`
+expressions operator by operator.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias, Union
+
+Value: TypeAlias = Union["Scalar", float]
+"""What the algorithms compute with: a float is known when the expression is written."""
+
+
+class Graph:
+    """Operations in the order in which they were written, each once.
+
+    Attributes:
+        nodes: (operation, operand, operand): operands are places in this list; of "input" the second field is
+            the number of the input, of "const" the constant; unary operations repeat their operand.
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[tuple[str, float, float]] = []
+        self._places: dict[tuple[str, float, float], int] = {}
+
+    def node(self, operation: str, first: float, second: float) -> int:
+        """Return the place of an operation, adding it if it is new."""
+        key = (operation, first, second)
+        place = self._places.get(key)
+        if place is None:
+            place = self._places[key] = len(self.nodes)
+            self.nodes.append(key)
+        return place
+
+    def inputs(self, count: int) -> list[Scalar]:
+        """Return `count` further input scalars."""
+        first = sum(operation == "input" for operation, _, _ in self.nodes)
+        return [Scalar(self, self.node("input", first + k, 0), False) for k in range(count)]
+
+
+class Scalar:
+    """A node of a graph, or its negative.
+
+    Attributes:
+        graph: The graph.
+        place: Place of the node.
+        negative: Whether minus the node is meant.
+    """
+
+    __slots__ = ("graph", "negative", "place")
+
+    def __init__(self, graph: Graph, place: int, negative: bool) -> None:
+        self.graph, self.place, self.negative = graph, place, negative
+
+    def __neg__(self) -> Scalar:
+        return Scalar(self.graph, self.place, not self.negative)
+
+    def __add__(self, other: Value) -> Value:
+        graph = self.graph
+        if isinstance(other, Scalar):
+            place, negative = other.place, other.negative
+        elif other == 0.0:
+            return self
+        else:
+            place, negative = graph.node("const", abs(other), 0), other < 0
+        mine = self.place
+        if self.negative == negative:
+            first, second = (mine, place) if mine <= place else (place, mine)
+            return Scalar(graph, graph.node("add", first, second), negative)
+        if mine == place:
+            return 0.0
+        if mine < place:
+            return Scalar(graph, graph.node("sub", mine, place), self.negative)
+        return Scalar(graph, graph.node("sub", place, mine), negative)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Value) -> Value:
+        return self + (-other)
+
+    def __rsub__(self, other: Value) -> Value:
+        return -self + other
+
+    def __mul__(self, other: Value) -> Value:
+        graph = self.graph
+        if isinstance(other, Scalar):
+            place, negative = other.place, self.negative != other.negative
+        elif other == 0.0:
+            return 0.0
+        elif abs(other) == 1.0:
+            return self if other > 0 else -self
+        else:
+            place, negative = graph.node("const", abs(other), 0), self.negative != (other < 0)
+        mine = self.place
+        first, second = (mine, place) if mine <= place else (place, mine)
+        return Scalar(graph, graph.node("mul", first, second), negative)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Value) -> Value:
+        return self * reciprocal(other)
+
+    def __rtruediv__(self, other: Value) -> Value:
+        return reciprocal(self) * other
+
+
+def reciprocal(x: Value) -> Value:
+    """Return 1 / x."""
+    if not isinstance(x, Scalar):
+        return 1.0 / x
+    return Scalar(x.graph, x.graph.node("inv", x.place, x.place), x.negative)
+
+
+def cosine(x: Scalar) -> Scalar:
+    """Return cos(x); x and -x share one node."""
+    return Scalar(x.graph, x.graph.node("cos", x.place, x.place), False)
+
+
+def sine(x: Scalar) -> Scalar:
+    """Return sin(x); x and -x share one node."""
+    return Scalar(x.graph, x.graph.node("sin", x.place, x.place), x.negative)

@@ -1,0 +1,103 @@
+"""The robot at a symbolic state: what every recursion starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from pepper_kin.symbolic.scalars import Graph, Scalar, Value, cosine, sine
+from pepper_kin.symbolic.tree import Array, Tree
+from pepper_kin.symbolic.turns import Turn
+from pepper_kin.symbolic.vectors import Vector
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A tree with values of its coordinates.
+
+    Attributes:
+        tree: The robot.
+        cosines: Cosine of each coordinate; the value is not used where a joint slides.
+        sines: Sine of each coordinate.
+        q: Coordinates; used where a joint slides only.
+        v: Velocities.
+        a: Accelerations.
+    """
+
+    tree: Tree
+    cosines: Sequence[Value]
+    sines: Sequence[Value]
+    q: Sequence[Value]
+    v: Sequence[Value]
+    a: Sequence[Value]
+
+    @cached_property
+    def turns(self) -> list[Turn]:
+        """Rotation of each body to its parent."""
+        return [
+            Turn(body.rotation, 1.0 if body.slides else c, 0.0 if body.slides else s)
+            for body, c, s in zip(self.tree.bodies, self.cosines, self.sines, strict=True)
+        ]
+
+    @cached_property
+    def translations(self) -> list[Vector]:
+        """Origin of each body in its parent's frame."""
+        result: list[Vector] = []
+        for body, turn, q in zip(self.tree.bodies, self.turns, self.q, strict=True):
+            r = body.translation
+            if body.slides:
+                slide = turn.outward((0.0, 0.0, q))
+                r = (r[0] + slide[0], r[1] + slide[1], r[2] + slide[2])
+            result.append(r)
+        return result
+
+
+def make_state(
+    tree: Tree,
+    q: Sequence[Value],
+    v: Sequence[Value] | None = None,
+    a: Sequence[Value] | None = None,
+) -> State:
+    """Return the state of joint vectors of the robot (of length n: mimic joints follow by E and e).
+
+    Args:
+        tree: The robot.
+        q: Positions; there is one sine and one cosine for each different angle.
+        v: Velocities, zero by default.
+        a: Accelerations, zero by default.
+    """
+    still = [0.0] * len(q)
+    full_q = follow(tree.full_map, q, tree.full_offset)
+    full_v, full_a = follow(tree.full_map, v or still), follow(tree.full_map, a or still)
+    angles = [isinstance(x, Scalar) and not b.slides for x, b in zip(full_q, tree.bodies, strict=True)]
+    return State(
+        tree,
+        cosines=[cosine(x) if angle else 1.0 for x, angle in zip(full_q, angles, strict=True)],  # type: ignore[arg-type]
+        sines=[sine(x) if angle else 0.0 for x, angle in zip(full_q, angles, strict=True)],  # type: ignore[arg-type]
+        q=full_q,
+        v=full_v,
+        a=full_a,
+    )
+
+
+def follow(full_map: Array, x: Sequence[Value], offset: Array | None = None) -> list[Value]:
+    """Return E x + e."""
+    result: list[Value] = []
+    for i, row in enumerate(full_map.tolist()):
+        total: Value = 0.0
+        for gain, value in zip(row, x, strict=True):
+            total = total + gain * value
+        result.append(total if offset is None else total + float(offset[i]))
+    return result
+
+
+def gather(full_map: Array, x: Sequence[Value]) -> list[Value]:
+    """Return E^T x."""
+    return follow(full_map.T, x)
+
+
+def new_inputs(tree: Tree, *names: str) -> tuple[Graph, dict[str, list[Scalar]]]:
+    """Return a graph with joint vectors of the robot as inputs, by name."""
+    graph = Graph()
+    return graph, {name: graph.inputs(tree.full_map.shape[1]) for name in names}

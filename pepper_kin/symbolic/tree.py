@@ -1,0 +1,130 @@
+"""The moving tree as plain numbers: frames, translations and inertias, ready to be folded in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.alignment import Alignment, align, joint_axis, snapped
+from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.regrouping import regroup
+from pepper_kin.symbolic.vectors import Matrix, Vector
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """A robot as its expressions see it.
+
+    Attributes:
+        bodies: Parents before children; body i is moved by coordinate i of `pinocchio_model`.
+        ground: Mass that moving bodies carry on their axes through to the world (see `regrouping.py`).
+        still: Links fixed to the world.
+        alignments: Frame of each body relative to its joint's frame in `pinocchio_model`.
+        gravity: Gravity vector [m/s^2].
+        armature: Reflected rotor inertia of each coordinate [kg m^2].
+        full_map: E of q_full = E q + e.
+        full_offset: e.
+        anchors: Frame name -> body that carries it (-1: the world), rotation and origin in its frame.
+    """
+
+    bodies: tuple[Body, ...]
+    ground: Inertia
+    still: Inertia
+    alignments: tuple[Alignment, ...]
+    gravity: Vector
+    armature: tuple[float, ...]
+    full_map: Array
+    full_offset: Array
+    anchors: dict[str, tuple[int, Matrix, Vector]]
+
+    def anchor(self, frame: str) -> tuple[int, Matrix, Vector]:
+        """Return the body that carries a frame, and the frame's rotation and origin in that body's frame.
+
+        Raises:
+            UnknownNameError: listing all frames.
+        """
+        try:
+            return self.anchors[frame]
+        except KeyError:
+            raise UnknownNameError("frame", frame, self.anchors) from None
+
+    def path(self, body: int) -> list[int]:
+        """Return the bodies from the world to `body`, itself included."""
+        chain = []
+        while body >= 0:
+            chain.append(body)
+            body = self.bodies[body].parent
+        return chain[::-1]
+
+    @cached_property
+    def moving_mass(self) -> float:
+        """Mass of all moving bodies [kg]."""
+        return self.ground.mass + sum(body.inertia.mass for body in self.bodies)
+
+
+@remembered
+def read_tree(pepper: PepperModel, *, compact: bool) -> Tree:
+    """Read the moving tree of a robot.
+
+    Args:
+        pepper: The robot.
+        compact: Whether origins may move along joint axes and masses on joint axes go to the parent, for
+            the shortest expressions of dynamics; otherwise each body keeps its joint's origin and its mass.
+    """
+    model = pepper.pinocchio_model
+    alignments = align(model, shift_origins=compact)
+    bodies = []
+    for i, alignment in enumerate(alignments, start=1):
+        parent, pose = model.parents[i] - 1, model.jointPlacements[i]
+        rotation = pose.rotation @ alignment.rotation
+        translation = pose.rotation @ alignment.origin + pose.translation
+        if parent >= 0:
+            rotation, translation = alignments[parent].place(rotation, translation)
+        translation = np.where(np.abs(translation) < 1e-14, 0.0, translation)
+        inertia = _inertia(model.inertias[i], alignment)
+        slides = joint_axis(model.joints[i])[1]
+        bodies.append(Body(parent, slides, numbers(snapped(rotation)), numbers(translation), inertia))
+    nothing = Inertia(0.0, (0.0,) * 3, ((0.0,) * 3,) * 3)
+    grouped, ground = regroup(bodies, nothing) if compact else (bodies, nothing)
+    return Tree(
+        bodies=tuple(grouped),
+        ground=ground,
+        still=_inertia(model.inertias[0], Alignment(np.eye(3), np.zeros(3))),
+        alignments=tuple(alignments),
+        gravity=numbers(np.array(model.gravity.linear)),
+        armature=numbers(np.array(model.armature)),
+        full_map=pepper.full_map,
+        full_offset=pepper.full_offset,
+        anchors={
+            name: _anchor(model.frames[pepper.frame_id(name)], alignments) for name in pepper.frame_names
+        },
+    )
+
+
+def _anchor(frame: Any, alignments: Sequence[Alignment]) -> tuple[int, Matrix, Vector]:
+    """Return a Pinocchio frame as a body and the frame's rotation and origin in that body's frame."""
+    body, pose = frame.parentJoint - 1, frame.placement
+    rotation, translation = np.array(pose.rotation), np.array(pose.translation)
+    if body >= 0:
+        rotation, translation = alignments[body].place(rotation, translation)
+    return body, numbers(snapped(rotation, 1e-15)), numbers(clean(translation))
+
+
+def _inertia(inertia: Any, alignment: Alignment) -> Inertia:
+    """Return a Pinocchio inertia about the origin and in the axes of a body's frame."""
+    mass = float(inertia.mass)
+    turn = alignment.rotation
+    tensor = turn.T @ np.array(inertia.inertia) @ turn
+    lever = turn.T @ (np.array(inertia.lever) - alignment.origin)
+    second = np.trace(tensor) / 2 * np.eye(3) - tensor + mass * np.outer(lever, lever)
+    return Inertia(mass, numbers(clean(mass * lever)), numbers(clean(second)))

@@ -1,0 +1,86 @@
+"""Velocities and accelerations of frames, summed from the frame back to the world."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.states import State, make_state, new_inputs
+from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.vectors import ZERO, add, scale, z_cross
+
+if TYPE_CHECKING:
+    import casadi
+
+
+@remembered
+def frame_velocity(pepper: PepperModel, frame: str) -> casadi.Function:
+    """Return the function (q, v) -> velocity of a frame.
+
+    Args:
+        pepper: The robot.
+        frame: A name of `pepper.frame_names`.
+
+    Returns:
+        Function of q, v (n each); output `velocity` (6): velocity of the frame's origin [m/s], then angular
+        velocity [rad/s], both in world axes.
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v")
+    velocity, _ = _tip_motion(make_state(tree, inputs["q"], inputs["v"]), frame)
+    return make_function("frame_velocity", graph, inputs, {"velocity": [[x] for x in velocity]})
+
+
+@remembered
+def frame_acceleration(pepper: PepperModel, frame: str) -> casadi.Function:
+    """Return the function (q, v, a) -> acceleration of a frame.
+
+    Args:
+        pepper: The robot.
+        frame: A name of `pepper.frame_names`.
+
+    Returns:
+        Function of q, v, a (n each); output `acceleration` (6): second derivative of the position of the
+        frame's origin [m/s^2], then angular acceleration [rad/s^2], both in world axes.
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q", "v", "a")
+    _, acceleration = _tip_motion(make_state(tree, inputs["q"], inputs["v"], inputs["a"]), frame)
+    return make_function("frame_acceleration", graph, inputs, {"acceleration": [[x] for x in acceleration]})
+
+
+def _tip_motion(state: State, frame: str) -> tuple[tuple, tuple]:
+    """Return velocity and acceleration of a frame, linear first.
+
+    From the frame inward, rho, velocity, omega, acceleration and alpha are those of the frame relative to the
+    body at hand, in its axes; each joint adds what it does to all that is further out.  So no orientation
+    in the world is needed.
+    """
+    body, _, rho = state.tree.anchor(frame)
+    velocity, omega, acceleration, alpha = ZERO, ZERO, ZERO, ZERO
+    for i in reversed(state.tree.path(body)):
+        v, rate = state.v[i], state.a[i]
+        turn = state.turns[i]
+        if state.tree.bodies[i].slides:
+            velocity = (velocity[0], velocity[1], velocity[2] + v)
+            acceleration = (acceleration[0], acceleration[1], acceleration[2] + rate)
+        else:
+            before = velocity
+            velocity = add(velocity, scale(v, z_cross(rho)))
+            # Coriolis and centripetal part: 2 v z x velocity + v^2 z x (z x rho).
+            acceleration = add(
+                acceleration, scale(rate, z_cross(rho)), scale(v, z_cross(add(before, velocity)))
+            )
+            alpha = add(alpha, scale(v, z_cross(omega)), (0.0, 0.0, rate))
+            omega = (omega[0], omega[1], omega[2] + v)
+        rho = add(state.translations[i], turn.outward(rho))
+        velocity, omega, acceleration, alpha = map(turn.outward, (velocity, omega, acceleration, alpha))
+    return (*velocity, *omega), (*acceleration, *alpha)

@@ -1,0 +1,116 @@
+"""Whether the robot keeps its balance: the zero-moment point against the triangle of its wheels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.model import PepperModel
+
+Array = NDArray[np.float64]
+
+WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise seen from above
+_BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
+
+
+def support_polygon(pepper: PepperModel) -> Array | None:
+    """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
+
+    For Pepper (0.09, 0.155), (-0.17, 0), (0.09, -0.155); None for a robot without these wheels.
+    """
+    from pepper_kin import kinematics
+
+    if not set(WHEELS) <= set(pepper.frame_names):
+        return None
+    q = pepper.neutral()
+    for joint in set(_BASE_JOINTS) & set(pepper.joint_names):
+        q[pepper.joint_index(joint)] = 0.0
+    return np.array([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
+
+
+def edge_moments(
+    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, margin: float = 0.0
+) -> Array:
+    """Return how firmly the robot stands on each edge of its support polygon.
+
+    With (f, n) the wrench of the floor, p a vertex of the edge and i the unit vector that points inward,
+        h = i . (-n_y, n_x) - (i . p + margin) f_z = (distance of the zero-moment point - margin) f_z:
+    zero where the zero-moment point is `margin` inside the edge, and linear in the accelerations.
+
+    Args:
+        pepper: The robot.
+        polygon: Vertices in base coordinates, counter-clockwise [m], shape (k, 2).
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+        margin: Distance from the edge that is wanted [m].
+
+    Returns:
+        h of every edge [N m], positive where it stands, shape (..., k).
+    """
+    from pepper_kin import dynamics
+
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+    vertices, inward = _to_world(pepper, q, polygon, inward)
+    wrench = dynamics.base_wrench(pepper, q, v, a)
+    tilt = np.stack([-wrench[..., 4], wrench[..., 3]], axis=-1)
+    reach = np.sum(inward * vertices, axis=-1) + margin
+    return np.einsum("...ki,...i->...k", inward, tilt) - reach * wrench[..., 2:3]
+
+
+def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array) -> Array:
+    """Return the distance of the zero-moment point from the nearest edge of the support polygon.
+
+    Args:
+        pepper: The robot.
+        polygon: Vertices in base coordinates, counter-clockwise [m], shape (k, 2).
+        q: Joint positions [rad or m], shape (T, n).
+        v: Joint velocities [rad/s or m/s], shape (T, n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
+
+    Returns:
+        Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
+    """
+    point = _to_base(pepper, q, _zero_moment_points(pepper, q, v, a))
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+    distance = np.einsum("tki,ki->tk", point[:, None, :] - polygon, inward).min(axis=1)
+    return np.where(np.isnan(distance), -np.inf, distance)
+
+
+def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -> tuple[Array, Array]:
+    """Return points and directions of the base, shape (k, 2), in the world, shape (..., k, 2)."""
+    if not set(_BASE_JOINTS) <= set(pepper.joint_names):
+        shape = (*q.shape[:-1], *points.shape)
+        return np.broadcast_to(points, shape), np.broadcast_to(directions, shape)
+    x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in _BASE_JOINTS)
+    turn = np.stack([np.stack([np.cos(yaw), -np.sin(yaw)], -1), np.stack([np.sin(yaw), np.cos(yaw)], -1)], -2)
+    turned = [np.einsum("...ij,kj->...ki", turn, vectors) for vectors in (points, directions)]
+    return turned[0] + np.stack([x, y], axis=-1)[..., None, :], turned[1]
+
+
+def _zero_moment_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> Array:
+    """Return the points in world coordinates [m], shape (T, 2), NaN where there is none."""
+    from pepper_kin import dynamics
+
+    try:
+        return dynamics.zero_moment_point(pepper, q, v, a)
+    except InfeasibleError:
+        points = np.full((len(q), 2), np.nan)
+        for i, state in enumerate(zip(q, v, a, strict=True)):
+            try:
+                points[i] = dynamics.zero_moment_point(pepper, *state)
+            except InfeasibleError:
+                continue
+        return points
+
+
+def _to_base(pepper: PepperModel, q: Array, point: Array) -> Array:
+    """Return world points in coordinates of the base, which moves where the robot has base joints."""
+    if not set(_BASE_JOINTS) <= set(pepper.joint_names):
+        return point
+    x, y, yaw = (q[:, pepper.joint_index(joint)] for joint in _BASE_JOINTS)
+    dx, dy = point[:, 0] - x, point[:, 1] - y
+    return np.stack([np.cos(yaw) * dx + np.sin(yaw) * dy, -np.sin(yaw) * dx + np.cos(yaw) * dy], axis=1)

@@ -1,0 +1,205 @@
+"""What an independent examination of a trajectory found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LimitCheck:
+    """How near each joint comes to its limits in one quantity; arrays are indexed by joint.
+
+    Attributes:
+        quantity: "position", "velocity", "acceleration" or "torque".
+        joint_names: The joints.
+        units: Unit of each joint's numbers.
+        margin: Least distance to the nearer limit, negative where it is exceeded, inf without a limit.
+        value: Value of the quantity at that instant.
+        lower: Lower limits.
+        upper: Upper limits.
+        time: The instant [s].
+        tolerance: Excess that is taken for rounding.
+    """
+
+    quantity: str
+    joint_names: tuple[str, ...]
+    units: tuple[str, ...]
+    margin: Array
+    value: Array
+    lower: Array
+    upper: Array
+    time: Array
+    tolerance: Array
+
+    @property
+    def ok(self) -> bool:
+        """Whether all joints keep within their limits."""
+        return bool(np.all(self.margin >= -self.tolerance))
+
+    @property
+    def use(self) -> Array:
+        """Share of the limit used at the worst instant, 1 at the limit, 0 in the middle or without one."""
+        half = (self.upper - self.lower) / 2
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isfinite(half), 1.0 - self.margin / half, 0.0)
+
+    @property
+    def worst(self) -> int:
+        """Index of the joint that uses most of its limit."""
+        return int(np.argmax(self.use))
+
+    def sentence(self) -> str:
+        """Say which joint comes nearest to its limit, and when."""
+        j = self.worst
+        if not np.isfinite(self.margin[j]):
+            return f"{self.quantity}: no joint has a limit"
+        word = "inside" if self.margin[j] >= -self.tolerance[j] else "OUTSIDE"
+        return (
+            f"{self.quantity}: {self.joint_names[j]} reaches {self.value[j]:.4g} {self.units[j]} "
+            f"at {self.time[j]:.3f} s, {abs(self.margin[j]):.3g} {word} "
+            f"[{self.lower[j]:.4g}, {self.upper[j]:.4g}]"
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; None stands for infinity."""
+        joints = {
+            name: {
+                "margin": _plain(self.margin[j]),
+                "value": float(self.value[j]),
+                "lower": _plain(self.lower[j]),
+                "upper": _plain(self.upper[j]),
+                "unit": self.units[j],
+                "time": float(self.time[j]),
+            }
+            for j, name in enumerate(self.joint_names)
+        }
+        return {"ok": self.ok, "worst_joint": self.joint_names[self.worst], "joints": joints}
+
+
+@dataclass(frozen=True)
+class ScalarCheck:
+    """One number that must be no less than a required one.
+
+    Attributes:
+        quantity: What it is.
+        margin: Least value over the trajectory less the required one [unit].
+        value: Value at the worst instant [unit].
+        time: The instant [s].
+        unit: Unit.
+        detail: What the value means, in words.
+    """
+
+    quantity: str
+    margin: float
+    value: float
+    time: float
+    unit: str
+    detail: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the requirement holds everywhere."""
+        return self.margin >= 0.0
+
+    def sentence(self) -> str:
+        """Say the worst value and when it occurs."""
+        word = "" if self.ok else "VIOLATED: "
+        return f"{self.quantity}: {word}{self.value:.3g} {self.unit} {self.detail}, at {self.time:.3f} s"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; None stands for infinity."""
+        return {
+            "ok": self.ok,
+            "margin": _plain(self.margin),
+            "value": _plain(self.value),
+            "unit": self.unit,
+            "time": self.time,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """Limits, continuity, balance and clearance of a trajectory, from code other than what made it.
+
+    Attributes:
+        duration: Of the trajectory [s].
+        samples: Number of states examined.
+        step: Time between the regular ones [s]; both sides of every knot come on top.
+        position: Against the position limits.
+        velocity: Against the velocity limits.
+        acceleration: Against the acceleration limits.
+        torque: Against the effort limits, by `pepper_kin.dynamics.newton_euler`.
+        position_continuity: Greatest jump of a joint's position at a knot.
+        velocity_continuity: Greatest jump of a joint's velocity at a knot.
+        balance: Distance of the zero-moment point from the edge of the wheels' triangle, negative outside;
+            None for a robot without Pepper's wheels.
+        clearance: Least distance between bodies; None if no scene was given.
+    """
+
+    duration: float
+    samples: int
+    step: float
+    position: LimitCheck
+    velocity: LimitCheck
+    acceleration: LimitCheck
+    torque: LimitCheck
+    position_continuity: ScalarCheck
+    velocity_continuity: ScalarCheck
+    balance: ScalarCheck | None
+    clearance: ScalarCheck | None
+
+    @property
+    def checks(self) -> dict[str, LimitCheck | ScalarCheck]:
+        """All checks that were made, by name."""
+        found: dict[str, LimitCheck | ScalarCheck | None] = {
+            "position": self.position,
+            "velocity": self.velocity,
+            "acceleration": self.acceleration,
+            "torque": self.torque,
+            "position_continuity": self.position_continuity,
+            "velocity_continuity": self.velocity_continuity,
+            "balance": self.balance,
+            "clearance": self.clearance,
+        }
+        return {name: check for name, check in found.items() if check is not None}
+
+    @property
+    def ok(self) -> bool:
+        """Whether every check passed."""
+        return all(check.ok for check in self.checks.values())
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Names of the checks that did not pass."""
+        return tuple(name for name, check in self.checks.items() if not check.ok)
+
+    def report(self) -> str:
+        """Say in words what was found, one line per check."""
+        verdict = "passes every check" if self.ok else f"fails: {', '.join(self.failures)}"
+        head = (
+            f"Trajectory of {self.duration:.3f} s, {self.samples} states examined "
+            f"(every {self.step * 1e3:g} ms and both sides of every knot): {verdict}."
+        )
+        missing = [name for name in ("balance", "clearance") if getattr(self, name) is None]
+        lines = [f"  {check.sentence()}" for check in self.checks.values()]
+        return "\n".join([head, *lines, *(f"  {name}: not examined" for name in missing)])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "ok": self.ok,
+            "duration": self.duration,
+            "samples": self.samples,
+            "step": self.step,
+            **{name: check.as_dict() for name, check in self.checks.items()},
+        }
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

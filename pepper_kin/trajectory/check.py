@@ -1,0 +1,156 @@
+"""Examination of a trajectory by code other than what made it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import balance_margin, support_polygon
+from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
+from pepper_kin.trajectory.quantities import unit_of
+from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
+
+Array = NDArray[np.float64]
+
+STEP = 0.001  # [s]
+JUMP_TOLERANCE = 1e-6  # [rad, m, rad/s or m/s]
+RELATIVE_TOLERANCE = 1e-7  # of a limit's range, for rounding
+_TOUCH = 1e-9  # [m] depth stated for a contact whose depth is not known
+_CHUNK = 2000  # states per call of newton_euler, which keeps its memory small
+
+
+def check(pepper: PepperModel, trajectory: Trajectory, *, scene: Any | None = None) -> Certificate:
+    """Examine a trajectory at every millisecond and on both sides of every knot.
+
+    Position, velocity and acceleration are compared with the robot's limits; torques are computed by
+    `pepper_kin.dynamics.newton_euler`, which shares no code with what times trajectories; positions and
+    velocities must be continuous at knots; the zero-moment point must lie in the triangle of the wheels.
+
+    Args:
+        pepper: The robot.
+        trajectory: The trajectory; its joints must be the robot's.
+        scene: A `pepper_kin.collision.Scene` (empty for the body alone) to measure clearances in; None to
+            leave them out.
+
+    Returns:
+        The certificate.
+
+    Raises:
+        InvalidValueError: where the trajectory's joints are not the robot's, in its order.
+    """
+    if trajectory.joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
+        )
+    time, state = _states(trajectory)
+    lower, upper = pepper.lower_limits, pepper.upper_limits
+    torque = _in_chunks(_newton_euler(pepper), *state)
+    polygon = support_polygon(pepper)
+
+    def against(quantity: str, value: Array, lower: Array, upper: Array) -> LimitCheck:
+        return _limit_check(pepper, quantity, time, value, lower, upper)
+
+    v, a, tau = pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits
+    return Certificate(
+        duration=trajectory.duration,
+        samples=time.size,
+        step=STEP,
+        position=against("position", state.position, lower, upper),
+        velocity=against("velocity", state.velocity, -v, v),
+        acceleration=against("acceleration", state.acceleration, -a, a),
+        torque=against("torque", torque, -tau, tau),
+        position_continuity=_continuity(trajectory, 0),
+        velocity_continuity=_continuity(trajectory, 1),
+        balance=None if polygon is None else _balance(pepper, polygon, time, state),
+        clearance=None if scene is None else _clearance(pepper, trajectory, scene),
+    )
+
+
+def _states(trajectory: Trajectory) -> tuple[Array, State]:
+    """Return times (T,) and states (T, n): every millisecond, and both sides of every knot."""
+    regular = sample_times(trajectory.duration, STEP)
+    step = np.diff(trajectory.knots)
+    piece = np.arange(step.size)
+    parts = [trajectory(regular), trajectory.at_pieces(piece, 0 * step), trajectory.at_pieces(piece, step)]
+    time = np.concatenate([regular, trajectory.knots[:-1], trajectory.knots[1:]])
+    return time, State(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _newton_euler(pepper: PepperModel) -> Callable[..., Array]:
+    from pepper_kin import dynamics
+
+    return lambda q, v, a: dynamics.newton_euler(pepper, q, v, a)
+
+
+def _in_chunks(function: Callable[..., Array], *arrays: Array) -> Array:
+    starts = range(0, len(arrays[0]), _CHUNK)
+    return np.concatenate([function(*(array[i : i + _CHUNK] for array in arrays)) for i in starts])
+
+
+def _limit_check(
+    pepper: PepperModel, quantity: str, time: Array, value: Array, lower: Array, upper: Array
+) -> LimitCheck:
+    distance = np.minimum(value - lower, upper - value)
+    at = np.argmin(distance, axis=0)
+    joints = np.arange(pepper.n)
+    units = tuple(unit_of(quantity, unit) for unit in pepper.joint_units)
+    with np.errstate(invalid="ignore"):
+        tolerance = np.where(np.isfinite(upper - lower), RELATIVE_TOLERANCE * (upper - lower) / 2, 0.0)
+    return LimitCheck(
+        quantity=quantity,
+        joint_names=pepper.joint_names,
+        units=units,
+        margin=distance[at, joints],
+        value=value[at, joints],
+        lower=lower,
+        upper=upper,
+        time=time[at],
+        tolerance=tolerance,
+    )
+
+
+def _continuity(trajectory: Trajectory, derivative: int) -> ScalarCheck:
+    quantity = ("position", "velocity")[derivative]
+    step, pieces = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
+    before = trajectory.at_pieces(pieces[:-1], step[:-1])[derivative]
+    after = trajectory.at_pieces(pieces[1:], 0.0 * step[1:])[derivative]
+    jumps = np.abs(after - before)
+    worst, time, joint = 0.0, 0.0, trajectory.joint_names[0]
+    if jumps.size:
+        knot, index = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
+        worst, time = float(jumps[knot, index]), float(trajectory.knots[knot + 1])
+        joint = trajectory.joint_names[index]
+    unit = "rad or m" if derivative == 0 else "rad/s or m/s"
+    detail = f"is the greatest jump at a knot ({joint})"
+    return ScalarCheck(f"{quantity} continuity", JUMP_TOLERANCE - worst, worst, time, unit, detail)
+
+
+def _balance(pepper: PepperModel, polygon: Array, time: Array, state: State) -> ScalarCheck:
+    margin = balance_margin(pepper, polygon, *state)
+    at = int(np.argmin(margin))
+    worst = float(margin[at])
+    detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
+    return ScalarCheck("balance", worst, worst, float(time[at]), "m", detail)
+
+
+def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> ScalarCheck:
+    """Measure distances every millisecond; neighbours decided by joint ranges count as yes or no."""
+    from pepper_kin import collision
+
+    time = sample_times(trajectory.duration, STEP)
+    position = trajectory(time).position
+    distance = collision.clearance(pepper, position, scene)
+    touching = collision.in_collision(pepper, position, scene)
+    at = int(np.argmin(np.where(touching, np.minimum(distance, 0.0), distance)))
+    worst = float(distance[at])
+    closest = collision.closest_pair(pepper, position[at], scene)
+    pair = "" if closest is None else " between " + " and ".join(closest.names)
+    detail = f"is the least distance{pair}"
+    if touching[at] and worst > 0:
+        worst, detail = -_TOUCH, "two neighbouring links touch, by their joint ranges"
+    return ScalarCheck("clearance", worst, worst, float(time[at]), "m", detail)

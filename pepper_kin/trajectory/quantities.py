@@ -1,0 +1,26 @@
+"""Quantities that a joint has, and their units."""
+
+from __future__ import annotations
+
+from pepper_kin.exceptions import UnknownNameError
+
+# quantity -> unit for a joint in radians, unit for a joint in metres
+UNITS = {
+    "position": ("rad", "m"),
+    "velocity": ("rad/s", "m/s"),
+    "acceleration": ("rad/s^2", "m/s^2"),
+    "torque": ("N m", "N"),
+    "reference": ("rad", "m"),
+    "reference_velocity": ("rad/s", "m/s"),
+}
+
+
+def unit_of(quantity: str, joint_unit: str = "rad") -> str:
+    """Return the unit of a quantity of a joint whose position is in "rad" or "m".
+
+    Raises:
+        UnknownNameError: listing the quantities.
+    """
+    if quantity not in UNITS:
+        raise UnknownNameError("quantity", quantity, UNITS)
+    return UNITS[quantity][joint_unit == "m"]

@@ -1,0 +1,217 @@
+"""What the twin did: states, torques and references over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory.table_file import TIME, PathName, read_table, write_table
+
+Array = NDArray[np.float64]
+
+COMPLETED = "completed"
+STOPPED = "stopped"
+_QUANTITIES = {
+    "position": "position",
+    "velocity": "velocity",
+    "torque": "torque",
+    "reference": "reference_position",
+    "reference_velocity": "reference_velocity",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A motion of the twin; arrays are read-only.
+
+    Attributes:
+        joint_names: Order of the columns.
+        joint_units: "rad" or "m" for each joint.
+        time: [s], shape (T,), from 0 in steps of the twin.
+        position: [rad or m], shape (T, n).
+        velocity: [rad/s or m/s], shape (T, n).
+        torque: Of the servos, during the step that ends at each time; the first row is what they give at the
+            start [N m or N], shape (T, n).
+        reference_position: What the servos were to follow [rad or m], shape (T, n).
+        reference_velocity: [rad/s or m/s], shape (T, n).
+        torque_limit: Of the servos [N m or N], shape (n,), inf for none.
+        status: "completed" or "stopped".
+        message: Why it stopped, naming joint, step and cause; empty if it completed.
+    """
+
+    joint_names: tuple[str, ...]
+    joint_units: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    torque: Array
+    reference_position: Array
+    reference_velocity: Array
+    torque_limit: Array
+    status: str = COMPLETED
+    message: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("time", *_QUANTITIES.values(), "torque_limit"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        shape = (self.time.size, len(self.joint_names))
+        for name in _QUANTITIES.values():
+            if getattr(self, name).shape != shape:
+                raise InvalidValueError(name, f"shape {getattr(self, name).shape}", f"shape {shape}")
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    @property
+    def success(self) -> bool:
+        """Whether the run went to its end."""
+        return self.status == COMPLETED
+
+    @property
+    def duration(self) -> float:
+        """Time of the last state [s]."""
+        return float(self.time[-1])
+
+    @property
+    def tracking_error(self) -> Array:
+        """Position minus reference [rad or m], shape (T, n)."""
+        return self.position - self.reference_position
+
+    @property
+    def rms_error(self) -> Array:
+        """Root mean square of the tracking error of each joint [rad or m], shape (n,)."""
+        return np.sqrt(np.mean(self.tracking_error**2, axis=0))
+
+    @property
+    def max_error(self) -> Array:
+        """Greatest tracking error of each joint [rad or m], shape (n,)."""
+        return np.abs(self.tracking_error).max(axis=0)
+
+    @property
+    def peak_torque(self) -> Array:
+        """Greatest torque of each joint [N m or N], shape (n,)."""
+        return np.abs(self.torque).max(axis=0)
+
+    @property
+    def torque_use(self) -> Array:
+        """Share of its torque limit that each joint reached, shape (n,)."""
+        return self.peak_torque / self.torque_limit
+
+    def position_at(self, t: ArrayLike) -> Array:
+        """Return positions at given times, linear between steps [rad or m], shape (..., n).
+
+        Args:
+            t: Times within the run [s], shape (...).
+
+        Raises:
+            InvalidValueError: for a time that is NaN or outside the run by more than 1e-9 s.
+        """
+        t = np.asarray(t, dtype=float)
+        if not np.all((t >= self.time[0] - 1e-9) & (t <= self.time[-1] + 1e-9)):
+            raise InvalidValueError("t", t, f"times within [{self.time[0]:g}, {self.time[-1]:.9g}] s")
+        columns = [np.interp(t, self.time, self.position[:, j]) for j in range(len(self.joint_names))]
+        return np.stack(columns, axis=-1)
+
+    def report(self) -> str:
+        """Return tracking errors and torques of all joints as a table in words."""
+        worst, hardest = int(np.argmax(self.max_error)), int(np.argmax(self.torque_use))
+        names = self.joint_names
+        head = [
+            f"Run of {self.duration:.3f} s in {len(self) - 1} steps: {self.status}"
+            + (f" ({self.message})" if self.message else ""),
+            f"  worst tracking: {names[worst]}, at most {self.max_error[worst]:.3g} "
+            f"{self.joint_units[worst]}; hardest work: {names[hardest]}, "
+            f"{self.torque_use[hardest]:.0%} of its torque",
+            f"  {'joint':<16}{'rms error':>12}{'max error':>12}{'peak torque':>14}{'of limit':>10}",
+        ]
+        rows = [
+            f"  {name:<16}{self.rms_error[j]:>12.2e}{self.max_error[j]:>12.2e}{self.peak_torque[j]:>14.3f}"
+            f"{self.torque_use[j]:>10.1%}"
+            for j, name in enumerate(names)
+        ]
+        return "\n".join(head + rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return status and numbers per joint for JSON (the series themselves go to CSV)."""
+        joints = {
+            name: {
+                "rms_error": float(self.rms_error[j]),
+                "max_error": float(self.max_error[j]),
+                "peak_torque": float(self.peak_torque[j]),
+                "torque_use": float(self.torque_use[j]),
+                "unit": self.joint_units[j],
+            }
+            for j, name in enumerate(self.joint_names)
+        }
+        return {
+            "status": self.status,
+            "message": self.message,
+            "duration": self.duration,
+            "steps": len(self) - 1,
+            "joints": joints,
+        }
+
+    def save(self, path: PathName) -> Path:
+        """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.trajectory.write_table`.
+
+        Columns: `time`, then for all joints `.position`, `.velocity`, `.torque`, `.reference` and
+        `.reference_velocity`.
+
+        Args:
+            path: The file; its folder must exist.
+
+        Returns:
+            The path.
+
+        Raises:
+            FileFormatError: where it cannot be written.
+        """
+        columns = {TIME: self.time}
+        for quantity, attribute in _QUANTITIES.items():
+            values = getattr(self, attribute)
+            columns.update({f"{name}.{quantity}": values[:, j] for j, name in enumerate(self.joint_names)})
+        return write_table(path, columns, dict(zip(self.joint_names, self.joint_units, strict=True)))
+
+
+def read_run(path: PathName, pepper: Any) -> Run:
+    """Read a run that `Run.save` wrote.
+
+    Args:
+        path: The file.
+        pepper: The robot whose joints it must have; gives units and torque limits.
+
+    Returns:
+        The run, with status "completed".
+
+    Raises:
+        FileFormatError: naming path and line and what is wrong there.
+    """
+    names: tuple[str, ...] = pepper.joint_names
+    header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names)]
+    table: Mapping[str, Array] = read_table(path, header)
+    values = {
+        attribute: np.column_stack([table[f"{name}.{quantity}"] for name in names])
+        for quantity, attribute in _QUANTITIES.items()
+    }
+    time = as_finite(table[TIME], TIME, (None,))
+    if time[0] != 0.0:
+        raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
+    return Run(
+        names,
+        pepper.joint_units,
+        time,
+        values["position"],
+        values["velocity"],
+        values["torque"],
+        values["reference_position"],
+        values["reference_velocity"],
+        pepper.effort_limits,
+    )

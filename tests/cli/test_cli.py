@@ -1,0 +1,136 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.viewer.browser import CHROMIUM_FLAGS  # noqa: F401  (the page needs the viewer's package data)
+
+
+def run(*arguments, cwd):
+    command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cli")
+    return folder, run("demo", "-o", "out", cwd=folder)
+
+
+def test_demo_prints_a_table_and_writes_all_files(demo):
+    folder, done = demo
+    assert done.returncode == 0, done.stderr
+    for word in (
+        "hand error",
+        "duration",
+        "smallest clearance",
+        "peak torque use",
+        "tracking error",
+        "KneePitch",
+    ):
+        assert word in done.stdout
+    names = sorted(path.name for path in (folder / "out").iterdir())
+    assert names == ["columns.json", "motion.html", "run.csv", "summary.json", "trajectory.csv"]
+
+
+@pytest.mark.browser
+def test_pepper_moves_in_the_page_of_the_demo(demo, browser):
+    """The page is opened from disk: the picture changes between two times and the console stays silent."""
+    folder, _ = demo
+    page = browser.new_page(viewport={"width": 800, "height": 600})
+    complaints = []
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda r: complaints.append(r.url) if r.url.startswith("http") else None)
+    page.goto((folder / "out" / "motion.html").as_uri())
+    page.wait_for_load_state("load")
+    duration = page.evaluate("window.pepperKin.duration")
+    told = json.loads((folder / "out" / "summary.json").read_text())
+    assert duration >= told["duration_s"]
+    pictures = []
+    for time in (0.0, duration / 2, 0.0):
+        page.evaluate(f"window.pepperKin.pause(); window.pepperKin.seek({time})")
+        page.wait_for_timeout(1500)
+        pictures.append(page.screenshot())
+    page.close()
+    assert complaints == []
+    assert pictures[0] != pictures[1]
+    assert pictures[0] == pictures[2]
+
+
+def test_unreachable_target_exits_with_one_line(tmp_path):
+    done = run("reach", "--hand", "right", "--at", "1.5", "-0.2", "1.0", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 1
+    said = [line for line in done.stderr.splitlines() if not line.endswith("...")]
+    assert len(said) == 1
+    assert "the nearest reachable point is (" in said[0]
+    assert said[0].endswith("cm away.")
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_is_all_that_is_printed(tmp_path):
+    arguments = ("--hand", "right", "--at", "0.2", "-0.35", "0.9", "--json", "-o", "out")
+    done = run("reach", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["hand_error_m"] < 1e-3
+    assert told["gaze_error_rad"] is None
+    assert json.loads((tmp_path / "out" / "summary.json").read_text()) == told
+
+
+def test_boxes_are_avoided(tmp_path):
+    box = "0.4,0.8,0.03,0.47,0.05,0.715"
+    arguments = ("--hand", "left", "--at", "0.38", "0.22", "0.82", "--avoid-box", box, "--json", "-o", "out")
+    done = run("reach", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["obstacles"]["box1"]["position_m"] == [0.47, 0.05, 0.715]
+    assert told["smallest_clearance_planned_m"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("reach", "--hand", "middle", "--at", "0", "0", "1"),
+            "unknown hand 'middle'; available: left, right",
+        ),
+        (("reach", "--hand", "left", "--at", "nan", "0", "1"), "at: got nan, expected finite numbers"),
+        (
+            ("reach", "--hand", "left", "--at", "0", "0", "1", "--avoid-box", "1,2,3"),
+            "--avoid-box: got '1,2,3', expected six numbers",
+        ),
+        (
+            ("reach", "--hand", "left", "--at", "0", "0", "1", "--avoid-box", "1,0,3,0,0,0"),
+            "box size: got (1.0, 0.0, 3.0), expected three finite lengths above 0",
+        ),
+        (("gesture", "tail"), "unknown gesture 'tail'; available:"),
+    ],
+)
+def test_misuse_exits_with_one_line(tmp_path, arguments, message):
+    done = run(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    said = [line for line in done.stderr.splitlines() if not line.endswith("...")]
+    assert len(said) == 1
+    assert message in said[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_gesture_tells_errors_and_inconsistencies(tmp_path):
+    done = run("gesture", "right-arm", "-o", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for word in ("RShoulderPitch", "paper: Gazebo", "left labels", "60 of 60 numbers", "0 or 0.01 rad"):
+        assert word in done.stdout
+    assert (tmp_path / "out" / "run.csv").exists()
+    told = json.loads(run("gesture", "right-arm", "--json", cwd=tmp_path).stdout)
+    assert told["joints"]["RElbowRoll"]["mean_absolute_error"] < 0.01
+
+
+def test_help_has_an_example():
+    for command in ("demo", "reach", "gesture"):
+        done = run(command, "--help", cwd=".")
+        assert "Example: pepper-kin" in done.stdout
+    assert pk.__version__ == "0.1.0"

@@ -1,0 +1,183 @@
+"""Targets out of reach: the closest point, the status, and numbers in the report that hold."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import pepper_kin as pk
+from pepper_kin.ik import Status
+from pepper_kin.ik.solvers import SOLVERS
+
+PEPPER = pk.load_pepper()
+LEFT = [i for i, n in enumerate(PEPPER.joint_names) if n.startswith(("L", "Knee", "Hip"))]
+
+
+def hand_at(q):
+    return pk.kinematics.frame_pose(PEPPER, q, "LArm_effector")[:3, 3]
+
+
+def closest_distance(target, generator, starts=8):
+    """Least distance by a multi-start search of its own: SciPy's dogbox from the best of 2000 points."""
+
+    def configuration(x):
+        q = PEPPER.neutral()
+        q[LEFT] = x
+        return q
+
+    def slope(x):
+        return pk.kinematics.frame_jacobian(PEPPER, configuration(x), "LArm_effector")[:3, LEFT]
+
+    low, high = PEPPER.lower_limits[LEFT], PEPPER.upper_limits[LEFT]
+    points = generator.uniform(low, high, (250 * starts, len(LEFT)))
+    distances = [math.dist(hand_at(configuration(x)), target) for x in points]
+    chosen = [
+        group[np.argmin(np.take(distances, group))] for group in np.split(np.arange(len(points)), starts)
+    ]
+    return min(
+        np.sqrt(
+            2 * least_squares(
+                lambda x: hand_at(configuration(x)) - target, points[k], slope, (low, high),
+                method="dogbox", max_nfev=80,
+            ).cost
+        )
+        for k in chosen
+    )  # fmt: skip
+
+
+def unreachable_targets(count, generator):
+    """Points up to 3 m away, most of them beyond reach and some behind the robot or inside it."""
+    for _ in range(count):
+        direction = generator.normal(size=3)
+        yield [0, 0, 0.8] + direction / np.linalg.norm(direction) * generator.uniform(0.9, 3.0)
+
+
+def test_closest_point_is_the_closest():
+    generator = np.random.default_rng(21)
+    excess = []
+    for k, target in enumerate(unreachable_targets(20, generator)):
+        result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), solver=SOLVERS[k % 2])
+        assert result.status in (Status.CLOSEST_UNREACHABLE, Status.CLOSEST_LIMITS)
+        excess.append(math.dist(hand_at(result.q), target) - closest_distance(target, generator))
+    assert np.mean(np.array(excess) < 5e-3) >= 0.95, excess
+
+
+def test_status_solved():
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (0.4, 0.25, 0.9)))
+    assert result.status is Status.SOLVED
+    assert result.success
+    assert result.report().startswith("solved: every task is met\nleft hand: error ")
+    assert result.blocking_limits == ()
+    assert result.clearance is None
+    assert result.in_collision is None
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_status_unreachable_and_its_report(solver):
+    target = np.array([0.9, 0.6, 1.2])
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), solver=solver)
+    assert result.status is Status.CLOSEST_UNREACHABLE
+    assert not result.success
+    assert "even without joint limits" in result.advice
+    hand = hand_at(result.q)
+    distance = math.dist(hand, target)
+    assert result.errors[0].value == pytest.approx(distance)
+    report = result.report()
+    stated = re.search(r"left hand stops ([\d.]+) cm short of \(0.900, 0.600, 1.200\)", report)
+    assert stated is not None, report
+    assert float(stated[1]) == pytest.approx(100 * distance, abs=0.051)
+    point = re.search(r"nearest reachable point \((.*?), (.*?), (.*?)\)", report)
+    assert point is not None, report
+    np.testing.assert_allclose([float(x) for x in point.groups()], hand, atol=5.1e-4)
+    assert result.advice in report
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_status_limits_and_their_names(solver):
+    """The hand behind the back: the arm is long enough, the elbow and shoulder do not turn so far."""
+    result = pk.ik.solve(
+        PEPPER, pk.ik.HandPosition("left", (-0.15, 0.05, 0.9)), joints="left_arm", solver=solver
+    )
+    assert result.status is Status.CLOSEST_LIMITS
+    assert result.blocking_limits
+    assert set(result.blocking_limits) <= set(result.active_limits)
+    for name in result.active_limits:
+        i = PEPPER.joint_index(name)
+        at = min(result.q[i] - PEPPER.lower_limits[i], PEPPER.upper_limits[i] - result.q[i])
+        assert at < 1e-4
+    gradient = pk.kinematics.frame_jacobian(PEPPER, result.q, "LArm_effector")[:3].T @ (
+        hand_at(result.q) - (-0.15, 0.05, 0.9)
+    )
+    for name in result.blocking_limits:
+        i = PEPPER.joint_index(name)
+        at_upper = PEPPER.upper_limits[i] - result.q[i] < 1e-4
+        assert (gradient[i] < 0) == at_upper
+        assert name in result.report()
+    assert re.search(r"short of .*: .* at (its|their) limits?; nearest reachable point", result.report())
+
+
+def test_hint_that_more_joints_would_help():
+    q = PEPPER.joint_vector({"HipPitch": -0.9, "LShoulderPitch": -0.2, "LElbowRoll": -0.1})
+    target = hand_at(q)
+    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target)).success
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), joints="left_arm")
+    assert not result.success
+    assert result.hint == "with all joints free it would be reached"
+    assert result.hint in result.report()
+
+
+def test_posture_beyond_the_limits_is_blocked_by_limits():
+    result = pk.ik.solve(PEPPER, pk.ik.JointPosture((1.0,), joints=("KneePitch",)))
+    assert result.status is Status.CLOSEST_LIMITS
+    assert result.blocking_limits == ("KneePitch",)
+    assert result.q[PEPPER.joint_index("KneePitch")] == PEPPER.upper_limits[0]
+    assert "KneePitch stops at 0.5149 rad, short of 1.0000 rad" in result.report()
+
+
+def test_pose_reports_its_parts_apart():
+    """A turned hand at a far point: the result says which part was met."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.diag([-1.0, -1.0, 1.0]), (0.35, 0.2, 0.9)
+    result = pk.ik.solve(PEPPER, pk.ik.HandPose("left", pose, weight=10.0, orientation_weight=0.05))
+    assert [error.unit for error in result.errors] == ["m", "rad"]
+    assert not result.errors[1].met
+    assert "left hand is turned" in result.report()
+
+
+def test_status_timed_out_still_answers():
+    target = (1.5, 0.5, 1.2)
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), timeout=1e-9)
+    assert result.status is Status.TIMED_OUT
+    assert "Time ran out" in result.report()
+    np.testing.assert_array_equal(result.q, PEPPER.neutral())
+    longer = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), timeout=60.0)
+    assert longer.status is Status.CLOSEST_UNREACHABLE
+    assert longer.errors[0].value < result.errors[0].value
+
+
+def test_torque_use_is_that_of_gravity():
+    for target in ((0.4, 0.25, 0.9), (1.2, 0.3, 0.2)):
+        result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target))
+        torque = pk.dynamics.newton_euler(PEPPER, result.q, np.zeros(15), np.zeros(15))
+        ratios = np.abs(torque) / PEPPER.effort_limits
+        assert result.torque_use.ratio == pytest.approx(ratios.max(), abs=1e-6)
+        assert result.torque_use.joint == PEPPER.joint_names[int(ratios.argmax())]
+        assert f"{100 * ratios.max():.0f} %" in result.report()
+        assert ("cannot hold" in result.report()) == (ratios.max() > 1)
+
+
+def test_holdable_postures_are_preferred():
+    """Of random reachable targets, nearly all that some restart can hold are held."""
+    generator = np.random.default_rng(5)
+    overloaded = 0
+    for _ in range(40):
+        q = generator.uniform(PEPPER.lower_limits, PEPPER.upper_limits)
+        result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", hand_at(q)))
+        overloaded += result.torque_use.ratio > 1
+    assert overloaded <= 8
+
+
+def test_every_status_has_advice_of_its_own():
+    assert len({status.advice for status in Status}) == len(Status) == 5

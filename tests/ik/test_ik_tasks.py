@@ -1,0 +1,162 @@
+"""Tasks: residuals by their definition, Jacobians by finite differences, refusals by name."""
+
+import math
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.ik.tasks.direction import direction_residual, sideways_basis
+from pepper_kin.model.shapes import rotation_rpy, transform
+
+MODELS = [("fixed", "locked"), ("planar", "mimic")]
+
+TASKS = {
+    "position": pk.ik.FramePosition("l_wrist", (0.3, 0.2, 0.9)),
+    "hand position": pk.ik.HandPosition("right", (0.3, -0.2, 0.9), weight=2.0),
+    "orientation": pk.ik.FrameOrientation("torso", rotation_rpy(0.4, -0.3, 0.2)),
+    "alignment": pk.ik.AxisAlignment("l_wrist", (0.3, 0.2, 1.0), axis=(0.1, 0.9, 0.3)),
+    "point": pk.ik.Point("left", (1.0, 0.5, 0.2)),
+    "look at": pk.ik.LookAt((0.8, 0.3, 0.7)),
+    "look at, near": pk.ik.LookAt((0.2, 0.05, 1.0), camera="CameraBottom_frame"),
+    "look at, optical": pk.ik.LookAt((0.8, 0.3, 0.7), camera="CameraDepth_optical_frame"),
+    "look behind": pk.ik.LookAt((-2.0, 0.3, 1.2)),
+    "joints": pk.ik.JointPosture((0.1, -0.3), joints=("HeadYaw", "LElbowRoll")),
+}
+
+
+def random_states(pepper, count, seed):
+    low, high = np.maximum(pepper.lower_limits, -3), np.minimum(pepper.upper_limits, 3)
+    return np.random.default_rng(seed).uniform(low, high, (count, pepper.n))
+
+
+@pytest.mark.parametrize("model", MODELS, ids="-".join)
+@pytest.mark.parametrize("name", TASKS)
+def test_jacobian_is_the_derivative_of_the_residual(name, model):
+    pepper, task, step = pk.load_pepper(*model), TASKS[name], 1e-6
+    for q in random_states(pepper, 8, 1):
+        columns = [
+            (task.residual(pepper, q + d) - task.residual(pepper, q - d)) / (2 * step)
+            for d in step * np.eye(pepper.n)
+        ]
+        jacobian = task.jacobian(pepper, q)
+        assert jacobian.shape == (task.residual(pepper, q).size, pepper.n)
+        np.testing.assert_allclose(jacobian, np.transpose(columns), atol=2e-7)
+
+
+def test_whole_posture_jacobian():
+    pepper = pk.load_pepper()
+    task = pk.ik.JointPosture(pepper.posture("Crouch"))
+    np.testing.assert_array_equal(task.jacobian(pepper, pepper.neutral()), np.eye(pepper.n))
+    deviation = np.abs(pepper.neutral() - pepper.posture("Crouch")).max()
+    assert task.error(pepper, pepper.neutral()) == pytest.approx(deviation)
+
+
+def test_errors_by_plain_geometry():
+    pepper = pk.load_pepper()
+    for q in random_states(pepper, 10, 2):
+        hand = pk.kinematics.frame_pose(pepper, q, "LArm_effector")
+        camera = pk.kinematics.frame_pose(pepper, q, "CameraTop_frame")
+        point = np.array([0.4, 0.3, 0.8])
+        assert pk.ik.HandPosition("left", point).error(pepper, q) == pytest.approx(
+            math.dist(point, hand[:3, 3])
+        )
+        line = point - camera[:3, 3]
+        cosine = line @ camera[:3, 0] / np.linalg.norm(line)
+        assert pk.ik.LookAt(point).error(pepper, q) == pytest.approx(math.acos(cosine), abs=1e-7)
+        cosine = hand[:3, 0] @ (0.6, 0.0, 0.8)
+        assert pk.ik.Point("left", (3, 0, 4)).error(pepper, q) == pytest.approx(math.acos(cosine), abs=1e-7)
+        target = rotation_rpy(0.2, 0.5, -0.4)
+        cosine = (np.trace(hand[:3, :3].T @ target) - 1) / 2
+        task = pk.ik.FrameOrientation("LArm_effector", target)
+        assert task.error(pepper, q) == pytest.approx(math.acos(cosine), abs=1e-7)
+
+
+def test_direction_residual_grows_up_to_a_half_turn():
+    axis = np.array([1.0, 0.0, 0.0])
+    basis = sideways_basis(axis)
+    angles = np.concatenate([[0.0, 1e-9, 1e-4, 9.9e-4, 1.1e-3], np.linspace(0.01, math.pi - 1e-5, 50)])
+    for angle in angles:
+        direction = np.array([math.cos(angle), math.sin(angle) * 0.6, math.sin(angle) * 0.8])
+        residual, slope = direction_residual(axis, basis, direction)
+        assert np.linalg.norm(residual) == pytest.approx(angle, abs=1e-9)
+        assert np.isfinite(slope).all()
+    residual, slope = direction_residual(axis, basis, -axis)
+    assert np.linalg.norm(residual) == pytest.approx(math.pi, abs=1e-6)
+    assert np.isfinite(slope).all()
+    assert np.abs(slope.T @ residual).max() > 0.1
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.48, 0.6, -0.64)])
+def test_sideways_basis_is_orthonormal(axis):
+    frame = np.vstack([axis, sideways_basis(np.array(axis, dtype=float))])
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
+
+
+def test_hand_tasks_act_on_the_effectors():
+    assert pk.ik.HandPosition("left", (0, 0, 0)).frame == "LArm_effector"
+    assert pk.ik.Point("right", (1, 0, 0)).frame == "RArm_effector"
+    pose = pk.ik.HandPose("right", transform((0.1, 0.2, 0.3), (0.1, 0.2, 0.3)))
+    assert pose.frame == "RArm_effector"
+    assert [part.unit for part in pose.parts] == ["m", "rad"]
+
+
+def test_targets_are_copies_and_read_only():
+    point, pose, matrix = np.array([0.3, 0.2, 0.9]), transform((0.3, 0.2, 0.9)), np.eye(3)
+    tasks = [
+        pk.ik.HandPosition("left", point),
+        pk.ik.LookAt(point),
+        pk.ik.HandPose("left", pose),
+        pk.ik.FrameOrientation("torso", matrix),
+    ]
+    before = [task.target.copy() for task in tasks]
+    point[:], pose[:], matrix[:] = 7, 7, 7
+    for task, target in zip(tasks, before, strict=True):
+        np.testing.assert_array_equal(task.target, target)
+        with pytest.raises(ValueError, match="read-only"):
+            task.target[0] = 1.0
+        with pytest.raises(AttributeError):
+            task.target = target
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: pk.ik.HandPosition("left", (0.1, math.nan, 0)), ["target of left hand", "nan", "finite"]),
+        (lambda: pk.ik.HandPosition("left", (0.1, math.inf, 0)), ["target of left hand", "inf", "finite"]),
+        (lambda: pk.ik.HandPosition("left", (0.1, 0.2)), ["target of left hand", "(2,)", "(3,)"]),
+        (lambda: pk.ik.HandPosition("left", "there"), ["target of left hand", "'there'", "numbers"]),
+        (lambda: pk.ik.LookAt((math.nan, 0, 0)), ["point of gaze of CameraTop_frame", "nan"]),
+        (lambda: pk.ik.Point("left", (0, 0, 0)), ["direction of left hand", "not zero"]),
+        (lambda: pk.ik.AxisAlignment("torso", (1, 0, 0), axis=(0, 0)), ["axis of torso", "(3,)"]),
+        (lambda: pk.ik.FrameOrientation("torso", np.ones((3, 3))), ["orientation of torso", "orthonormal"]),
+        (lambda: pk.ik.FrameOrientation("torso", np.diag([1, 1, -1])), ["right-handed"]),
+        (lambda: pk.ik.FramePose("torso", np.ones((4, 4))), ["target of torso", "last row"]),
+        (lambda: pk.ik.LookAt((1, 0, 1), weight=0), ["weight of gaze", "above 0"]),
+        (lambda: pk.ik.LookAt((1, 0, 1), weight=math.inf), ["weight of gaze", "finite"]),
+        (lambda: pk.ik.LookAt((1, 0, 1), tolerance=-1), ["tolerance of gaze", "above 0 [rad]"]),
+        (lambda: pk.ik.LookAt((1, 0, 1), tolerance=math.nan), ["tolerance of gaze", "nan"]),
+        (lambda: pk.ik.JointPosture((0.1, 0.2), joints=("HeadYaw",)), ["posture", "(2,)", "(1,)"]),
+        (lambda: pk.ik.JointPosture((1, 1), joints=("HeadYaw", "HeadYaw")), ["joints of posture", "once"]),
+    ],
+)
+def test_bad_numbers_are_refused_by_name(make, words):
+    with pytest.raises(InvalidValueError) as caught:
+        make()
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_unknown_names_are_refused_with_what_there_is():
+    pepper = pk.load_pepper()
+    with pytest.raises(UnknownNameError, match="unknown hand 'middle'; available: left, right"):
+        pk.ik.HandPosition("middle", (0, 0, 0))
+    with pytest.raises(UnknownNameError, match=r"unknown frame 'nose'; available: .*CameraTop_frame"):
+        pk.ik.solve(pepper, [pk.ik.FramePosition("nose", (0, 0, 1))])
+    with pytest.raises(UnknownNameError, match="unknown frame 'eye'"):
+        pk.ik.solve(pepper, [pk.ik.LookAt((1, 0, 1), camera="eye")])
+    with pytest.raises(UnknownNameError, match=r"unknown joint 'LHand'; available: KneePitch"):
+        pk.ik.solve(pepper, [pk.ik.JointPosture((0.5,), joints=("LHand",))])
+    with pytest.raises(InvalidValueError, match=r"posture: got shape \(3,\), expected shape \(..., 15\)"):
+        pk.ik.solve(pepper, [pk.ik.JointPosture((0.5, 0.1, 0.2))])

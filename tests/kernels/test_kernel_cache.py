@@ -1,0 +1,187 @@
+"""Kernels kept on disk: found again, never trusted when damaged, safe with several writers."""
+
+import logging
+import multiprocessing
+import os
+import stat
+import subprocess
+import sys
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from pepper_kin.kernels import cache_folder, clear_cache, compile_function
+
+POINTS = np.linspace(-2, 2, 30).reshape(10, 3)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("PEPPER_KIN_CACHE", str(tmp_path / "kept" / "kernels"))
+    return tmp_path / "kept" / "kernels"
+
+
+def make_function(factor=2.0):
+    x = ca.SX.sym("x", 3)
+    return ca.Function("f", [x], [factor * ca.sin(x) + x[0]], ["x"], ["y"])
+
+
+def wanted(factor=2.0):
+    return factor * np.sin(POINTS) + POINTS[:, :1]
+
+
+def files(folder):
+    return sorted(folder.glob("*"))
+
+
+def test_second_time_is_read_from_the_cache(folder):
+    first, second = compile_function(make_function()), compile_function(make_function())
+    assert (first.from_cache, second.from_cache) == (False, True)
+    assert first.signature == second.signature
+    assert (first.work_size, first.lanes, first.flop_count) == (
+        second.work_size,
+        second.lanes,
+        second.flop_count,
+    )
+    np.testing.assert_array_equal(first(POINTS), second(POINTS))
+    np.testing.assert_allclose(second(POINTS), wanted(), rtol=1e-14, atol=1e-14)
+    assert cache_folder() == folder
+    assert len(files(folder)) == 1
+
+
+def test_another_process_reads_what_this_one_wrote(folder):
+    expected = compile_function(make_function())(POINTS)
+    program = """
+import sys, numpy as np, casadi as ca
+from pepper_kin.kernels import compile_function
+x = ca.SX.sym("x", 3)
+kernel = compile_function(ca.Function("f", [x], [2.0 * ca.sin(x) + x[0]], ["x"], ["y"]))
+assert kernel.from_cache
+sys.stdout.buffer.write(kernel(np.linspace(-2, 2, 30).reshape(10, 3)).tobytes())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    np.testing.assert_array_equal(np.frombuffer(done.stdout).reshape(10, 3), expected)
+
+
+def test_each_expression_and_format_has_its_own_file(folder):
+    for factor in (2.0, 2.0000000000000004):
+        for dtype in ("float64", "float32"):
+            assert not compile_function(make_function(factor), dtype=dtype).from_cache
+    assert len(files(folder)) == 4
+
+
+def test_named_kernel_needs_no_expression_the_second_time(folder):
+    calls = []
+
+    def build():
+        calls.append(1)
+        return make_function()
+
+    first = compile_function(build, key="f, factor 2")
+    second = compile_function(build, key="f, factor 2")
+    assert len(calls) == 1
+    assert second.from_cache
+    np.testing.assert_array_equal(first(POINTS), second(POINTS))
+    assert not compile_function(build, key="something else").from_cache
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"",
+        lambda data: data[:20],
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:-1],
+        lambda data: data + b"x",
+        lambda data: data[:-700] + bytes([data[-700] ^ 1]) + data[-699:],
+        lambda data: b"\x00" * len(data),
+        lambda data: bytes([data[0] ^ 255]) + data[1:],
+    ],
+    ids=["empty", "no body", "half", "one short", "one more", "flipped bit", "zeros", "checksum"],
+)
+def test_damaged_file_is_compiled_anew_and_replaced(folder, damage):
+    compile_function(make_function())
+    (path,) = files(folder)
+    whole = path.read_bytes()
+    path.write_bytes(damage(whole))
+    kernel = compile_function(make_function())
+    assert not kernel.from_cache
+    np.testing.assert_allclose(kernel(POINTS), wanted(), rtol=1e-14, atol=1e-14)
+    assert compile_function(make_function()).from_cache
+
+
+def test_file_of_another_kernel_under_this_name_is_not_used(folder):
+    compile_function(make_function(2.0))
+    (two,) = files(folder)
+    compile_function(make_function(3.0))
+    (three,) = (path for path in files(folder) if path != two)
+    two.write_bytes(three.read_bytes())
+    kernel = compile_function(make_function(2.0))
+    assert not kernel.from_cache
+    np.testing.assert_allclose(kernel(POINTS), wanted(2.0), rtol=1e-14, atol=1e-14)
+
+
+def test_folder_that_cannot_be_made_means_no_cache(tmp_path, monkeypatch, caplog):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    monkeypatch.setenv("PEPPER_KIN_CACHE", str(blocked / "kernels"))
+    with caplog.at_level(logging.INFO, "pepper_kin.kernels"):
+        for _ in range(2):
+            kernel = compile_function(make_function())
+            assert not kernel.from_cache
+            np.testing.assert_allclose(kernel(POINTS), wanted(), rtol=1e-14, atol=1e-14)
+    assert "kernel not cached in" in caplog.text
+    assert blocked.read_text() == "not a folder"
+
+
+def test_cache_can_be_left_alone(folder):
+    assert not compile_function(make_function(), cache=False).from_cache
+    assert not folder.exists()
+
+
+def _compile_and_evaluate(barrier, queue):
+    barrier.wait()
+    queue.put(compile_function(make_function())(POINTS))
+
+
+def test_concurrent_writers_leave_one_good_file(folder):
+    context = multiprocessing.get_context("spawn")
+    barrier, queue = context.Barrier(3), context.Queue()
+    workers = [context.Process(target=_compile_and_evaluate, args=(barrier, queue)) for _ in range(3)]
+    for worker in workers:
+        worker.start()
+    results = [queue.get(timeout=60) for _ in workers]
+    for worker in workers:
+        worker.join(timeout=60)
+        assert worker.exitcode == 0
+    for result in results:
+        np.testing.assert_allclose(result, wanted(), rtol=1e-14, atol=1e-14)
+    assert len(files(folder)) == 1
+    assert compile_function(make_function()).from_cache
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permission bits")
+def test_only_the_owner_can_look_into_the_folder(folder):
+    compile_function(make_function())
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+def test_clearing_removes_kernels_and_interrupted_writes_only(folder):
+    compile_function(make_function())
+    (folder / "abc.tmp").write_bytes(b"left behind")
+    (folder / "notes.txt").write_text("mine")
+    assert clear_cache() == 2
+    assert [path.name for path in files(folder)] == ["notes.txt"]
+    assert not compile_function(make_function()).from_cache
+
+
+def test_default_folder_follows_the_platform(monkeypatch):
+    monkeypatch.delenv("PEPPER_KIN_CACHE")
+    if sys.platform.startswith("linux"):
+        monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere/cache")
+        assert str(cache_folder()) == "/somewhere/cache/pepper_kin"
+        monkeypatch.delenv("XDG_CACHE_HOME")
+        monkeypatch.setenv("HOME", "/home/someone")
+        assert str(cache_folder()) == "/home/someone/.cache/pepper_kin"

@@ -1,0 +1,150 @@
+"""The independent examination of trajectories finds what is wrong with them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.trajectory import Trajectory, check
+from pepper_kin.trajectory.balance import balance_margin, support_polygon
+from pepper_kin.trajectory.time_law import slower
+
+
+@pytest.fixture(scope="module")
+def pepper():
+    return pk.load_pepper()
+
+
+@pytest.fixture(scope="module")
+def trajectory(pepper):
+    q = pepper.posture("Stand")
+    goal = pepper.joint_vector({"LShoulderPitch": 0.6, "LElbowYaw": -0.4, "HeadYaw": 0.5, "HipPitch": -0.15})
+    return pk.retime(pepper, [q, goal])
+
+
+def changed(trajectory, coefficients):
+    return Trajectory(trajectory.joint_names, trajectory.breaks, coefficients, trajectory.joint_units)
+
+
+def test_retimed_trajectory_passes(pepper, trajectory):
+    found = trajectory.check(pepper)
+    assert found.ok, found.report()
+    assert found.failures == ()
+    assert "passes every check" in found.report()
+    assert "clearance: not examined" in found.report()
+    assert max(found.velocity.use.max(), found.acceleration.use.max(), found.torque.use.max()) > 0.999
+    assert json.loads(json.dumps(found.as_dict()))["torque"]["joints"]["KneePitch"]["unit"] == "N m"
+
+
+def test_margins_agree_with_samples(pepper, trajectory):
+    found = check(pepper, trajectory)
+    at = trajectory.sample(0.001)
+    j = pepper.joint_index("LShoulderPitch")
+    assert found.velocity.margin[j] == pytest.approx(
+        pepper.velocity_limits[j] - np.abs(at.velocity[:, j]).max(), abs=0.03
+    )
+    torque = pk.dynamics.inverse_dynamics(pepper, *trajectory(found.torque.time[0]))
+    assert found.torque.value[0] == pytest.approx(torque[0], abs=0.5)  # either side of a knot
+    zmp = pk.dynamics.zero_moment_point(pepper, at.position, at.velocity, at.acceleration)
+    assert np.all(zmp[:, 0] < 0.09)
+    assert found.balance.value <= (0.09 - zmp[:, 0]).min() + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("factor", "failures"), [(0.7, ("velocity", "acceleration")), (0.97, ("acceleration",)), (1.0, ())]
+)
+def test_a_faster_one_fails(pepper, factor, failures):
+    q = pepper.posture("Stand")
+    goal = q - 2.0 * (np.arange(pepper.n) == pepper.joint_index("LShoulderPitch"))
+    assert slower(pk.retime(pepper, [q, goal]), factor).check(pepper).failures == failures
+
+
+def test_excess_is_named_with_joint_and_time(pepper, trajectory):
+    coefficients = np.array(trajectory.coefficients)
+    coefficients[:, 0, pepper.joint_index("HeadPitch")] += 1.0
+    found = changed(trajectory, coefficients).check(pepper)
+    assert found.failures == ("position",)
+    assert found.position.joint_names[found.position.worst] == "HeadPitch"
+    assert "position: HeadPitch reaches" in found.report()
+    assert "OUTSIDE [-0.7069, 0.637]" in found.report()
+    assert found.report().startswith("Trajectory of")
+    assert "fails: position." in found.report()
+
+
+def test_jumps_are_found(pepper, trajectory):
+    half = trajectory.breaks.size // 2
+    coefficients = np.array(trajectory.coefficients)
+    coefficients[half:, 0, 3] += 0.01
+    found = changed(trajectory, coefficients).check(pepper)
+    assert found.failures == ("position_continuity",)
+    assert found.position_continuity.value == pytest.approx(0.01)
+    assert found.position_continuity.time == trajectory.breaks[half]
+    assert "(HeadYaw)" in found.position_continuity.sentence()
+    coefficients = np.array(trajectory.coefficients)
+    coefficients[-1, 1, 4] += 0.02
+    assert "velocity_continuity" in changed(trajectory, coefficients).check(pepper).failures
+
+
+def test_torque_is_examined_where_retiming_left_it_out(pepper):
+    q = pepper.posture("Stand")
+    bent = pepper.joint_vector({"KneePitch": -0.5, "HipPitch": -1.03})
+    found = pk.retime(pepper, [q, bent], torque=False).check(pepper)
+    assert "torque" in found.failures
+    assert found.torque.joint_names[found.torque.worst] == "KneePitch"
+
+
+def test_support_polygon_is_the_published_triangle(pepper):
+    np.testing.assert_allclose(
+        support_polygon(pepper), [[0.09, 0.155], [-0.17, 0], [0.09, -0.155]], atol=1e-9
+    )
+    robot = pk.load_pepper(base="planar")
+    np.testing.assert_allclose(support_polygon(robot), support_polygon(pepper), atol=1e-9)
+
+
+def test_balance_follows_a_moved_base(pepper):
+    robot = pk.load_pepper(base="planar")
+    q = pepper.posture("Stand")
+    still = np.zeros((1, pepper.n))
+    here = balance_margin(pepper, support_polygon(pepper), q[None], still, still)
+    moved = np.concatenate([[3.0, -2.0, 1.1], q])[None]
+    there = balance_margin(robot, support_polygon(robot), moved, 0 * moved, 0 * moved)
+    np.testing.assert_allclose(there, here, atol=1e-9)
+    com = pk.dynamics.center_of_mass(pepper, q)[:2]
+    edges = [0.09 - com[0]]
+    direction = np.array([0.26, 0.155]) / np.hypot(0.26, 0.155)
+    for side in (1, -1):
+        offset = com - [-0.17, 0.0]
+        edges.append(abs(offset[0] * direction[1] * side - offset[1] * direction[0]))
+    np.testing.assert_allclose(here, min(edges), atol=1e-9)
+
+
+def test_tipping_is_found(pepper):
+    lean = pepper.joint_vector({"KneePitch": 0.5, "HipPitch": 0.2})  # far backward
+    found = pk.retime(pepper, [lean, lean + 0.01], torque=False).check(pepper)
+    assert "balance" in found.failures
+    assert "VIOLATED" in found.balance.sentence()
+
+
+def test_clearance_in_a_scene(pepper, trajectory):
+    free = trajectory.check(pepper, pk.Scene())
+    assert free.clearance.value > 0
+    hand = pk.kinematics.frame_pose(pepper, trajectory(0.5 * trajectory.duration).position, "l_wrist")[:3, 3]
+    blocked = trajectory.check(pepper, pk.Scene().add_sphere("ball", radius=0.01, position=hand))
+    assert blocked.failures == ("clearance",)
+    assert "ball" in blocked.clearance.sentence()
+
+
+def test_other_robots_have_no_wheels_to_stand_on(pepper, trajectory):
+    text = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/>
+      <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="J" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
+    </robot>"""
+    robot = pk.load_robot(text)
+    found = Trajectory(("J",), [0, 1], [[[0.0], [1.0]]]).check(robot)
+    assert found.ok
+    assert found.balance is None
+    assert "velocity: no joint has a limit" in found.report()
+    with pytest.raises(InvalidValueError, match=r"joints of the trajectory: got KneePitch, .* expected J"):
+        trajectory.check(robot)

@@ -1,0 +1,210 @@
+"""CSV files: exact round trips, atomic writing, and each way a file can be wrong."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin import atomic_file
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
+from pepper_kin.trajectory import Trajectory, read_columns, read_csv, read_table, write_csv, write_table
+
+
+@pytest.fixture(scope="module")
+def pepper():
+    return pk.load_pepper()
+
+
+@pytest.fixture(scope="module")
+def trajectory(pepper):
+    q = pepper.posture("Stand")
+    return pk.retime(pepper, [q, q + 0.1 * (np.arange(pepper.n) % 3 == 2)])
+
+
+@pytest.fixture
+def good(tmp_path):
+    return write_table(tmp_path / "t.csv", {"time": [0, 1, 2], "A.position": [0.1, 1 / 3, 1e-300]})
+
+
+def test_round_trip_keeps_every_sample(pepper, trajectory, tmp_path):
+    path = write_csv(tmp_path / "trajectory.csv", trajectory, dt=0.013)
+    for again in (read_csv(path), read_csv(path, pepper)):
+        samples = trajectory.sample(0.013)
+        assert again.duration == trajectory.duration
+        assert again.joint_names == trajectory.joint_names
+        for ours, theirs in zip(again(samples.time), trajectory(samples.time), strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-9)
+        between = np.linspace(0, trajectory.duration, 997)
+        np.testing.assert_allclose(again(between).position, trajectory(between).position, atol=2e-4)
+
+
+def test_second_round_trip_is_exact(trajectory, tmp_path):
+    first = write_csv(tmp_path / "a.csv", trajectory)
+    table = read_table(first)
+    again = write_table(tmp_path / "b.csv", table)
+    assert again.read_bytes() == first.read_bytes()
+
+
+def test_header_and_companion(trajectory, tmp_path):
+    path = write_csv(tmp_path / "trajectory.csv", trajectory)
+    names = trajectory.joint_names
+    header = path.read_text().splitlines()[0].split(",")
+    kinds = ("position", "velocity", "acceleration")
+    assert header == ["time", *(f"{name}.{kind}" for kind in kinds for name in names)]
+    columns = json.loads((tmp_path / "columns.json").read_text())
+    assert list(columns) == header
+    assert columns["time"] == {"unit": "s", "quantity": "time", "joint": None}
+    assert columns["HeadYaw.velocity"] == {"unit": "rad/s", "quantity": "velocity", "joint": "HeadYaw"}
+
+
+def test_tables_of_one_folder_share_the_companion(tmp_path):
+    write_table(tmp_path / "a.csv", {"time": [0.0], "A.position": [1.0]})
+    write_table(tmp_path / "b.csv", {"time": [0.0], "B.torque": [1.0]}, {"B": "m"})
+    columns = read_columns(tmp_path / "columns.json")
+    assert set(columns) == {"time", "A.position", "B.torque"}
+    assert columns["B.torque"]["unit"] == "N"
+
+
+def test_metres_come_back(tmp_path):
+    slide = Trajectory(("X", "R"), [0, 1], np.ones((1, 3, 2)), ("m", "rad"))
+    assert read_csv(write_csv(tmp_path / "x.csv", slide, 0.5)) == slide
+
+
+def test_numbers_survive_exactly(good):
+    np.testing.assert_array_equal(read_table(good)["A.position"], [0.1, 1 / 3, 1e-300])
+
+
+@pytest.mark.parametrize(
+    ("change", "line", "message"),
+    [
+        (lambda t: t[:-1], 4, "is truncated: its last line has no end"),
+        (lambda t: t.replace("1.0,0.3333333333333333", "1.0"), 3, "1 values for 2 columns"),
+        (lambda t: t.replace("1e-300", "nan"), 4, "A.position is 'nan', expected a finite number"),
+        (lambda t: t.replace("1e-300", "inf"), 4, "A.position is 'inf', expected a finite number"),
+        (lambda t: t.replace("1e-300", "one"), 4, "A.position is 'one', expected a finite number"),
+        (lambda t: t.replace("2.0,", "1.0,"), 4, "time 1.0 does not come after 1.0 of the line before"),
+        (lambda t: t.replace("A.position", "A.colour"), 1, "unknown column 'A.colour'"),
+        (lambda t: t.replace("A.position", "position"), 1, "unknown column 'position'"),
+        (lambda t: t.replace("A.position", "A.position,A.position"), 1, "column 'A.position' occurs twice"),
+        (lambda t: "x,y\n1,2\n", 1, "is no table: its first line does not begin with 'time'"),
+        (lambda t: "", 1, "is no table"),
+        (lambda t: "time,A.position\n", 1, "has no line of numbers"),
+    ],
+)
+def test_wrong_tables_are_refused_by_line(good, change, line, message):
+    good.write_text(change(good.read_text()))
+    with pytest.raises(FileFormatError) as caught:
+        read_table(good)
+    assert caught.value.line == line
+    assert str(good) in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_columns_other_than_expected(good):
+    for expected, message in [
+        (["time", "A.position", "B.position"], "column 'B.position' is missing"),
+        (["time"], "unknown column 'A.position'"),
+    ]:
+        with pytest.raises(FileFormatError, match=message):
+            read_table(good, expected)
+
+
+def test_reordered_trajectory_columns(pepper, trajectory, tmp_path):
+    path = write_csv(tmp_path / "trajectory.csv", trajectory)
+    text = path.read_text()
+    path.write_text(
+        text.replace("KneePitch.velocity,HipPitch.velocity", "HipPitch.velocity,KneePitch.velocity")
+    )
+    with pytest.raises(
+        FileFormatError, match=r"another order: 'HipPitch.velocity' where 'KneePitch.velocity'"
+    ):
+        read_csv(path)
+    swapped = text.split("\n", 1)[0].replace("KneePitch", "#").replace("HipPitch", "KneePitch")
+    path.write_text(swapped.replace("#", "HipPitch") + "\n" + text.split("\n", 1)[1])
+    with pytest.raises(
+        FileFormatError, match=r"another order: 'HipPitch.position' where 'KneePitch.position'"
+    ):
+        read_csv(path, pepper)
+    assert read_csv(path).joint_names[0] == "HipPitch"
+
+
+def test_tables_that_are_no_trajectory(tmp_path):
+    columns = {f"A.{q}": [0.0, 1.0] for q in ("position", "velocity", "acceleration")}
+    late = write_table(tmp_path / "late.csv", {"time": [1.0, 2.0], **columns})
+    with pytest.raises(FileFormatError, match=r"late.csv:2: time begins at .*1.0.*, expected 0"):
+        read_csv(late)
+    short = write_table(tmp_path / "short.csv", {"time": [0.0], **{k: v[:1] for k, v in columns.items()}})
+    with pytest.raises(FileFormatError, match="one line of numbers makes no trajectory"):
+        read_csv(short)
+    torque = write_table(tmp_path / "torque.csv", {"time": [0.0, 1.0], "A.torque": [0.0, 0.0]})
+    with pytest.raises(FileFormatError, match=r"unknown column 'A.torque'"):
+        read_csv(torque)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(FileFormatError, match=r"none.csv: cannot be read: No such file"):
+        read_csv(tmp_path / "none.csv")
+    (tmp_path / "binary.csv").write_bytes(b"time,\xff\xfe\n")
+    with pytest.raises(FileFormatError, match="is not text in UTF-8"):
+        read_csv(tmp_path / "binary.csv")
+
+
+@pytest.mark.parametrize(
+    ("columns", "error", "message"),
+    [
+        ({"A.position": [0.0]}, InvalidValueError, "'time' as the first column"),
+        ({"time": [0.0, 0.0]}, InvalidValueError, "times that rise"),
+        ({"time": [0.0], "A.position": [np.nan]}, InvalidValueError, "A.position: got nan"),
+        ({"time": [0.0], "A.position": [0.0, 1.0]}, InvalidValueError, "A.position: got shape"),
+        ({"time": [0.0], "A": [0.0]}, InvalidValueError, "'<joint>.<quantity>'"),
+        ({"time": [0.0], "A,B.position": [0.0]}, InvalidValueError, "without commas"),
+        ({"time": [0.0], "A.mood": [0.0]}, UnknownNameError, "unknown quantity 'mood'; available: position"),
+    ],
+)
+def test_wrong_columns_are_not_written(tmp_path, columns, error, message):
+    with pytest.raises(error, match=message):
+        write_table(tmp_path / "t.csv", columns)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_foreign_companion_is_kept(tmp_path):
+    (tmp_path / "columns.json").write_text('{"mine": 1}')
+    with pytest.raises(FileFormatError, match=r"columns.json: does not map columns"):
+        write_table(tmp_path / "t.csv", {"time": [0.0]})
+    assert [p.name for p in tmp_path.iterdir()] == ["columns.json"]
+    (tmp_path / "columns.json").write_text("{\n oops")
+    with pytest.raises(FileFormatError, match=r"columns.json:2: is not JSON"):
+        read_columns(tmp_path / "columns.json")
+
+
+def test_failed_write_leaves_nothing(tmp_path, monkeypatch):
+    target = tmp_path / "t.txt"
+    atomic_file.write_text(target, "old")
+
+    def fail(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(FileFormatError, match="cannot be written: No space left on device"):
+        atomic_file.write_text(target, "new")
+    assert target.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["t.txt"]
+
+
+def test_places_that_cannot_be_written(tmp_path):
+    with pytest.raises(FileFormatError, match=r"nowhere/t.txt: cannot be written: No such file"):
+        atomic_file.write_text(tmp_path / "nowhere" / "t.txt", "x")
+    with pytest.raises(FileFormatError, match="it is a folder"):
+        atomic_file.write_text(tmp_path, "x")
+
+
+def test_permissions_are_the_usual_ones(tmp_path):
+    plain = tmp_path / "plain"
+    plain.write_text("x")
+    ours = atomic_file.write_text(tmp_path / "ours", "x")
+    assert ours.stat().st_mode == plain.stat().st_mode
+    ours.chmod(0o600)
+    atomic_file.write_bytes(ours, b"y")
+    assert ours.stat().st_mode & 0o777 == 0o600

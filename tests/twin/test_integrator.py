@@ -1,0 +1,339 @@
+"""The integrator: closed forms, fitted order, energy, saturation, stops, coupled hands."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.twin import ActuatorParameters, Integrator, actuator_parameters
+
+PENDULUM = """
+<robot name="pendulum">
+  <link name="world"/>
+  <link name="arm"><inertial><origin xyz="0 0 -0.4"/><mass value="2"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="J" type="revolute"><parent link="world"/><child link="arm"/><axis xyz="{axis}"/>
+    <limit lower="-9" upper="{upper}" velocity="100" effort="1000"/></joint>
+</robot>"""
+INERTIA = 0.01 + 2 * 0.4**2
+WEIGHT = 2 * 9.81 * 0.4
+ZERO = np.zeros(1)
+
+
+def pendulum(axis="0 1 0", upper=9):
+    return pk.load_robot(PENDULUM.format(axis=axis, upper=upper))
+
+
+def servo(robot, stiffness=0.0, damping=0.0, torque_limit=np.inf):
+    return actuator_parameters(robot).changed(stiffness=stiffness, damping=damping, torque_limit=torque_limit)
+
+
+def roll(integrator, q, v, steps, q_ref=None, v_ref=None, forward=None, load=None):
+    n = len(q)
+    q_ref, v_ref = (np.zeros(n) if x is None else x for x in (q_ref, v_ref))
+    forward = np.zeros(n) if forward is None else forward
+    log = []
+    for _ in range(steps):
+        q, v, tau = integrator.step(q, v, q_ref, v_ref, forward, load)
+        log.append((q, v, tau))
+    return tuple(np.array(x) for x in zip(*log, strict=True))
+
+
+@pytest.mark.parametrize("ratio", [0.2, 1.0])
+def test_order_of_a_servo_under_gravity_is_one(ratio):
+    """Slope of the error over the timestep, against an integrator of order 8."""
+    robot = pendulum()
+    kp, kd = 40.0, 2 * ratio * np.sqrt(40.0 * INERTIA)
+    q_ref = np.array([1.0])
+
+    def slope(t, y):
+        return [y[1], (kp * (1.0 - y[0]) - kd * y[1] - WEIGHT * np.sin(y[0])) / INERTIA]
+
+    exact = solve_ivp(slope, (0, 0.4), [0.3, 0.0], method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    steps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4])
+    errors = []
+    for h in steps:
+        q, v, _ = roll(
+            Integrator(robot, h, servo(robot, kp, kd)), np.array([0.3]), ZERO, round(0.4 / h), q_ref
+        )
+        errors.append(np.hypot(q[-1, 0] - exact[0], v[-1, 0] - exact[1]))
+    order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert order == pytest.approx(1.0, abs=0.05)
+
+
+def test_order_for_the_whole_body_is_one():
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    soft = actuator_parameters(pepper)
+    soft = soft.changed(stiffness=soft.stiffness / 20, damping=soft.damping / 4, torque_limit=np.inf)
+    target = q + 0.1 * (-1.0) ** np.arange(pepper.n) * (np.arange(pepper.n) != 3)
+    target = np.clip(target, pepper.lower_limits + 0.1, pepper.upper_limits - 0.1)
+
+    def end(h):
+        return roll(Integrator(pepper, h, soft), q, np.zeros(15), round(0.064 / h), target)[0][-1]
+
+    best = 2 * end(2.5e-5) - end(5e-5)  # Richardson
+    steps = np.array([8e-4, 4e-4, 2e-4])
+    errors = [np.linalg.norm(end(h) - best) for h in steps]
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 3.0])
+def test_step_response_of_one_joint_is_the_closed_form(ratio):
+    robot = pendulum(axis="0 0 1")
+    kp, inertia = 50.0, 0.01
+    omega = np.sqrt(kp / inertia)
+    h = 1e-5
+    integrator = Integrator(robot, h, servo(robot, kp, 2 * ratio * omega * inertia))
+    q, _, _ = roll(integrator, ZERO, ZERO, 6000, np.array([1.0]))
+    t = h * np.arange(1, 6001)
+    root = np.sqrt(complex(ratio**2 - 1))
+    if ratio == 1.0:
+        exact = 1 - np.exp(-omega * t) * (1 + omega * t)
+    else:
+        a, b = omega * (-ratio + root), omega * (-ratio - root)
+        exact = (1 + (b * np.exp(a * t) - a * np.exp(b * t)) / (a - b)).real
+    np.testing.assert_allclose(q[:, 0], exact, atol=2e-3)
+
+
+def test_frictionless_swing_keeps_its_energy():
+    robot = pendulum()
+    integrator = Integrator(robot, 1e-3, servo(robot))
+    q, v, _ = roll(integrator, np.array([1.5]), ZERO, 60_000)
+    energy = INERTIA * v[:, 0] ** 2 / 2 + WEIGHT * (1 - np.cos(q[:, 0]))
+    start = WEIGHT * (1 - np.cos(1.5))
+    assert np.abs(energy / start - 1).max() < 0.01
+    first, last = energy[:6000].mean(), energy[-6000:].mean()
+    assert abs(last / first - 1) < 1e-4
+    assert np.abs(q).max() == pytest.approx(1.5, abs=0.01)
+
+
+def test_body_swinging_freely_keeps_its_energy():
+    """The mass matrix varies: drift and oscillation shrink with the step."""
+    pepper = pk.load_pepper()
+    limp = actuator_parameters(pepper).changed(stiffness=0, damping=0)
+    start = pepper.joint_vector({"LShoulderPitch": 0.5, "RShoulderPitch": 0.8, "LElbowRoll": -0.8})
+    free = [5, 10]
+    start[7::5] = 0.3
+    level = pk.dynamics.potential_energy(pepper, start)
+    spread = []
+    for h in (1e-3, 2.5e-4):
+        q, v, _ = roll(Integrator(pepper, h, limp), start, np.zeros(15), round(0.1 / h))
+        energy = pk.dynamics.kinetic_energy(pepper, q, v) + pk.dynamics.potential_energy(pepper, q)
+        assert np.all(q > pepper.lower_limits)
+        assert np.all(q < pepper.upper_limits)
+        spread.append(np.abs(energy - level).max() / pk.dynamics.kinetic_energy(pepper, q, v).max())
+        assert np.abs(v[-1, free]).max() > 0.1
+    assert spread[0] < 0.03
+    assert spread[1] < 0.35 * spread[0]
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 5e-3, 0.02])
+def test_at_rest_it_rests(h):
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    integrator = Integrator(pepper, h, actuator_parameters(pepper))
+    held = pk.dynamics.gravity_torque(pepper, q)
+    positions, velocities, torques = roll(integrator, q, np.zeros(15), 200, q, forward=held)
+    assert np.abs(positions - q).max() < 1e-12
+    assert np.abs(velocities).max() < 1e-10
+    np.testing.assert_allclose(torques[-1], held, atol=1e-9)
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 5e-3, 0.02, 0.05])
+def test_stiff_servos_are_stable_at_every_timestep(h):
+    pepper = pk.load_pepper()
+    start = pepper.posture("Stand")
+    target = start + 0.02 * (-1.0) ** np.arange(15)
+    integrator = Integrator(pepper, h, actuator_parameters(pepper))
+    held = pk.dynamics.gravity_torque(pepper, target)
+    q, v, _ = roll(integrator, start, np.zeros(15), round(1.5 / h), target, forward=held)
+    assert np.abs(q - start).max() < 0.1
+    np.testing.assert_allclose(q[-1], target, atol=1e-4)
+    assert np.abs(v[-1]).max() < 1e-3
+
+
+def test_step_solves_the_implicit_equations():
+    """M a + b = tau, with the servo taken at the end of the step: by independent dynamics."""
+    pepper = pk.load_pepper()
+    rng = np.random.default_rng(1)
+    strong = actuator_parameters(pepper).changed(torque_limit=np.inf)
+    h = 2e-3
+    integrator = Integrator(pepper, h, strong)
+    middle = (pepper.lower_limits + pepper.upper_limits) / 2
+    for _ in range(5):
+        q, v, a_ref = middle + 0.2 * rng.normal(size=15), rng.normal(size=15), rng.normal(size=15)
+        q_ref, load = q + 0.01 * a_ref, rng.normal(size=15)
+        q_next, v_next, tau = integrator.step(q, v, q_ref, 0 * v, 0.1 * a_ref, load)
+        a = (v_next - v) / h
+        np.testing.assert_allclose(q_next, q + h * v_next, atol=1e-15)
+        servo_torque = strong.stiffness * (q_ref - q_next) - strong.damping * v_next + 0.1 * a_ref
+        np.testing.assert_allclose(tau, servo_torque, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(
+            pk.dynamics.newton_euler(pepper, q, v, a), tau + load, rtol=1e-6, atol=1e-6
+        )
+
+
+def test_saturated_servo_gives_its_limit_and_the_others_theirs():
+    pepper = pk.load_pepper()
+    params = actuator_parameters(pepper)
+    integrator = Integrator(pepper, 1e-3, params)
+    q = (pepper.lower_limits + pepper.upper_limits) / 2
+    target = q.copy()
+    target[[5, 8]] += 0.5
+    v = np.zeros(15)
+    for _ in range(30):
+        q_next, v_next, tau = integrator.step(q, v, target, 0 * v, 0 * v)
+        assert np.all(np.abs(tau) <= params.torque_limit)
+        a = (v_next - v) / 1e-3
+        np.testing.assert_allclose(pk.dynamics.newton_euler(pepper, q, v, a), tau, rtol=1e-6, atol=1e-6)
+        servo_torque = params.stiffness * (target - q_next) - params.damping * v_next
+        np.testing.assert_allclose(
+            tau, np.clip(servo_torque, -params.torque_limit, params.torque_limit), rtol=1e-6, atol=1e-6
+        )
+        q, v = q_next, v_next
+    assert q[5] > 0.05
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_any_mix_of_clipped_servos_and_stops_is_solved(seed):
+    """Torques balance, each servo gives its clipped torque, and stops push only from beyond their limit."""
+    pepper = pk.load_pepper()
+    params = actuator_parameters(pepper)
+    rng = np.random.default_rng(seed)
+    h = 10 ** rng.uniform(-4, -2)
+    q = rng.uniform(pepper.lower_limits, pepper.upper_limits)
+    edge = rng.random(15) < 0.4
+    q = np.where(edge, np.where(rng.random(15) < 0.5, pepper.lower_limits, pepper.upper_limits), q)
+    v = 2.0 * rng.normal(size=15)
+    target = q + rng.normal(size=15)
+    q_next, v_next, tau = Integrator(pepper, h, params).step(q, v, target, 0 * v, 0 * v)
+    a = (v_next - v) / h
+    over, under = q_next - pepper.upper_limits, q_next - pepper.lower_limits
+    stop = params.stop_stiffness * (np.maximum(over, 0) + np.minimum(under, 0))
+    total = tau - stop
+    scale = 1 + np.abs(total).max()
+    np.testing.assert_allclose(pk.dynamics.newton_euler(pepper, q, v, a), total, atol=1e-6 * scale)
+    wanted = params.stiffness * (target - q_next) - params.damping * v_next
+    clipped = np.clip(wanted, -params.torque_limit, params.torque_limit)
+    np.testing.assert_allclose(tau, clipped, atol=1e-6 * scale)
+    assert (np.abs(tau) == params.torque_limit).any()
+
+
+def test_saturated_joint_accelerates_uniformly():
+    robot = pendulum(axis="0 0 1")
+    q, v, tau = roll(Integrator(robot, 1e-3, servo(robot, 1e4, 0.0, 0.5)), ZERO, ZERO, 100, np.array([9.0]))
+    np.testing.assert_allclose(tau, 0.5)
+    np.testing.assert_allclose(v[:, 0], 0.5 / 0.01 * 1e-3 * np.arange(1, 101), rtol=1e-9)
+    np.testing.assert_allclose(q[-1], 0.5 * 50 * 0.1**2, rtol=0.02)
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 5e-3])
+def test_joint_stop_holds_and_swallows_the_impact(h):
+    robot = pendulum(axis="0 0 1", upper=0.5)
+    integrator = Integrator(robot, h, servo(robot))
+    q, v, _ = roll(integrator, ZERO, np.array([10.0]), round(0.3 / h))
+    assert q.max() < 0.5 + 1e-3
+    assert q.max() > 0.49
+    assert v[-1, 0] <= 1e-6
+    assert v.min() > -0.5  # hardly any rebound
+    push, _, tau = roll(integrator, q[-1], v[-1], round(0.3 / h), load=np.array([5.0]))
+    assert push[-1, 0] == pytest.approx(0.5, abs=1e-3)
+    assert np.all(tau == 0.0)
+    away, _, _ = roll(integrator, push[-1], ZERO, 3, load=np.array([-5.0]))
+    np.testing.assert_allclose(np.diff(away[:, 0], 2), -5.0 / 0.01 * h**2, rtol=0.05)  # nothing sticks
+
+
+def test_stop_passes_its_load_on_to_the_other_joints():
+    pepper = pk.load_pepper()
+    params = actuator_parameters(pepper)
+    integrator = Integrator(pepper, 1e-3, params)
+    q = pepper.posture("Stand")
+    j = pepper.joint_index("LElbowRoll")
+    v = 3.0 * (np.arange(15) == j)
+    target = q.copy()
+    target[j] = 1.0  # beyond the upper limit, -0.0087
+    for _ in range(600):
+        q, v, tau = integrator.step(q, v, target, 0 * v, pk.dynamics.gravity_torque(pepper, q))
+    assert abs(q[j] - pepper.upper_limits[j]) < 1e-3
+    assert tau[j] == pytest.approx(params.torque_limit[j])
+    assert np.abs(v).max() < 1e-4
+
+
+@pytest.mark.parametrize("hands", ["mimic", "independent"])
+def test_hands_follow_the_equations_too(hands):
+    robot = pk.load_pepper(hands=hands)
+    rng = np.random.default_rng(0)
+    strong = actuator_parameters(robot).changed(torque_limit=np.inf)
+    integrator = Integrator(robot, 1e-3, strong)
+    q = (robot.lower_limits + robot.upper_limits) / 2
+    v = 0.3 * rng.normal(size=robot.n)
+    _, v_next, tau = integrator.step(q, v, q, 0 * v, 0 * v)
+    a = (v_next - v) / 1e-3
+    np.testing.assert_allclose(pk.dynamics.newton_euler(robot, q, v, a), tau, rtol=1e-6, atol=1e-5)
+
+
+def test_the_shared_model_is_not_changed():
+    pepper = pk.load_pepper()
+    before = np.array(pepper.pinocchio_model.armature)
+    tau = pk.dynamics.forward_dynamics(pepper, pepper.posture("Stand"), np.zeros(15), np.zeros(15))
+    integrator = Integrator(pepper, 1e-3, actuator_parameters(pepper))
+    roll(integrator, pepper.posture("Stand"), np.zeros(15), 3)
+    np.testing.assert_array_equal(pepper.pinocchio_model.armature, before)
+    again = pk.dynamics.forward_dynamics(pepper, pepper.posture("Stand"), np.zeros(15), np.zeros(15))
+    np.testing.assert_array_equal(tau, again)
+
+
+@pytest.mark.parametrize("h", [0, -1e-3, np.nan, np.inf, "fast", 0.051, 1.0])
+def test_bad_timesteps_are_refused(h):
+    pepper = pk.load_pepper()
+    with pytest.raises(InvalidValueError, match="timestep: got"):
+        Integrator(pepper, h, actuator_parameters(pepper))
+
+
+def test_actuators_of_other_joints_are_refused():
+    with pytest.raises(InvalidValueError, match="joints of the actuators: got J, expected KneePitch"):
+        Integrator(pk.load_pepper(), 1e-3, actuator_parameters(pendulum()))
+
+
+def test_pepper_parameters_state_their_source():
+    pepper = pk.load_pepper(base="planar", hands="mimic")
+    params = actuator_parameters(pepper)
+    assert set(params.sources) == {"assumed"}
+    np.testing.assert_array_equal(params.torque_limit, pepper.effort_limits)
+    assert params.stiffness[pepper.joint_index("KneePitch")] == 5500
+    left, right = ([pepper.joint_index(s + k) for k in ("ShoulderPitch", "Hand")] for s in "LR")
+    np.testing.assert_array_equal(params.damping[left], params.damping[right])
+
+
+def test_other_robots_get_generic_parameters():
+    params = actuator_parameters(pendulum())
+    assert params.stiffness == 1000 / 0.005
+    assert params.damping == pytest.approx(2 * np.sqrt(2e5 * INERTIA))
+    assert "assumed" in params.sources[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stiffness": np.nan}, "stiffness: got nan"),
+        ({"stiffness": -1.0}, "stiffness of J: got -1.0, expected a number of at least 0"),
+        ({"damping": -1.0}, "damping of J: got -1.0"),
+        ({"torque_limit": 0.0}, "torque_limit of J: got 0.0, expected a number above 0"),
+        ({"torque_limit": np.nan}, "torque_limit of J: got nan"),
+        ({"stiffness": [1.0, 2.0]}, r"stiffness: got shape \(2,\)"),
+    ],
+)
+def test_bad_gains_are_refused(change, message):
+    with pytest.raises(InvalidValueError, match=message):
+        actuator_parameters(pendulum()).changed(**change)
+
+
+def test_gains_are_copied_and_read_only():
+    gain = np.array([1.0])
+    params = ActuatorParameters(("J",), gain, gain, gain, gain, gain, ("assumed",))
+    gain[0] = 7
+    assert params.stiffness == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        params.stiffness[0] = 2.0
