@@ -16,10 +16,14 @@ def main() -> None:
     viewer = pk.Viewer(pepper).add_scene(outcome.scene).add_target("hand", outcome.target)
     at_time = outcome.trajectory.duration
     viewer.save_image(FOLDER / "demo.png", outcome.run, at_time=at_time, size=(1280, 720))
-    for looks in ("visual", "collision"):
+    for name, looks, over in (
+        ("looks", "visual", None),
+        ("capsules", "visual", "collision"),
+        ("spheres", "visual", "spheres"),
+    ):
         for view in ("front", "side", "three-quarter"):
-            picture = FOLDER / f"{looks}_{view}.png"
-            pk.Viewer(pepper, looks=looks).save_image(picture, size=(600, 800), view=view)
+            picture = FOLDER / f"{name}_{view}.png"
+            pk.Viewer(pepper, looks=looks, over=over).save_image(picture, size=(480, 640), view=view)
 
 
 if __name__ == "__main__":

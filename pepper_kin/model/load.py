@@ -12,41 +12,54 @@ from pathlib import Path
 import numpy as np
 
 from pepper_kin.exceptions import ModelError
-from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.semantics import Semantics, parse_srdf
-from pepper_kin.model.shapes import read_only
+from pepper_kin.model.shapes import Shape, read_only
+from pepper_kin.model.sphere_set import pepper_spheres
 from pepper_kin.model.urdf_document import MOVING_TYPES, Joint, UrdfDocument, parse_urdf
 from pepper_kin.model.urdf_source import read_source
+from pepper_kin.model.vendor_meshes import with_vendor_meshes
 
 BASES = ("fixed", "planar")
 HANDS = ("locked", "mimic", "independent")
 
 
-def load_pepper(base: str = "fixed", hands: str = "locked") -> PepperModel:
+def load_pepper(
+    base: str = "fixed",
+    hands: str = "locked",
+    *,
+    meshes: str | Path | None = None,
+    mesh_scale: float = 0.1,
+) -> PepperModel:
     """Load Pepper.
 
     Args:
         base: "fixed", or "planar" for three more joints `BaseX`, `BaseY` [m] and `BaseYaw` [rad].
         hands: "locked" (fingers fixed, open), "mimic" (`LHand`, `RHand` drive their fingers) or
             "independent" (28 finger joints).
+        meshes: Folder with the vendor's meshes, named after the links, to show in place of our own shapes.
+        mesh_scale: Factor from the unit of these meshes to metres.
 
     Returns:
         The model; 15 joints with the defaults. Loaded once per choice, then shared: it is frozen.
 
     Raises:
         InvalidValueError: for another base or hands.
+        FileFormatError: for a folder without meshes.
     """
     check_choice("base", base, BASES)
     check_choice("hands", hands, HANDS)
-    return _load_pepper(base, hands)
+    folder = None if meshes is None else str(Path(meshes).resolve())
+    return _load_pepper(base, hands, folder, check_positive("mesh_scale", mesh_scale))
 
 
 @cache
-def _load_pepper(base: str, hands: str) -> PepperModel:
-    document = parse_urdf(pepper_urdf(base=base, hands=hands))
+def _load_pepper(base: str, hands: str, meshes: str | None, mesh_scale: float) -> PepperModel:
+    urdf = pepper_urdf(base=base, hands=hands)
+    document = parse_urdf(urdf if meshes is None else with_vendor_meshes(urdf, meshes, mesh_scale))
     srdf = (files("pepper_kin.urdf") / "pepper.srdf").read_text(encoding="utf-8")
-    return build_model(document, parse_srdf(srdf, document))
+    return build_model(document, parse_srdf(srdf, document), pepper_spheres(document))
 
 
 def pepper_urdf(**arguments: str) -> str:
@@ -86,7 +99,7 @@ def load_robot(
     return build_model(document, semantics)
 
 
-def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
+def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Shape, ...] = ()) -> PepperModel:
     """Build the model of a checked document.
 
     Raises:
@@ -122,6 +135,7 @@ def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
         acceleration_limits=column("acceleration"),
         effort_limits=column("effort"),
         semantics=semantics,
+        collision_spheres=spheres,
         pinocchio_model=model,
         full_map=read_only(full_map),
         full_offset=read_only(full_offset),

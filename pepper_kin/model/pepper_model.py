@@ -35,6 +35,7 @@ class PepperModel:
         link_names: Links in document order.
         visual_shapes: What is drawn.
         collision_shapes: What may not touch.
+        collision_spheres: Spheres that contain the body; none for a robot that has no such set.
         semantics: Groups, states and pairs never checked for collision.
         pinocchio_model: `pinocchio.Model` of the moving tree. Where hands are driven by mimic joints it has
             more coordinates than the robot: see `full_map`.
@@ -55,6 +56,7 @@ class PepperModel:
     acceleration_limits: NDArray[np.float64] = field(repr=False)
     effort_limits: NDArray[np.float64] = field(repr=False)
     semantics: Semantics = field(repr=False)
+    collision_spheres: tuple[Shape, ...] = field(repr=False)
     pinocchio_model: Any = field(repr=False)
     full_map: NDArray[np.float64] = field(repr=False)
     full_offset: NDArray[np.float64] = field(repr=False)
@@ -79,7 +81,7 @@ class PepperModel:
         """Rebuild from the texts: Pinocchio's data and thread locals do not travel."""
         from pepper_kin.model.load import build_model
 
-        return (build_model, (self.document, self.semantics))
+        return (build_model, (self.document, self.semantics, self.collision_spheres))
 
     @property
     def link_names(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, get_args
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.kinematics import frame_poses
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, Shape
 from pepper_kin.viewer.browser import CameraView, screenshot
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
@@ -22,7 +23,9 @@ from pepper_kin.viewer.live import LivePage
 from pepper_kin.viewer.motion_frames import MotionFrames, frames_of_samples, kept_samples
 from pepper_kin.viewer.recording import write_frames_page
 
-Looks = Literal["visual", "collision"]
+Looks = Literal["visual", "collision", "spheres"]
+
+OVER_COLOR = (0.20, 0.45, 0.90, 0.35)
 
 
 class Viewer:
@@ -37,18 +40,25 @@ class Viewer:
 
     Args:
         pepper: The robot.
-        looks: "visual" draws what it looks like, "collision" the shapes that may not touch.
+        looks: "visual" draws what it looks like, "collision" the shapes that may not touch, "spheres" the
+            sphere set.
+        over: Looks drawn on top as well, half transparent, such as "collision" over "visual".
 
     Raises:
         UnknownNameError: There are no such looks.
     """
 
-    def __init__(self, pepper: PepperModel, *, looks: Looks = "visual") -> None:
-        if looks not in get_args(Looks):
-            raise UnknownNameError("looks", looks, get_args(Looks))
+    def __init__(self, pepper: PepperModel, *, looks: Looks = "visual", over: Looks | None = None) -> None:
         self._pepper = pepper
-        shapes = pepper.visual_shapes if looks == "visual" else pepper.collision_shapes
-        self._robot = tuple(Drawable.from_shape(shape) for shape in shapes)
+        shapes = _shapes(pepper, looks)
+        drawn = [Drawable.from_shape(shape) for shape in shapes]
+        if over is not None:
+            on_top = _shapes(pepper, over)
+            drawn += [
+                replace(Drawable.from_shape(s), name=f"over/{s.name}", color=OVER_COLOR) for s in on_top
+            ]
+            shapes = (*shapes, *on_top)
+        self._robot = tuple(drawn)
         self._drawn_links = tuple(dict.fromkeys(shape.link for shape in shapes))
         self._surroundings: dict[str, Drawable] = {}
         self._targets: dict[str, Drawable] = {}
@@ -230,3 +240,14 @@ class Viewer:
             self._page.draw((*self._robot, *self._surroundings.values(), *self._targets.values()))
             poses = frame_poses(self._pepper, self._motion.positions[0], self._drawn_links)
             self._page.pose(self._drawn_links, np.asarray(poses))
+
+
+def _shapes(pepper: PepperModel, looks: str) -> tuple[Shape, ...]:
+    if looks not in get_args(Looks):
+        raise UnknownNameError("looks", looks, get_args(Looks))
+    shapes = {
+        "visual": pepper.visual_shapes,
+        "collision": pepper.collision_shapes,
+        "spheres": pepper.collision_spheres,
+    }
+    return shapes[looks]
