@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pepper_kin import cli_check
 from pepper_kin.exceptions import InvalidValueError, PepperKinError
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+app.add_typer(cli_check.app, name="check")
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for the files; made if missing.")]
@@ -73,6 +76,35 @@ def reach(
         on_stage=_announce(as_json),
     )  # fmt: skip
     _finish_reach(pepper, outcome, output, as_json)
+
+
+@app.command()
+def export(
+    format: Annotated[str, typer.Argument(help="urdf, srdf, sdf or mjcf.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write; printed if left out.")
+    ] = None,
+    base: Annotated[str, typer.Option(help="fixed or planar.")] = "fixed",
+    hands: Annotated[str, typer.Option(help="locked, mimic or independent.")] = "locked",
+    mesh_paths: Annotated[
+        str | None,
+        typer.Option(help="package, absolute or relative; relative copies the meshes beside the file."),
+    ] = None,
+) -> None:
+    """Write the robot for another program.
+
+    Example: pepper-kin export mjcf --hands mimic --mesh-paths relative -o pepper/pepper.xml
+    """
+    from pepper_kin.jobs import write_export
+    from pepper_kin.model import export as export_text
+    from pepper_kin.model import load_pepper
+
+    pepper = load_pepper(base=base, hands=hands)
+    if output is None:
+        print(export_text(pepper, format, mesh_paths=mesh_paths))
+        return
+    files = write_export(pepper, format, output, mesh_paths=mesh_paths)
+    print("Written: " + ", ".join(str(path) for path in files[:3]) + (" ..." if len(files) > 3 else ""))
 
 
 @app.command()

@@ -1,7 +1,16 @@
 """Whole jobs, from a user's words to numbers and files."""
 
 from pepper_kin.jobs.demo import demo_scene, run_demo
+from pepper_kin.jobs.export_files import write_export
 from pepper_kin.jobs.reach import ReachOutcome, reach
 from pepper_kin.jobs.result_files import write_gesture, write_outcome
 
-__all__ = ["ReachOutcome", "demo_scene", "reach", "run_demo", "write_gesture", "write_outcome"]
+__all__ = [
+    "ReachOutcome",
+    "demo_scene",
+    "reach",
+    "run_demo",
+    "write_export",
+    "write_gesture",
+    "write_outcome",
+]

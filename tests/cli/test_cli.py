@@ -134,3 +134,52 @@ def test_help_has_an_example():
         done = run(command, "--help", cwd=".")
         assert "Example: pepper-kin" in done.stdout
     assert pk.__version__ == "0.1.0"
+
+
+@pytest.mark.parametrize(
+    ("format", "root"), [("urdf", "<robot"), ("srdf", "<robot"), ("sdf", "<sdf"), ("mjcf", "<mujoco")]
+)
+def test_export_prints_or_writes_the_same(tmp_path, format, root):
+    printed = run("export", format, "--hands", "mimic", cwd=tmp_path)
+    assert printed.returncode == 0, printed.stderr
+    assert root in printed.stdout
+    written = run("export", format, "--hands", "mimic", "-o", "new/pepper.xml", cwd=tmp_path)
+    assert written.returncode == 0, written.stderr
+    assert (tmp_path / "new" / "pepper.xml").read_text().strip() == printed.stdout.strip()
+
+
+def test_export_with_meshes_beside_it_loads_in_mujoco(tmp_path):
+    import mujoco
+
+    done = run("export", "mjcf", "--mesh-paths", "relative", "-o", "here/pepper.xml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "here" / "pepper.xml"))
+    assert model.nu == 15
+    assert (tmp_path / "here" / "meshes").is_dir()
+
+
+def test_unknown_format_is_one_line(tmp_path):
+    done = run("export", "step", "-o", "pepper.step", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "format: got 'step', expected one of 'urdf', 'srdf', 'sdf', 'mjcf'" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_check_model_passes_for_ours_and_finds_a_planted_fault(tmp_path):
+    assert run("check", "model", cwd=tmp_path).returncode == 0
+    urdf = pk.load_pepper().urdf.replace('mass value="1.51893"', 'mass value="-1.51893"')
+    (tmp_path / "bad.urdf").write_text(urdf)
+    done = run("check", "model", "bad.urdf", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "Head" in done.stdout
+    assert "-1.51893" in done.stdout
+    told = json.loads(run("check", "model", "bad.urdf", "--json", cwd=tmp_path).stdout)
+    assert set(told) == {"audit", "comparison"}
+
+
+def test_check_limits_prints_table_4(tmp_path):
+    done = run("check", "limits", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "HeadYaw" in done.stdout
+    assert "Choregraphe" in done.stdout
+    assert len(json.loads(run("check", "limits", "--json", cwd=tmp_path).stdout)["rows"]) == 17
