@@ -27,11 +27,16 @@ def model(
 
     ours = load_pepper(hands="mimic")
     found = audit(ours if urdf is None else urdf)
-    parts = {"audit": found} if urdf is None else {"audit": found, "comparison": compare(ours, urdf)}
+    difference = None if urdf is None else compare(ours, urdf)
     if as_json:
-        print(json.dumps({name: part.to_dict() for name, part in parts.items()}, indent=2))
+        told = {"audit": found.to_dict()}
+        if difference is not None:
+            told["comparison"] = difference.to_dict()
+        print(json.dumps(told, indent=2))
     else:
-        print("\n\n".join(part.report() for part in parts.values()))
+        print(found.report())
+        if difference is not None:
+            print("\n" + difference.report())
     if not found.ok:
         raise typer.Exit(FAILED)
 

@@ -6,10 +6,14 @@ import hashlib
 import threading
 from functools import lru_cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 from pepper_kin.kernels import Kernel, compile_function
 from pepper_kin.model import PepperModel
+
+if TYPE_CHECKING:
+    import casadi
 
 _kept: WeakKeyDictionary[PepperModel, dict[tuple[object, ...], Kernel]] = WeakKeyDictionary()
 _lock = threading.Lock()
@@ -46,7 +50,7 @@ def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "floa
     return found
 
 
-def _expression(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> object:
+def _expression(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> casadi.Function:
     from pepper_kin import symbolic
 
     return symbolic.function(pepper, quantity, *args)

@@ -157,7 +157,7 @@ def _body(parent: int, joint: ET.Element | None, link: ET.Element) -> _Body:
         "fixed" if joint is None else str(joint.get("type")),
         _vector(origin, "xyz"),
         _fixed_rotation(_vector(origin, "rpy")),
-        axis / np.linalg.norm(axis),
+        axis / (np.linalg.norm(axis) or 1.0),
         mass,
         center,
         inertia,
