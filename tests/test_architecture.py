@@ -24,6 +24,7 @@ TOWER = (
     "twin",
     "jobs",
     "viewer",
+    "cli_check",
     "cli",
 )
 """From the top down: a room may import those before it."""
