@@ -1,12 +1,17 @@
 """Whole jobs, from a user's words to numbers and files."""
 
+from pepper_kin.jobs.check_dynamics import check_dynamics
 from pepper_kin.jobs.demo import demo_scene, run_demo
+from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
 from pepper_kin.jobs.export_files import write_export
 from pepper_kin.jobs.reach import ReachOutcome, reach
 from pepper_kin.jobs.result_files import write_gesture, write_outcome
 
 __all__ = [
+    "DynamicsCheck",
+    "DynamicsCheckRow",
     "ReachOutcome",
+    "check_dynamics",
     "demo_scene",
     "reach",
     "run_demo",

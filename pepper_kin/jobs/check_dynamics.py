@@ -1,0 +1,270 @@
+"""The check of a robot's dynamics: by Newton and Euler, by finite differences, and by its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import batch, dynamics, kinematics, symbolic
+from pepper_kin.dynamics import newton_euler
+from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
+from pepper_kin.model import PepperModel
+
+AGREEMENT_LIMIT = 1e-9
+"""Two exact algorithms differ by rounding only."""
+DIFFERENCE_LIMIT = 1e-7
+"""Differences of fourth order lose half of the digits to rounding, less where a function is smooth."""
+ENERGY_LIMIT = 1e-8
+"""The integrator keeps a relative error of 1e-11 in each step."""
+STEP = 1e-3
+"""Step of finite differences along directions of norm one [rad or m, rad/s or m/s]."""
+SMALLEST_SHARE = {AGREEMENT_LIMIT: 1e-5, DIFFERENCE_LIMIT: 1e-4}
+"""Errors are relative to a joint's own values, but to no less than this share of the largest joint's."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _States:
+    """Random states; tau goes with a, and each has a direction of norm one to differentiate along."""
+
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    direction: Array
+
+
+def check_dynamics(pepper: PepperModel, *, states: int = 200, seed: int = 0) -> DynamicsCheck:
+    """Hold a robot's dynamics against independent computations.
+
+    Inverse dynamics, forward dynamics and mass matrix against `dynamics.newton_euler`, which reads the URDF by
+    itself and shares no code with Pinocchio; the derivatives against finite differences of fourth order; all
+    of them in three forms: single (Pinocchio, one state at a time), symbolic (CasADi) and batch (kernels).
+    Accelerations are judged by the torques that they need according to Newton and Euler, so that light
+    fingers on a heavy arm do not turn rounding into failures.  And the change of energy over a second of
+    motion under random torques against the work that these do.
+
+    Args:
+        pepper: Any robot.
+        states: Number of random states: positions within limits (and within 3 rad), velocities and
+            accelerations of normal distribution with deviations 1 and 3 [rad/s, rad/s^2].
+        seed: Seed of all random choices.
+
+    Returns:
+        The errors, their limits, and whether all are within them.  What the robot cannot have (forward
+        dynamics of a joint that moves no mass) is a note.
+
+    Raises:
+        InvalidValueError: for a number of states or a seed that is no integer in range.
+    """
+    _check_count("states", states, 1)
+    _check_count("seed", seed, 0)
+    rng = np.random.default_rng(seed)
+    random = _random_states(pepper, states, rng)
+    frame = _deepest_frame(pepper)
+    rows = [
+        *_algorithm_rows(pepper, random),
+        *_kinematic_rows(pepper, random, frame),
+        *_derivative_rows(pepper, random),
+        _energy_row(pepper, rng),
+    ]
+    return DynamicsCheck(pepper.name, pepper.n, frame, states, seed, tuple(rows))
+
+
+def _check_count(quantity: str, value: object, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise InvalidValueError(quantity, repr(value), f"an integer of at least {least}")
+
+
+def _random_states(pepper: PepperModel, count: int, rng: np.random.Generator) -> _States:
+    lower, upper = np.clip(pepper.lower_limits, -3, 3), np.clip(pepper.upper_limits, -3, 3)
+    shape = (count, pepper.n)
+    q, v, a = rng.uniform(lower, upper, shape), rng.normal(size=shape), 3 * rng.normal(size=shape)
+    direction = rng.normal(size=shape)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    return _States(q, v, a, newton_euler(pepper, q, v, a), direction)
+
+
+def _deepest_frame(pepper: PepperModel) -> str:
+    """Return the frame that the most joints move, the first of several."""
+    model = pepper.pinocchio_model
+    depth = {
+        name: len(model.supports[model.frames[pepper.frame_id(name)].parentJoint])
+        for name in pepper.frame_names
+    }
+    return max(depth, key=lambda name: depth[name])
+
+
+def _forms(
+    pepper: PepperModel, single: Callable[..., Any], inputs: tuple[Array, ...], *args: str
+) -> dict[str, Array]:
+    """Evaluate a quantity at each state in every form, each of shape (states, ...)."""
+    name = single.__name__
+    function = symbolic.function(pepper, name, *args)
+    compiled = batch.kernel(pepper, name, *args)(*inputs)
+    singles = np.array([single(pepper, *state, *args) for state in zip(*inputs, strict=True)])
+    results = [_plain(function(*state)) for state in zip(*inputs, strict=True)]
+    batched = np.stack(compiled, axis=1) if isinstance(compiled, tuple) else compiled
+    return {
+        "single": singles,
+        "symbolic": np.array(results).reshape(singles.shape),
+        "batch": np.asarray(batched),
+    }
+
+
+def _plain(result: Any) -> Array:
+    return np.array([np.array(part) for part in result]) if isinstance(result, tuple) else np.array(result)
+
+
+def _row(
+    quantity: str, against: str, limit: float, forms: dict[str, Array], expected: Array, size: float = 0.0
+) -> DynamicsCheckRow:
+    """Return the largest errors over states, each entry relative to its largest value over states.
+
+    `size` is that of the values from which differences were taken: what they may cancel to has its rounding.
+    """
+    sizes = np.abs(expected).max(axis=0)
+    scale = np.maximum(sizes, SMALLEST_SHARE[limit] * max(sizes.max(), size))
+    # Where all values are zero, there is nothing to be relative to.
+    scale = np.where(scale > 0, scale, 1.0)
+    errors = {
+        form: float((np.abs(found - expected).max(axis=0) / scale).max()) for form, found in forms.items()
+    }
+    return DynamicsCheckRow(quantity, against, limit, errors)
+
+
+def _needed_torques(pepper: PepperModel, q: Array, a: Array) -> Array:
+    """Return M(q) a by Newton and Euler."""
+    rest = np.zeros_like(q)
+    return newton_euler(pepper, q, rest, a) - newton_euler(pepper, q, rest, rest)
+
+
+def _algorithm_rows(pepper: PepperModel, s: _States) -> list[DynamicsCheckRow]:
+    """Check RNEA, CRBA and ABA."""
+    torques = _forms(pepper, dynamics.inverse_dynamics, (s.q, s.v, s.a))
+    masses = _forms(pepper, dynamics.mass_matrix, (s.q,))
+    columns = [_needed_torques(pepper, s.q, np.broadcast_to(e, s.q.shape)) for e in np.eye(pepper.n)]
+    against, limit = "Newton-Euler", AGREEMENT_LIMIT
+    rows = [
+        _row("inverse dynamics", against, limit, torques, s.tau),
+        _row("mass matrix", against, limit, masses, np.stack(columns, axis=-1)),
+    ]
+    against = "Newton-Euler torques of the acceleration"
+    try:
+        found = _forms(pepper, dynamics.forward_dynamics, (s.q, s.v, s.tau))
+    except ModelError as error:
+        rows.append(DynamicsCheckRow("forward dynamics", against, limit, {}, str(error)))
+    else:
+        back = {form: newton_euler(pepper, s.q, s.v, a) for form, a in _finite(found).items()}
+        rows.append(_row("forward dynamics", against, limit, {**found, **back}, s.tau))
+    return rows
+
+
+def _finite(forms: dict[str, Array]) -> dict[str, Array]:
+    """Leave out what Newton-Euler would refuse: it fails as it is."""
+    return {form: values for form, values in forms.items() if np.isfinite(values).all()}
+
+
+def _difference(function: Callable[[float], Array]) -> Array:
+    """Return df/dh at h = 0: (8 f(h) - 8 f(-h) - f(2h) + f(-2h)) / 12h, wrong by f''''' h^4 / 30."""
+    h = STEP
+    return (8 * (function(h) - function(-h)) - (function(2 * h) - function(-2 * h))) / (12 * h)
+
+
+def _along(matrices: dict[str, Array], direction: Array) -> dict[str, Array]:
+    return {form: np.einsum("...ij,...j->...i", matrix, direction) for form, matrix in matrices.items()}
+
+
+def _kinematic_rows(pepper: PepperModel, s: _States, frame: str) -> list[DynamicsCheckRow]:
+    """Check Jacobians along the directions, and the Jacobian's rate along the velocity."""
+
+    def one_by_one(function: Callable[..., Array], q: Array, *args: str) -> Array:
+        return np.array([function(pepper, state, *args) for state in q])
+
+    pose = _difference(lambda h: one_by_one(kinematics.frame_pose, s.q + h * s.direction, frame))
+    turn = pose[:, :3, :3] @ np.swapaxes(one_by_one(kinematics.frame_pose, s.q, frame)[:, :3, :3], 1, 2)
+    twist = np.concatenate([pose[:, :3, 3], turn[:, [2, 0, 1], [1, 2, 0]]], axis=1)
+    size = np.maximum(1.0, np.linalg.norm(s.v, axis=-1))[:, None, None]
+    unit = s.v / size[:, 0]
+    rate = size * _difference(lambda h: one_by_one(kinematics.frame_jacobian, s.q + h * unit, frame))
+    center = _difference(lambda h: one_by_one(dynamics.center_of_mass, s.q + h * s.direction))
+    against, limit = "finite differences", DIFFERENCE_LIMIT
+    jacobians = _forms(pepper, kinematics.frame_jacobian, (s.q,), frame)
+    rates = _forms(pepper, kinematics.frame_jacobian_rate, (s.q, s.v), frame)
+    centers = _forms(pepper, dynamics.center_of_mass_jacobian, (s.q,))
+    return [
+        _row("frame Jacobian", against, limit, _along(jacobians, s.direction), twist, 1.0),
+        _row("frame Jacobian rate", against, limit, rates, rate, 1.0),
+        _row("centre-of-mass Jacobian", against, limit, _along(centers, s.direction), center, 1.0),
+    ]
+
+
+def _derivative_rows(pepper: PepperModel, s: _States) -> list[DynamicsCheckRow]:
+    """Check the derivatives of inverse and forward dynamics along the directions.
+
+    A motion that keeps tau(q, v, a) constant has dtau/dq d + M da/dq d = 0, and likewise for v: so M times
+    the derivatives of forward dynamics is known from differences of Newton-Euler torques alone.
+    """
+    by_q = _difference(lambda h: newton_euler(pepper, s.q + h * s.direction, s.v, s.a))
+    by_v = _difference(lambda h: newton_euler(pepper, s.q, s.v + h * s.direction, s.a))
+    by_a = _needed_torques(pepper, s.q, s.direction)
+    against, limit, size = "finite differences of Newton-Euler", DIFFERENCE_LIMIT, float(np.abs(s.tau).max())
+    rows = []
+    found = _forms(pepper, dynamics.inverse_dynamics_derivatives, (s.q, s.v, s.a))
+    for k, (name, expected) in enumerate(
+        (("d tau / d q", by_q), ("d tau / d v", by_v), ("d tau / d a", by_a))
+    ):
+        part = _along({form: blocks[:, k] for form, blocks in found.items()}, s.direction)
+        rows.append(_row(name, against, limit, part, expected, size))
+    names = ("d a / d q", "d a / d v", "d a / d tau")
+    try:
+        found = _forms(pepper, dynamics.forward_dynamics_derivatives, (s.q, s.v, s.tau))
+    except ModelError as error:
+        return rows + [DynamicsCheckRow(name, against, limit, {}, str(error)) for name in names]
+    for k, (name, expected) in enumerate(zip(names, (-by_q, -by_v, s.direction), strict=True)):
+        part = _along({form: blocks[:, k] for form, blocks in found.items()}, s.direction)
+        torques = {form: _needed_torques(pepper, s.q, a) for form, a in _finite(part).items()}
+        rows.append(_row(name, against, limit, {**part, **torques}, expected, size))
+    return rows
+
+
+def _energy_row(pepper: PepperModel, rng: np.random.Generator) -> DynamicsCheckRow:
+    """Move for a second under random torques and compare the change of energy with the work done.
+
+    Torques are those that hold the first posture, and sines of random phase that would shake each joint alone
+    with some rad/s^2.  Position, velocity and work are integrated together by Dormand and Prince's method of
+    order 8.
+    """
+    from scipy.integrate import solve_ivp
+
+    n, quantity, against = pepper.n, "energy over one second", "work of the torques"
+    start = pepper.neutral()
+    try:
+        dynamics.inverse_mass_matrix(pepper, start)
+    except ModelError as error:
+        return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {}, str(error))
+    hold = dynamics.gravity_torque(pepper, start)
+    size = np.diag(dynamics.mass_matrix(pepper, start)) * rng.normal(size=n) * 5
+    pace, phase = rng.uniform(2, 10, n), rng.uniform(0, 2 * np.pi, n)
+
+    def rate(time: float, y: Array) -> Array:
+        q, v = y[:n], y[n : 2 * n]
+        tau = hold + size * np.sin(pace * time + phase)
+        return np.concatenate([v, dynamics.forward_dynamics(pepper, q, v, tau), [tau @ v]])
+
+    begin = np.concatenate([start, 0.1 * rng.normal(size=n), [0.0]])
+    run = solve_ivp(rate, (0.0, 1.0), begin, method="DOP853", rtol=1e-11, atol=1e-12)
+    if not run.success:
+        return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": np.inf}, str(run.message))
+    kinetic = np.array([dynamics.kinetic_energy(pepper, y[:n], y[n : 2 * n]) for y in run.y.T])
+    potential = np.array([dynamics.potential_energy(pepper, y[:n]) for y in run.y.T])
+    gain = kinetic + potential - kinetic[0] - potential[0]
+    turned_over = (kinetic + np.abs(potential - potential[0])).max()
+    error = float(np.abs(gain - run.y[-1]).max() / turned_over)
+    return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": error})

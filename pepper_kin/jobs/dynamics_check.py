@@ -1,0 +1,127 @@
+"""What a check of a robot's dynamics found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+FORMS = ("single", "symbolic", "batch")
+"""Pinocchio state by state, the CasADi function, and the compiled kernel."""
+
+
+@dataclass(frozen=True)
+class DynamicsCheckRow:
+    """One quantity, held against what it must equal.
+
+    Attributes:
+        quantity: What was evaluated.
+        against: What it was compared with.
+        limit: Largest relative error that passes.
+        errors: Largest relative error of each of `FORMS` that was evaluated.
+        note: Why there is no error, where there is none.
+    """
+
+    quantity: str
+    against: str
+    limit: float
+    errors: dict[str, float]
+    note: str = ""
+
+    @property
+    def failed_forms(self) -> tuple[str, ...]:
+        """Forms whose error is above the limit, or no number."""
+        return tuple(form for form, error in self.errors.items() if not error <= self.limit)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no form failed (a row that could not be evaluated has none)."""
+        return not self.failed_forms
+
+
+@dataclass(frozen=True)
+class DynamicsCheck:
+    """Errors of a robot's dynamics, relative to the largest value of each joint over all states.
+
+    Attributes:
+        robot: Name of the robot.
+        joints: Number of its coordinates.
+        frame: Frame whose Jacobian was checked.
+        states: Number of random states.
+        seed: Seed of the random states.
+        rows: What was checked.
+    """
+
+    robot: str
+    joints: int
+    frame: str
+    states: int
+    seed: int
+    rows: tuple[DynamicsCheckRow, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything that could be evaluated is within its limit."""
+        return all(row.ok for row in self.rows)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What failed, such as "mass matrix (batch)"."""
+        return tuple(f"{row.quantity} ({form})" for row in self.rows for form in row.failed_forms)
+
+    def report(self) -> str:
+        """Return a table in words, ending with the verdict."""
+        title = (
+            f"Dynamics of {self.robot}: {self.joints} joints, {self.states} random states, seed {self.seed}, "
+            f"frame {self.frame}"
+        )
+        heads = ("quantity", *FORMS, "limit", "against")
+        lines = [heads, *(self._line(row) for row in self.rows)]
+        widths = [max(len(line[k]) for line in lines) for k in range(len(heads))]
+        table = [
+            "  ".join(
+                text.rjust(width) if 0 < k < 5 else text.ljust(width)
+                for k, (text, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in lines
+        ]
+        rule = "-" * max(map(len, table))
+        notes = [f"{row.quantity}: not evaluated: {row.note}" for row in self.rows if row.note]
+        return "\n".join([title, table[0], rule, *table[1:], rule, *notes, self.verdict])
+
+    @property
+    def verdict(self) -> str:
+        """One sentence: all within limits, or what is not."""
+        if self.ok:
+            return "All within the limits (relative errors, largest over joints and states)."
+        return f"Beyond the limit: {', '.join(self.failures)}."
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; an error that is no finite number becomes None."""
+        return {
+            "robot": self.robot,
+            "joints": self.joints,
+            "frame": self.frame,
+            "states": self.states,
+            "seed": self.seed,
+            "ok": self.ok,
+            "failures": list(self.failures),
+            "rows": [
+                {
+                    "quantity": row.quantity,
+                    "against": row.against,
+                    "limit": row.limit,
+                    "errors": {k: e if math.isfinite(e) else None for k, e in row.errors.items()},
+                    "ok": row.ok,
+                    "note": row.note,
+                }
+                for row in self.rows
+            ],
+        }
+
+    def _line(self, row: DynamicsCheckRow) -> tuple[str, ...]:
+        cells = []
+        for form in FORMS:
+            mark = " !" if form in row.failed_forms else ""
+            cells.append(f"{row.errors[form]:.1e}{mark}" if form in row.errors else "-")
+        return (row.quantity, *cells, f"{row.limit:.0e}", row.against)

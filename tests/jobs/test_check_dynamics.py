@@ -1,0 +1,209 @@
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin import jobs, symbolic
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.jobs import DynamicsCheckRow, check_dynamics
+
+# Two joints in a plane; small, so that its kernels compile at once.
+ARM = """<robot name="arm"><link name="floor"/>
+  <link name="upper"><inertial><origin xyz="0 0 -0.2"/><mass value="2"/>
+    <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.05 0 -0.1"/><mass value="{mass}"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.005"/></inertial></link>
+  <link name="tool"/>
+  <joint name="shoulder" type="revolute"><parent link="floor"/><child link="upper"/><axis xyz="0 1 0.3"/>
+    <limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><axis xyz="1 0.2 0"/>
+    <origin xyz="0 0 -0.4"/><limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
+  <joint name="grip" type="fixed"><parent link="lower"/><child link="tool"/><origin xyz="0 0.1 -0.2"/></joint>
+</robot>"""
+QUANTITIES = [
+    "inverse dynamics",
+    "mass matrix",
+    "forward dynamics",
+    "frame Jacobian",
+    "frame Jacobian rate",
+    "centre-of-mass Jacobian",
+    "d tau / d q",
+    "d tau / d v",
+    "d tau / d a",
+    "d a / d q",
+    "d a / d v",
+    "d a / d tau",
+    "energy over one second",
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kernel_cache(tmp_path_factory):
+    patch = pytest.MonkeyPatch()
+    patch.setenv("PEPPER_KIN_CACHE", str(tmp_path_factory.mktemp("kernels")))
+    yield
+    patch.undo()
+
+
+def arm(mass=1.0):
+    return pk.load_robot(ARM.format(mass=mass))
+
+
+def failing(check):
+    return {name.rsplit(" (", 1)[0] for name in check.failures}
+
+
+def test_a_sound_robot_passes():
+    check = check_dynamics(arm(), states=30)
+    assert check.ok
+    assert check.failures == ()
+    assert (check.robot, check.joints, check.states, check.seed) == ("arm", 2, 30, 0)
+    assert check.frame == "lower"
+    assert [row.quantity for row in check.rows] == QUANTITIES
+    for row in check.rows[:-1]:
+        assert tuple(row.errors) == ("single", "symbolic", "batch")
+        assert 0 < max(row.errors.values()) <= row.limit
+    assert 0 < check.rows[-1].errors["single"] < 1e-9
+
+
+def test_the_same_seed_gives_the_same_numbers():
+    pepper = arm()
+    first, again, other = (check_dynamics(pepper, states=5, seed=seed) for seed in (3, 3, 4))
+    assert first == again
+    assert first.rows != other.rows
+
+
+def test_pepper_with_fingers_passes_and_says_so():
+    check = check_dynamics(pk.load_pepper(), states=20)
+    assert check.ok, check.report()
+    lines = check.report().splitlines()
+    assert lines[0] == "Dynamics of pepper: 15 joints, 20 random states, seed 0, frame l_wrist"
+    assert lines[-1] == "All within the limits (relative errors, largest over joints and states)."
+    assert [line.split("  ")[0] for line in lines[3:16]] == QUANTITIES
+
+
+def test_a_wrong_mass_in_the_symbolic_form_is_named(monkeypatch):
+    """One part in a million of one link is found, in the form that has it and no other."""
+    true, heavy, ask = arm(), arm(1.000001), symbolic.function
+    monkeypatch.setattr(symbolic, "function", lambda pepper, *args: ask(heavy, *args))
+    check = check_dynamics(true, states=10)
+    assert not check.ok
+    assert all(name.endswith("(symbolic)") for name in check.failures)
+    assert failing(check) == {
+        "inverse dynamics", "mass matrix", "forward dynamics", "centre-of-mass Jacobian",
+        "d tau / d q", "d tau / d v", "d tau / d a", "d a / d q", "d a / d v", "d a / d tau",
+    }  # fmt: skip
+    assert check.report().splitlines()[-1].startswith("Beyond the limit: inverse dynamics (symbolic), ")
+    assert " !" in check.report()
+
+
+def test_a_wrong_model_is_named_and_keeps_its_energy():
+    """Pinocchio told of another mass is wrong in the single form; as a mechanism it is still sound."""
+    wrong = arm()
+    wrong.pinocchio_model.inertias[2].mass *= 1.001
+    check = check_dynamics(wrong, states=10)
+    assert "inverse dynamics (single)" in check.failures
+    assert 1e-4 < check.rows[0].errors["single"] < 1e-2
+    assert check.rows[-1].ok
+
+
+def test_torques_that_make_energy_are_named(monkeypatch):
+    """A motor that gives one part in a million more than it is told breaks the balance, and nothing else."""
+    forward = pk.dynamics.forward_dynamics
+
+    def forward_dynamics(pepper, q, v, tau):
+        return forward(pepper, q, v, np.asarray(tau) * (1 + 1e-6))
+
+    monkeypatch.setattr(pk.dynamics, "forward_dynamics", forward_dynamics)
+    check = check_dynamics(arm(), states=5)
+    assert set(check.failures) == {"forward dynamics (single)", "energy over one second (single)"}
+
+
+@pytest.mark.parametrize("wrong", ["frame_jacobian", "frame_jacobian_rate"])
+def test_a_wrong_jacobian_is_named(monkeypatch, wrong):
+    right = getattr(pk.kinematics, wrong)
+
+    def off(pepper, *args):
+        return right(pepper, *args) * (1 + 1e-5)
+
+    off.__name__ = wrong
+    monkeypatch.setattr(pk.kinematics, wrong, off)
+    check = check_dynamics(arm(), states=5)
+    assert f"{wrong.replace('_', ' ').replace('jacobian', 'Jacobian')} (single)" in check.failures
+
+
+def test_a_joint_without_mass_is_a_note():
+    loose = ARM.format(mass=1).replace('<mass value="1"/>', '<mass value="0"/>')
+    loose = loose.replace('ixx="0.01"', 'ixx="0"').replace('iyy="0.01"', 'iyy="0"').replace("0.005", "0")
+    check = check_dynamics(pk.load_robot(loose), states=5)
+    notes = [row for row in check.rows if row.note]
+    assert [row.quantity for row in notes] == [QUANTITIES[2], *QUANTITIES[9:]]
+    assert all("no mass is moved by elbow" in row.note and not row.errors for row in notes)
+    assert "d a / d q: not evaluated: the mass matrix has no inverse" in check.report()
+    assert check.ok
+
+
+def test_a_number_that_is_none_fails():
+    row = DynamicsCheckRow("x", "y", 1e-9, {"single": float("nan"), "batch": 1e-10})
+    assert row.failed_forms == ("single",)
+    check = jobs.DynamicsCheck("r", 1, "f", 1, 0, (row,))
+    told = json.loads(json.dumps(check.as_dict(), allow_nan=False))
+    assert told["rows"][0]["errors"] == {"single": None, "batch": 1e-10}
+    assert told["failures"] == ["x (single)"]
+
+
+@pytest.mark.parametrize("states", [0, -1, 2.5, True, "many"])
+def test_numbers_of_states_that_are_none_are_refused(states):
+    with pytest.raises(InvalidValueError, match="states: got .* expected an integer of at least 1"):
+        check_dynamics(arm(), states=states)
+
+
+def run(*arguments, cwd):
+    command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", "check", "dynamics"]
+    return subprocess.run(
+        [*command, *arguments],
+        capture_output=True, text=True, cwd=cwd, timeout=300, check=False, env=dict(os.environ),
+    )  # fmt: skip
+
+
+def test_the_command_checks_a_file(tmp_path):
+    (tmp_path / "arm.urdf").write_text(ARM.format(mass=1))
+    done = run("arm.urdf", "--states", "8", "--seed", "2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("Dynamics of arm: 2 joints, 8 random states, seed 2, frame lower")
+    told = json.loads(run("arm.urdf", "--states", "8", "--json", cwd=tmp_path).stdout)
+    assert told["ok"] is True
+    assert len(told["rows"]) == len(QUANTITIES)
+
+
+def test_the_command_fails_where_the_check_does(tmp_path):
+    code = (
+        "import sys; from pepper_kin import dynamics; right = dynamics.mass_matrix\n"
+        "def mass_matrix(pepper, q): return right(pepper, q) * 1.01\n"
+        "dynamics.mass_matrix = mass_matrix\n"
+        "from pepper_kin.cli import main; main()"
+    )
+    (tmp_path / "arm.urdf").write_text(ARM.format(mass=1))
+    command = [sys.executable, "-c", code, "check", "dynamics", "arm.urdf", "--states", "4"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[-1].startswith("Beyond the limit: mass matrix (single)")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("missing.urdf",), "missing.urdf: cannot be read as text"),
+        (("--states", "0"), "states: got 0, expected an integer of at least 1"),
+        (("--seed", "-1"), "seed: got -1, expected an integer of at least 0"),
+    ],
+)
+def test_misuse_ends_with_one_line(tmp_path, arguments, message):
+    done = run(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert message in done.stderr
