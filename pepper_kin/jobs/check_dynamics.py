@@ -45,7 +45,7 @@ def check_dynamics(pepper: PepperModel, *, states: int = 200, seed: int = 0) -> 
 
     Inverse dynamics, forward dynamics and mass matrix against `dynamics.newton_euler`, which reads the URDF
     by itself and shares no code with Pinocchio; the derivatives against finite differences of fourth order;
-    all of them in three forms: single (Pinocchio, one state at a time), symbolic (CasADi) and batch (kernels).
+    all in three forms: single (Pinocchio, one state at a time), symbolic (CasADi) and batch (kernels).
     Accelerations are judged by the torques that they need according to Newton and Euler, so that light
     fingers on a heavy arm do not turn rounding into failures.  And the change of energy over a second of
     motion under random torques against the work that these do.
