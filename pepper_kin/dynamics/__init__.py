@@ -10,7 +10,9 @@ from pepper_kin.dynamics.derivatives import (
     inverse_dynamics_derivatives,
 )
 from pepper_kin.dynamics.energy import kinetic_energy, potential_energy
+from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.dynamics.forward import forward_dynamics
+from pepper_kin.dynamics.friction import joint_friction
 from pepper_kin.dynamics.inverse import gravity_torque, inverse_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix, mass_matrix, total_mass
 from pepper_kin.dynamics.momentum import centroidal_map, centroidal_momentum
@@ -29,6 +31,7 @@ __all__ = [
     "centroidal_map",
     "centroidal_momentum",
     "coriolis_matrix",
+    "external_torque",
     "forward_dynamics",
     "forward_dynamics_derivatives",
     "gravity_torque",
@@ -36,6 +39,7 @@ __all__ = [
     "inverse_dynamics",
     "inverse_dynamics_derivatives",
     "inverse_mass_matrix",
+    "joint_friction",
     "kinetic_energy",
     "mass_matrix",
     "newton_euler",

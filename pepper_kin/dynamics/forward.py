@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import are_vectors, over_states
+from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors
 
 
-def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> NDArray[np.float64]:
-    """Return a = M(q)^-1 (tau - C(q, v) v - g(q)) by the articulated-body algorithm.
+def forward_dynamics(
+    pepper: PepperModel,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    forces: Mapping[str, ArrayLike] | None = None,
+) -> NDArray[np.float64]:
+    """Return a = M(q)^-1 (tau + sum_k J_k^T f_k - C(q, v) v - g(q)) by the articulated-body algorithm.
 
     Featherstone (2008), table 7.1; through Pinocchio.  With mimic joints M = E^T M_full E is formed and
     solved instead.
@@ -21,13 +31,18 @@ def forward_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: Array
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         tau: Joint torques or forces [N m or N], shape (..., n).
+        forces: Forces from outside by frame, as `external_torque` takes them.
 
     Returns:
         Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        UnknownNameError: for a force at a frame that the robot lacks.
     """
+    if forces:
+        driven = as_joint_vectors(pepper, tau, "tau") + external_torque(pepper, q, forces)
+        return forward_dynamics(pepper, q, v, driven)
     if not pepper.is_coupled and are_vectors(pepper, q, v, tau):
         # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
         a: NDArray[np.float64] = pinocchio.aba(pepper.pinocchio_model, pepper.pinocchio_data, q, v, tau)

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import are_vectors, is_state, over_states
+from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.model import PepperModel
 
 
-def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
-    """Return tau = M(q) a + C(q, v) v + g(q) by the recursive Newton-Euler algorithm.
+def inverse_dynamics(
+    pepper: PepperModel,
+    q: ArrayLike,
+    v: ArrayLike,
+    a: ArrayLike,
+    forces: Mapping[str, ArrayLike] | None = None,
+) -> NDArray[np.float64]:
+    """Return tau = M(q) a + C(q, v) v + g(q) - sum_k J_k^T f_k by the recursive Newton-Euler algorithm.
 
     Featherstone, Rigid Body Dynamics Algorithms (2008), table 5.1; through Pinocchio.  With mimic joints
     tau = E^T tau_full, where q_full = E q + e.
@@ -21,13 +30,17 @@ def inverse_dynamics(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLi
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+        forces: Forces from outside by frame, as `external_torque` takes them.
 
     Returns:
         Joint torques or forces [N m or N], shape (..., n).
 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        UnknownNameError: for a force at a frame that the robot lacks.
     """
+    if forces:
+        return inverse_dynamics(pepper, q, v, a) - external_torque(pepper, q, forces)
     if not pepper.is_coupled and are_vectors(pepper, q, v, a):
         # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
         tau: NDArray[np.float64] = pinocchio.rnea(pepper.pinocchio_model, pepper.pinocchio_data, q, v, a)

@@ -43,6 +43,8 @@ class Joint:
         acceleration: Acceleration limit [rad/s^2 or m/s^2], inf where there is none.
         effort: Effort limit [N m or N], inf where there is none.
         mimic: (leading joint, multiplier, offset) or None.
+        damping: Viscous friction [N m s/rad or N s/m], zero where none is given.
+        friction: Coulomb friction [N m or N], zero where none is given.
     """
 
     name: str
@@ -55,6 +57,8 @@ class Joint:
     acceleration: float
     effort: float
     mimic: tuple[str, float, float] | None
+    damping: float = 0.0
+    friction: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -193,7 +197,8 @@ def _joint(element: ET.Element) -> Joint:
     upper = number_of(limit, "upper", 0.0, f"joint {name}") if bounded else math.inf
     if lower > upper:
         raise ModelError(f"URDF: joint {name}: lower limit {lower} is above upper limit {upper}")
-    mimic = element.find("mimic")
+    mimic, dynamics = element.find("mimic"), element.find("dynamics")
+    dynamics = ET.Element("dynamics") if dynamics is None else dynamics
     return Joint(
         name=name,
         type=kind,
@@ -211,6 +216,8 @@ def _joint(element: ET.Element) -> Joint:
             number_of(mimic, "multiplier", 1.0, f"mimic of {name}"),
             number_of(mimic, "offset", 0.0, f"mimic of {name}"),
         ),
+        damping=number_of(dynamics, "damping", 0.0, f"joint {name}"),
+        friction=number_of(dynamics, "friction", 0.0, f"joint {name}"),
     )
 
 

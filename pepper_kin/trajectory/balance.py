@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 
 Array = NDArray[np.float64]
@@ -73,11 +72,21 @@ def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: A
     Returns:
         Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
     """
-    point = _to_base(pepper, q, _zero_moment_points(pepper, q, v, a))
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
-    distance = np.einsum("tki,ki->tk", point[:, None, :] - polygon, inward).min(axis=1)
-    return np.where(np.isnan(distance), -np.inf, distance)
+    from pepper_kin import dynamics
+
+    lifted = dynamics.base_wrench(pepper, q, v, a)[:, 2] <= 0
+    margin = np.full(len(q), -np.inf)
+    stands = ~lifted
+    if stands.any():
+        margin[stands] = dynamics.tip_over_margin(
+            pepper, q[stands], v[stands], a[stands], polygon, _base(pepper)
+        )
+    return margin
+
+
+def _base(pepper: PepperModel) -> str:
+    """Return the frame that the support polygon moves with."""
+    return "base_footprint" if "base_footprint" in pepper.frame_names else pepper.document.root
 
 
 def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -> tuple[Array, Array]:
@@ -89,28 +98,3 @@ def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -
     turn = np.stack([np.stack([np.cos(yaw), -np.sin(yaw)], -1), np.stack([np.sin(yaw), np.cos(yaw)], -1)], -2)
     turned = [np.einsum("...ij,kj->...ki", turn, vectors) for vectors in (points, directions)]
     return turned[0] + np.stack([x, y], axis=-1)[..., None, :], turned[1]
-
-
-def _zero_moment_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> Array:
-    """Return the points in world coordinates [m], shape (T, 2), NaN where there is none."""
-    from pepper_kin import dynamics
-
-    try:
-        return dynamics.zero_moment_point(pepper, q, v, a)
-    except InfeasibleError:
-        points = np.full((len(q), 2), np.nan)
-        for i, state in enumerate(zip(q, v, a, strict=True)):
-            try:
-                points[i] = dynamics.zero_moment_point(pepper, *state)
-            except InfeasibleError:
-                continue
-        return points
-
-
-def _to_base(pepper: PepperModel, q: Array, point: Array) -> Array:
-    """Return world points in coordinates of the base, which moves where the robot has base joints."""
-    if not set(_BASE_JOINTS) <= set(pepper.joint_names):
-        return point
-    x, y, yaw = (q[:, pepper.joint_index(joint)] for joint in _BASE_JOINTS)
-    dx, dy = point[:, 0] - x, point[:, 1] - y
-    return np.stack([np.cos(yaw) * dx + np.sin(yaw) * dy, -np.sin(yaw) * dx + np.cos(yaw) * dy], axis=1)

@@ -1,0 +1,69 @@
+"""What forces from outside ask of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.batch import over_states
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors
+
+Array = NDArray[np.float64]
+
+
+def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, ArrayLike]) -> Array:
+    """Return the joint torques that forces from outside are worth, sum_k J_k(q)^T f_k.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        forces: Frame -> force [N] and moment [N m] that act on the robot at the frame's origin, in world
+            axes, force first, shape (..., 6); leading axes broadcast against those of q.
+
+    Returns:
+        Torques or forces [N m or N], shape (..., n).
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        InvalidValueError: for a wrong shape, NaN or infinity, naming the frame.
+    """
+    states = as_joint_vectors(pepper, q, "q")
+    total = np.zeros_like(states)
+    for frame, force in forces.items():
+        pepper.frame_id(frame)
+        wrench = _wrench(frame, force)
+        jacobian = over_states(
+            pepper, _jacobian(pepper, frame), (6, pepper.n), ("frame_jacobian", frame), q=states
+        )
+        try:
+            total = total + np.einsum("...ij,...i->...j", jacobian, wrench)
+        except ValueError:
+            allowed = f"leading axes that broadcast against {states.shape[:-1]}"
+            raise InvalidValueError(f"force at {frame}", f"shape {wrench.shape}", allowed) from None
+    return total
+
+
+def _wrench(frame: str, force: ArrayLike) -> Array:
+    try:
+        wrench = np.asarray(force, dtype=float)
+    except (TypeError, ValueError):
+        wrench = np.full(6, np.nan)
+    if wrench.ndim == 0 or wrench.shape[-1] != 6 or not np.isfinite(wrench).all():
+        raise InvalidValueError(f"force at {frame}", repr(force)[:60], "finite numbers of shape (..., 6)")
+    return wrench
+
+
+def _jacobian(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:
+    model, data, frame_id = pepper.pinocchio_model, pepper.pinocchio_data, pepper.frame_id(frame)
+    axes = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+    def one(q: Array) -> Array:
+        jacobian = pinocchio.computeFrameJacobian(model, data, pepper.to_full(q), frame_id, axes)
+        return np.asarray(jacobian @ pepper.full_map)
+
+    return one
