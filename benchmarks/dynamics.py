@@ -386,8 +386,9 @@ def main() -> None:
     pepper, target = pk.load_pepper(), pk.kernels.host_target()
     print(
         f"{target.cpu}, vectors of {target.vector_bytes} bytes, {os.cpu_count()} cores, "
-        f"Python {platform.python_version()}, pin {pin.__version__}, MuJoCo {mujoco.__version__}; {settings.states} states "
-        f"(loops: {settings.peer_states}), medians of {settings.repeats} interleaved repeats."
+        f"Python {platform.python_version()}, pin {pin.__version__}, MuJoCo {mujoco.__version__}; "
+        f"{settings.states} states (loops: {settings.peer_states}), "
+        f"medians of {settings.repeats} interleaved repeats."
     )
     heads = ("job", "asked", "new arrays", "`out=`", "new arrays, a state", "`out=`, a state",
              "loop, a state", "ok (new, `out=`)")  # fmt: skip
