@@ -9,6 +9,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels import Kernel, compile_function
 from pepper_kin.model import PepperModel
 
@@ -36,11 +37,17 @@ def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "floa
 
     Raises:
         UnknownNameError: for a quantity or frame that is not known.
-        InvalidValueError: for another dtype.
+        InvalidValueError: for another dtype, arguments that are no names, or no robot.
     """
+    if not isinstance(pepper, PepperModel):
+        raise InvalidValueError("pepper", repr(pepper)[:80], "a PepperModel, as load_pepper gives")
     key = (quantity, *args, dtype)
     with _lock:
-        found = _kept.setdefault(pepper, {}).get(key)
+        try:
+            found = _kept.setdefault(pepper, {}).get(key)
+        except TypeError:
+            allowed = "names, which can be hashed (a tuple for several)"
+            raise InvalidValueError(f"arguments of {quantity}", repr(args)[:80], allowed) from None
     if found is None:
         found = compile_function(
             lambda: _expression(pepper, quantity, args), dtype=dtype, key=_disk_key(pepper, quantity, args)

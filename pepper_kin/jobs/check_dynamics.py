@@ -45,7 +45,7 @@ def check_dynamics(pepper: PepperModel, *, states: int = 200, seed: int = 0) -> 
 
     Inverse dynamics, forward dynamics and mass matrix against `dynamics.newton_euler`, which reads the URDF
     by itself and shares no code with Pinocchio; the derivatives against finite differences of fourth order;
-    all in three forms: single (Pinocchio, one state at a time), symbolic (CasADi) and batch (kernels).
+    all of them in three forms: single (Pinocchio, one state at a time), symbolic (CasADi), batch (kernels).
     Accelerations are judged by the torques that they need according to Newton and Euler, so that light
     fingers on a heavy arm do not turn rounding into failures.  And the change of energy over a second of
     motion under random torques against the work that these do.
@@ -266,5 +266,5 @@ def _energy_row(pepper: PepperModel, rng: np.random.Generator) -> DynamicsCheckR
     potential = np.array([dynamics.potential_energy(pepper, y[:n]) for y in run.y.T])
     gain = kinetic + potential - kinetic[0] - potential[0]
     turned_over = (kinetic + np.abs(potential - potential[0])).max()
-    mismatch = float(np.abs(gain - run.y[-1]).max() / turned_over)
-    return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": mismatch})
+    excess = float(np.abs(gain - run.y[-1]).max() / turned_over)
+    return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": excess})

@@ -31,8 +31,8 @@ def as_finite(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) ->
         "(" + ", ".join("k" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     )
     try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
+        array = _as_floats(value)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidValueError(quantity, repr(value), f"numbers of shape {wanted}") from error
     if len(array.shape) != len(shape) or any(
         s is not None and s != a for s, a in zip(shape, array.shape, strict=True)
@@ -43,6 +43,14 @@ def as_finite(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) ->
             quantity, array[~np.isfinite(array)][0], "finite numbers (no NaN, no infinity)"
         )
     return array
+
+
+def _as_floats(value: ArrayLike) -> NDArray[np.float64]:
+    """Convert numbers, and nothing else that NumPy would turn into some: dates, texts, complex numbers."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "biufO":
+        raise TypeError(f"an array of {array.dtype}")
+    return array.astype(np.float64, copy=False)
 
 
 def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> NDArray[np.float64]:
@@ -60,8 +68,8 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
         InvalidValueError: for a wrong length, or naming the joint that is NaN or infinite.
     """
     try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
+        array = _as_floats(value)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidValueError(quantity, repr(value)[:80], f"numbers of shape (..., {pepper.n})") from error
     if array.ndim == 0 or array.shape[-1] != pepper.n:
         raise InvalidValueError(
