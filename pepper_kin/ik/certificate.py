@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.problem import Problem
-from pepper_kin.ik.result import TaskError, TorqueUse
+from pepper_kin.ik.problem import Problem, make_problem
+from pepper_kin.ik.result import Certificate, TaskError, TorqueUse
 from pepper_kin.ik.search import torque_ratios
-from pepper_kin.ik.tasks.task import Array
+from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.model import PepperModel
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 # A joint within this of a bound is at it [rad or m].
 AT_LIMIT = 1e-4
@@ -19,16 +24,31 @@ AT_LIMIT = 1e-4
 PUSH = 1e-3
 
 
-@dataclass(frozen=True)
-class Certificate:
-    """What holds at q; the attributes are those of `IKResult`."""
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that a certificate is computed from, when it is asked for.
 
-    errors: tuple[TaskError, ...]
-    active_limits: tuple[str, ...]
-    blocking_limits: tuple[str, ...]
-    clearance: float | None
-    in_collision: bool | None
-    torque_use: TorqueUse
+    Attributes:
+        pepper: The robot.
+        tasks: The tasks, groups taken apart.
+        q0: The start, shape (n,) [rad or m].
+        movable: Joints that may move, shape (n,); None for all.
+        scene: The scene, None where collisions were not considered.
+        q: Joint positions to certify, shape (n,) [rad or m].
+    """
+
+    pepper: PepperModel
+    tasks: tuple[Task, ...]
+    q0: Array
+    movable: np.ndarray | None
+    scene: Scene | None
+    q: Array
+
+    def __call__(self) -> Certificate:
+        """Return the certificate."""
+        movable = np.ones(self.pepper.n, dtype=bool) if self.movable is None else self.movable
+        problem = make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=self.scene is None)
+        return certify(problem, Collisions(self.pepper, self.scene), self.q)
 
 
 def certify(problem: Problem, collisions: Collisions, q: Array) -> Certificate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,34 @@ class Descent:
     cost: float
     iterations: int
     timed_out: bool
+
+
+class Descender(ABC):
+    """Searches from a start down to the nearest minimum of one problem."""
+
+    @abstractmethod
+    def descend(
+        self, start: Array, reference: Array, max_iterations: int, deadline: float, fence: Fence | None = None
+    ) -> Descent:
+        """Return where the search from a start ends; the arguments are those of the function `descend`."""
+
+
+class StepDescender(Descender):
+    """Descends by the steps of a step solver.
+
+    Args:
+        problem: The problem.
+        solver: Proposes the steps.
+    """
+
+    def __init__(self, problem: Problem, solver: StepSolver) -> None:
+        self._problem, self._solver = problem, solver
+
+    def descend(
+        self, start: Array, reference: Array, max_iterations: int, deadline: float, fence: Fence | None = None
+    ) -> Descent:
+        """Return the outcome of `descend`."""
+        return descend(self._problem, self._solver, start, reference, max_iterations, deadline, fence)
 
 
 def descend(

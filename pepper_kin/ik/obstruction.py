@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.descent import descend
 from pepper_kin.ik.problem import Problem
 from pepper_kin.ik.restarts import starts
 from pepper_kin.ik.result import Status
 from pepper_kin.ik.search import Budget, Search, search
-from pepper_kin.ik.solvers import make_solver
+from pepper_kin.ik.descenders import make_descender
 
 # Starts for the question whether a less bounded robot would reach the target.
 STARTS = 3
@@ -39,9 +38,9 @@ def find_status(problem: Problem, found: Search, solver: str, budget: Budget) ->
         return Status.CLOSEST_COLLISION
     unlimited = problem.without_limits()
     steps = min(STEPS, budget.max_iterations)
-    step_solver = make_solver(solver, unlimited)
+    descender = make_descender(solver, unlimited)
     for start in (found.best.q, *starts(unlimited, budget.seed, STARTS)):
-        descent = descend(unlimited, step_solver, start, start, steps, budget.deadline)
+        descent = descender.descend(start, start, steps, budget.deadline)
         if descent.timed_out:
             return Status.TIMED_OUT
         if unlimited.is_met(descent.residuals):
@@ -52,6 +51,6 @@ def find_status(problem: Problem, found: Search, solver: str, budget: Budget) ->
 def would_all_joints_help(whole: Problem, solver: str, budget: Budget) -> bool:
     """Whether a problem in which every joint may move is solved, collisions left out."""
     found = search(
-        whole, make_solver(solver, whole), Collisions(whole.pepper, None), replace(budget, restarts=STARTS)
+        whole, make_descender(solver, whole), Collisions(whole.pepper, None), replace(budget, restarts=STARTS)
     )
     return found.best.met

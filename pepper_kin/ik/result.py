@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
+from typing import Any
 
 from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
 
@@ -82,41 +85,85 @@ class TorqueUse:
     ratio: float
 
 
-@dataclass(frozen=True, eq=False)
-class IKResult:
-    """The best configuration found and a certificate recomputed from it, never the solver's word.
+@dataclass(frozen=True)
+class Certificate:
+    """What holds at q, computed from the problem and q alone; the attributes are those of `IKResult`."""
 
-    Attributes:
-        status: How the call ended.
-        q: Joint positions within all limits [rad or m], shape (n,), read-only.
-        errors: Of each task, groups taken apart.
-        active_limits: Names of the joints that may move and are at a limit.
-        blocking_limits: Those of them that the unmet tasks push against.
-        clearance: Smallest distance to itself and the scene [m]; None where collisions were not considered.
-        in_collision: Whether q touches itself or the scene; None where collisions were not considered.
-        torque_use: The joint that gravity asks most of.
-        iterations: Steps over all starts.
-        restarts: Starts used after the first.
-        time: Wall-clock time of the call [s].
-        solver: Name of the solver.
-        seed: Seed of the restarts.
-        hint: What else was found out, such as that more joints would help; may be empty.
-    """
-
-    status: Status
-    q: Array
     errors: tuple[TaskError, ...]
     active_limits: tuple[str, ...]
     blocking_limits: tuple[str, ...]
     clearance: float | None
     in_collision: bool | None
     torque_use: TorqueUse
+
+
+@dataclass(frozen=True, eq=False)
+class IKResult:
+    """The best configuration found and a certificate recomputed from it, never the solver's word.
+
+    The certificate is computed when something of it is first asked for, and kept.
+
+    Attributes:
+        status: How the call ended.
+        q: Joint positions within all limits [rad or m], shape (n,), read-only.
+        iterations: Steps over all starts.
+        restarts: Starts used after the first.
+        time: Wall-clock time of the call [s].
+        solver: Name of the solver.
+        seed: Seed of the restarts.
+        evidence: Computes the certificate.
+        hint: What else was found out, such as that more joints would help; may be empty.
+    """
+
+    status: Status
+    q: Array
     iterations: int
     restarts: int
     time: float
     solver: str
     seed: int
+    evidence: Callable[[], Certificate] = field(repr=False)
     hint: str = ""
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """What holds at q, recomputed from the tasks, the robot and the scene."""
+        return self.evidence()
+
+    @property
+    def errors(self) -> tuple[TaskError, ...]:
+        """Of each task, groups taken apart."""
+        return self.certificate.errors
+
+    @property
+    def active_limits(self) -> tuple[str, ...]:
+        """Names of the joints that may move and are at a limit."""
+        return self.certificate.active_limits
+
+    @property
+    def blocking_limits(self) -> tuple[str, ...]:
+        """Those of the active limits that the unmet tasks push against."""
+        return self.certificate.blocking_limits
+
+    @property
+    def clearance(self) -> float | None:
+        """Smallest distance to itself and the scene [m]; None where collisions were not considered."""
+        return self.certificate.clearance
+
+    @property
+    def in_collision(self) -> bool | None:
+        """Whether q touches itself or the scene; None where collisions were not considered."""
+        return self.certificate.in_collision
+
+    @property
+    def torque_use(self) -> TorqueUse:
+        """The joint that gravity asks most of."""
+        return self.certificate.torque_use
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Travel with the certificate instead of the means to compute it."""
+        certificate = self.certificate
+        return {**self.__dict__, "certificate": certificate, "evidence": None}
 
     @property
     def success(self) -> bool:

@@ -9,10 +9,9 @@ import numpy as np
 
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.ik.collisions import Collisions, Fence
-from pepper_kin.ik.descent import Descent, descend
+from pepper_kin.ik.descent import Descender, Descent
 from pepper_kin.ik.problem import Problem
 from pepper_kin.ik.restarts import nearby, starts
-from pepper_kin.ik.solvers.step_solver import StepSolver
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 
@@ -95,14 +94,14 @@ class Search:
     timed_out: bool
 
 
-def search(problem: Problem, solver: StepSolver, collisions: Collisions, budget: Budget) -> Search:
+def search(problem: Problem, descender: Descender, collisions: Collisions, budget: Budget) -> Search:
     """Descend from q0 and, until a good find, from further starts.
 
     Where a descent ends in collision, a second one from the same start keeps clear all the way.
 
     Args:
         problem: The problem.
-        solver: Proposes the steps.
+        descender: Searches from each start.
         collisions: What may not touch.
         budget: When to give up.
 
@@ -117,7 +116,7 @@ def search(problem: Problem, solver: StepSolver, collisions: Collisions, budget:
     for used, start in enumerate(starts(problem, budget.seed, budget.restarts)):
         if used % 3 and met_in_collision and best.free and not best.met:
             start = nearby(problem, best.q, generator, used)
-        for descent in _descents(problem, solver, collisions, budget, start):
+        for descent in _descents(problem, descender, collisions, budget, start):
             find = judge(problem, collisions, descent.q, descent.residuals)
             best = min(best, find, key=lambda item: item.rank)
             iterations += descent.iterations
@@ -133,12 +132,12 @@ def search(problem: Problem, solver: StepSolver, collisions: Collisions, budget:
 
 
 def _descents(
-    problem: Problem, solver: StepSolver, collisions: Collisions, budget: Budget, start: Array
+    problem: Problem, descender: Descender, collisions: Collisions, budget: Budget, start: Array
 ) -> Iterator[Descent]:
     """Yield the descent from a start and, if that ends in collision, one that keeps clear."""
 
     def run(fence: Fence | None) -> Descent:
-        return descend(problem, solver, start, problem.q0, budget.max_iterations, budget.deadline, fence)
+        return descender.descend(start, problem.q0, budget.max_iterations, budget.deadline, fence)
 
     plain = run(None)
     yield plain

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.certificate import certify
+from pepper_kin.ik.certificate import Evidence
 from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
 from pepper_kin.ik.obstruction import find_status, would_all_joints_help
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
 from pepper_kin.ik.search import Budget, search
-from pepper_kin.ik.solvers import SOLVERS, make_solver
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -31,13 +32,20 @@ from pepper_kin.model.shapes import read_only
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
+# With a timeout, the search that is not interrupted is used only if there is this much time [s] and at most so
+# many steps to make, of some microseconds each.
+LEAST_TIME = 0.05
+MOST_STEPS = 10_000
+
+_neutrals: WeakKeyDictionary[PepperModel, Array] = WeakKeyDictionary()
+
 
 def solve(
     pepper: PepperModel,
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
     q0: ArrayLike | None = None,
     *,
-    solver: str = "placo",
+    solver: str = "fast",
     scene: Scene | None = None,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
@@ -56,7 +64,7 @@ def solve(
         pepper: The robot.
         tasks: What to fulfil, such as `HandPosition` and `LookAt`.
         q0: Where to start and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
-        solver: "placo" or "proxsuite".
+        solver: "fast", "placo" or "proxsuite".
         scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
@@ -73,38 +81,106 @@ def solve(
         LimitError: for a q0 outside the joint limits.
     """
     begin = time.perf_counter()
-    check_choice("solver", solver, SOLVERS)
-    parts = flatten_tasks(pepper, tasks)
+    check_choice("solver", solver, ALL_SOLVERS)
+    parts = tuple(flatten_tasks(pepper, tasks))
     start = _checked_start(pepper, q0)
-    movable = movable_joints(pepper, joints)
+    movable = None if joints is None else movable_joints(pepper, joints)
     _check_scene(scene)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
-    collisions = Collisions(pepper, scene)
-    problem = make_problem(pepper, parts, start, movable, keep_idle=scene is None)
-    found = search(problem, make_solver(solver, problem), collisions, budget)
-    status = find_status(problem, found, solver, budget)
-    hint = "" if movable.all() else _hint(status, problem, solver, budget)
-    q = found.best.q
-    certificate = certify(problem, collisions, q)
+    request = Request(pepper, parts, start, movable, scene, budget)
+    found = _find_at_once(request) if solver == "fast" else None
+    if found is None:
+        found = _find(request, solver)
+    hint = "" if movable is None or movable.all() else _hint(found.status, request, solver)
     return IKResult(
-        status=status,
-        q=read_only(q),
+        status=found.status,
+        q=found.q,
         iterations=found.iterations,
         restarts=found.restarts,
         time=time.perf_counter() - begin,
         solver=solver,
         seed=budget.seed,
+        evidence=Evidence(pepper, parts, start, movable, scene, found.q),
         hint=hint,
-        **vars(certificate),
     )
 
 
-def _hint(status: Status, problem: Problem, solver: str, budget: Budget) -> str:
+class Request(NamedTuple):
+    """What `solve` was asked for, checked.
+
+    Attributes:
+        pepper: The robot.
+        tasks: The tasks, groups taken apart.
+        q0: The start, within the limits, shape (n,).
+        movable: Joints that may move, shape (n,); None for all.
+        scene: The scene, or None.
+        budget: How much the search may spend.
+    """
+
+    pepper: PepperModel
+    tasks: tuple[Task, ...]
+    q0: Array
+    movable: np.ndarray | None
+    scene: Scene | None
+    budget: Budget
+
+    def problem(self, *, whole: bool = False) -> Problem:
+        """Return the problem; with `whole` every joint may move."""
+        free = whole or self.movable is None
+        movable = np.ones(self.pepper.n, dtype=bool) if free else self.movable
+        return make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=whole or self.scene is None)
+
+
+class Found(NamedTuple):
+    """How a search ended.
+
+    Attributes:
+        q: Joint positions, shape (n,), read-only.
+        status: How it ended.
+        iterations: Steps over all starts.
+        restarts: Starts used after the first.
+    """
+
+    q: Array
+    status: Status
+    iterations: int
+    restarts: int
+
+
+def _find_at_once(request: Request) -> Found | None:
+    """Search in machine code from end to end; None where collisions or the clock ask for the other search."""
+    from pepper_kin.ik.fast import prepare, solve_one, structures_of
+
+    pepper, budget = request.pepper, request.budget
+    prepared = prepare(pepper, structures_of(request.tasks))
+    if budget.deadline < math.inf and (
+        budget.deadline - time.perf_counter() < LEAST_TIME
+        or budget.max_iterations * (budget.restarts + 1) > MOST_STEPS
+    ):
+        return None
+    answer = solve_one(
+        prepared, request.tasks, request.q0, request.movable, budget.seed, budget.restarts,
+        budget.max_iterations,
+    )  # fmt: skip
+    if request.scene is not None and not Collisions(pepper, request.scene).free(answer.q):
+        return None
+    return Found(*answer)
+
+
+def _find(request: Request, solver: str) -> Found:
+    """Search start by start, with an eye on collisions and the clock."""
+    problem, budget = request.problem(), request.budget
+    collisions = Collisions(request.pepper, request.scene)
+    found = search(problem, make_descender(solver, problem), collisions, budget)
+    status = find_status(problem, found, solver, budget)
+    return Found(read_only(found.best.q), status, found.iterations, found.restarts)
+
+
+def _hint(status: Status, request: Request, solver: str) -> str:
     if status not in (Status.CLOSEST_LIMITS, Status.CLOSEST_UNREACHABLE):
         return ""
-    every = np.ones(problem.pepper.n, dtype=bool)
-    whole = make_problem(problem.pepper, problem.tasks, problem.q0, every, keep_idle=True)
-    if whole.movable.sum() > problem.movable.sum() and would_all_joints_help(whole, solver, budget):
+    problem, whole = request.problem(), request.problem(whole=True)
+    if whole.movable.sum() > problem.movable.sum() and would_all_joints_help(whole, solver, request.budget):
         return "with all joints free it would be reached"
     return ""
 
@@ -122,12 +198,23 @@ def _checked_budget(
 
 def _checked_start(pepper: PepperModel, q0: ArrayLike | None) -> Array:
     if q0 is None:
-        return pepper.neutral()
+        return _neutral(pepper)
+    if type(q0) is np.ndarray and q0.dtype == np.float64 and q0.shape == (pepper.n,):
+        if ((pepper.lower_limits <= q0) & (q0 <= pepper.upper_limits)).all():
+            return q0.copy()
     start = as_joint_vectors(pepper, q0, "q0")
     if start.ndim != 1:
         raise InvalidValueError("q0", f"shape {start.shape}", f"shape ({pepper.n},)")
     check_within_limits(pepper, start, "q0")
     return np.clip(start, pepper.lower_limits, pepper.upper_limits)
+
+
+def _neutral(pepper: PepperModel) -> Array:
+    """Return the neutral posture, looked up once for each robot."""
+    found = _neutrals.get(pepper)
+    if found is None:
+        found = _neutrals[pepper] = read_only(pepper.neutral())
+    return found
 
 
 def _check_scene(scene: object) -> None:

@@ -1,0 +1,218 @@
+"""Damped steps down to the nearest minimum, compiled."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pepper_kin.ik.descent import SMALL_GAIN, SMALL_STEP
+from pepper_kin.ik.fast.box import FREE, HIGH, LOW, solve_box, solve_free
+from pepper_kin.ik.fast.native import call_kernel
+from pepper_kin.ik.problem import CLOSE, POSTURE_WEIGHT
+from pepper_kin.ik.solvers.step_solver import STEP_BOUND
+from pepper_kin.ik.tasks.task import Array
+
+FIRST_DAMPING = 1e-3
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e4
+RAISE = 4.0
+LOWER = 5.0
+
+# In its first steps a descent goes only this part of the way to a bound: it then finds round many a local
+# minimum on the bounds that it would be caught in.
+CAUTION = 0.3
+CAUTIOUS_STEPS = 30
+
+_CLOSE = CLOSE**2
+_POSTURE = POSTURE_WEIGHT**2
+
+
+class Setting(NamedTuple):
+    """One problem, as compiled code sees it.
+
+    Attributes:
+        address: Address of the kernel of `task_function`.
+        work: The kernel's room.
+        index: Places of the joints that the kernel differentiates by, shape (k,).
+        low: Their lower bounds, shape (k,).
+        high: Their upper bounds, shape (k,).
+        scale: d_i^2, shape (k,).
+        reference: q_ref of the posture term, shape (n,).
+        tolerance: Squared tolerances of the tasks, shape (t,).
+        stop_when_met: Whether nothing is left to gain once all tasks are well met.
+    """
+
+    address: int
+    work: Array
+    index: np.ndarray
+    low: Array
+    high: Array
+    scale: Array
+    reference: Array
+    tolerance: Array
+    stop_when_met: bool
+
+
+class Room(NamedTuple):
+    """Arrays that descents write to; k joints, t tasks.
+
+    Attributes:
+        given: The kernel's input at q: q, weights and targets.
+        trial: The same at the configuration to try.
+        result: The kernel's output at q.
+        other: The same at the configuration to try.
+        matrix: Shape (k, k).
+        factor: Shape (k, k + 1).
+        vectors: Gradient, step, lower and upper bound of the step, shape (4, k).
+        state: Active bounds, shape (k,).
+    """
+
+    given: Array
+    trial: Array
+    result: Array
+    other: Array
+    matrix: Array
+    factor: Array
+    vectors: Array
+    state: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def make_room(row: Array, k: int, t: int) -> Room:
+    """Return room for a row of input, k joints and t tasks."""
+    outputs = t + 1 + k + k * (k + 1) // 2
+    return Room(
+        row.copy(),
+        row.copy(),
+        np.empty(outputs),
+        np.empty(outputs),
+        np.empty((k, k)),
+        np.empty((k, k + 1)),
+        np.empty((4, k)),
+        np.empty(k, np.int64),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fraction_of_tolerance(result: Array, tolerance: Array) -> float:
+    """Return the largest of error^2 / tolerance^2."""
+    worst = 0.0
+    for i in range(tolerance.size):
+        worst = max(worst, result[i] / tolerance[i])
+    return worst
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def descend(setting: Setting, room: Room, max_iterations: int, small_gain: float, cautious_steps: int) -> int:
+    """Search from a start by Levenberg-Marquardt steps within the bounds; see `pepper_kin.ik.descent`.
+
+    Args:
+        setting: The problem.
+        room: `given` holds the start, and afterwards the result; `result` the kernel's output there.
+        max_iterations: Number of steps proposed at most.
+        small_gain: A step that gains less than this part of the cost is the last; where it is more than
+            SMALL_GAIN, the minimum is not looked for to its very end.
+        cautious_steps: How many steps keep away from the bounds.
+
+    Returns:
+        Number of steps proposed.
+    """
+    given, trial, result, other, index = room.given, room.trial, room.result, room.other, setting.index
+    t, to_the_end = setting.tolerance.size, small_gain <= SMALL_GAIN
+    evaluate(setting, given, result)
+    cost = result[t] + _posture_cost(setting, given)
+    damping, backed, cautious, iterations = FIRST_DAMPING, False, cautious_steps > 0, 0
+    while iterations < max_iterations and damping < MOST_DAMPING:
+        if setting.stop_when_met and fraction_of_tolerance(result, setting.tolerance) <= _CLOSE:
+            break
+        iterations += 1
+        cautious = cautious and iterations <= cautious_steps
+        _linearise(setting, room, damping, cautious)
+        if not _propose(setting, room, cautious):
+            damping *= 10
+            continue
+        size = 0.0
+        for i in range(index.size):
+            size = max(size, abs(trial[index[i]] - given[index[i]]))
+        evaluate(setting, trial, other)
+        new_cost = other[t] + _posture_cost(setting, trial)
+        gain = cost - new_cost
+        if gain > 0:
+            for i in range(index.size):
+                given[index[i]] = trial[index[i]]
+            result[:] = other
+            cost = new_cost
+            damping, backed = (damping if backed else max(damping / LOWER, LEAST_DAMPING)), False
+        elif size >= SMALL_STEP:
+            damping, backed = max(RAISE * damping, FIRST_DAMPING), True
+            continue
+        if size < SMALL_STEP or gain < small_gain * cost:
+            if not (cautious and to_the_end):
+                break
+            cautious = False
+    return iterations
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def evaluate(setting: Setting, given: Array, result: Array) -> None:
+    """Call the kernel."""
+    call_kernel(setting.address, given.ctypes.data, result.ctypes.data, setting.work.ctypes.data)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linearise(setting: Setting, room: Room, damping: float, cautious: bool) -> None:
+    """Write the step's quadratic programme: H + lambda diag(d)^2 + eps^2, g, and the bounds of the step.
+
+    A cautious step has a term |g_i| / (distance to the bound that joint i moves towards) on the diagonal
+    (Coleman and Li, An interior trust region approach for nonlinear minimization subject to bounds, 1996).
+    """
+    index, low, high = setting.index, setting.low, setting.high
+    matrix, gradient, least, most = room.matrix, room.vectors[0], room.vectors[2], room.vectors[3]
+    k = index.size
+    part = CAUTION if cautious else 1.0
+    start = setting.tolerance.size + 1
+    place = start + k
+    for i in range(k):
+        q = room.given[index[i]]
+        slope = room.result[start + i] + _POSTURE * (q - setting.reference[index[i]])
+        for j in range(i, k):
+            matrix[i, j] = room.result[place]
+            place += 1
+        matrix[i, i] += _POSTURE + damping * setting.scale[i]
+        if cautious and low[i] < high[i]:
+            matrix[i, i] += slope / max(q - low[i], 1e-9) if slope > 0 else -slope / max(high[i] - q, 1e-9)
+        least[i] = max(part * (low[i] - q), -STEP_BOUND)
+        most[i] = min(part * (high[i] - q), STEP_BOUND)
+        gradient[i] = slope
+        room.state[i] = FREE
+        if cautious:
+            room.state[i] = FREE if low[i] < high[i] else LOW
+        elif least[i] > -1e-12 and slope > 0:
+            room.state[i] = LOW
+        elif most[i] < 1e-12 and slope < 0:
+            room.state[i] = HIGH
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _propose(setting: Setting, room: Room, cautious: bool) -> bool:
+    """Write the configuration to try; the result tells whether there is one."""
+    gradient, step, least, most = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
+    if cautious:
+        good = solve_free(room.matrix, gradient, least, most, step, room.state, room.factor)
+    else:
+        good = solve_box(room.matrix, gradient, least, most, step, room.state, room.factor)
+    for i in range(step.size):
+        q = room.given[setting.index[i]] + min(max(step[i], least[i]), most[i])
+        room.trial[setting.index[i]] = min(max(q, setting.low[i]), setting.high[i])
+    return good
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _posture_cost(setting: Setting, given: Array) -> float:
+    total = 0.0
+    for i in range(setting.index.size):
+        shift = given[setting.index[i]] - setting.reference[setting.index[i]]
+        total += shift * shift
+    return 0.5 * _POSTURE * total

@@ -1,0 +1,138 @@
+"""The tasks of one structure as an expression: errors, cost, gradient and Gauss-Newton matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pepper_kin.ik.fast.residuals import direction_residual, rotation_residual, skew
+from pepper_kin.ik.fast.structure import Structure
+from pepper_kin.ik.tasks.direction import sideways_basis
+from pepper_kin.ik.tasks.look_at import NEAREST
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.jacobians import jacobian_columns, reduced_rows
+from pepper_kin.symbolic.poses import world_frames
+from pepper_kin.symbolic.states import make_state, new_inputs
+from pepper_kin.symbolic.tree import read_tree
+
+if TYPE_CHECKING:
+    import casadi
+
+
+def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
+    """Return the places of the joints that move any task, ascending.
+
+    A joint moves a frame's task where it is on the way to the frame; whether its column vanishes by some
+    symmetry is left to the search, which then leaves the joint where it is.
+    """
+    import casadi
+
+    used = np.zeros(pepper.n, dtype=bool)
+    frames = tuple(dict.fromkeys(task.frame for task in tasks if task.frame))
+    if frames:
+        outputs = _frames_function(pepper, frames)(casadi.SX.sym("q", pepper.n))
+        for jacobian in outputs[1::2] if len(frames) > 0 else ():
+            used |= np.array(casadi.DM(jacobian.sparsity(), 1)).any(axis=0)
+    for task in tasks:
+        if task.kind == "JointPosture":
+            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
+    return np.flatnonzero(used)
+
+
+def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.ndarray) -> casadi.Function:
+    """Return the function (q, weights, targets) -> what one step of a descent needs.
+
+    With r_i the residual of task i, J_i its derivative by the joints of `index`, and w_i^2 the weights,
+
+        errors_i = |r_i|^2,   cost = sum_i w_i^2 |r_i|^2 / 2,
+        gradient = sum_i w_i^2 J_i^T r_i,   matrix = sum_i w_i^2 J_i^T J_i (upper triangle, row by row).
+
+    A posture's error is the largest deviation, squared.
+
+    Args:
+        pepper: The robot.
+        tasks: Structures of the tasks.
+        index: Places of the joints to differentiate by.
+
+    Returns:
+        Function of q (n), w^2 (number of tasks) and all targets one after the other; one output `step`.
+    """
+    import casadi
+
+    q, weights = casadi.SX.sym("q", pepper.n), casadi.SX.sym("weights", len(tasks))
+    targets = casadi.SX.sym("targets", sum(task.target_size for task in tasks))
+    frames = tuple(dict.fromkeys(task.frame for task in tasks if task.frame))
+    outputs = _frames_function(pepper, frames)(q) if frames else ()
+    known = {frame: (outputs[2 * k], outputs[2 * k + 1]) for k, frame in enumerate(frames)}
+    errors, cost = [], casadi.SX(0)
+    gradient = casadi.SX(index.size, 1)
+    matrix = casadi.SX(index.size, index.size)
+    place = 0
+    for i, task in enumerate(tasks):
+        target = targets[place : place + task.target_size]
+        place += task.target_size
+        residual, jacobian = _residual(pepper, task, q, known.get(task.frame), target)
+        jacobian = jacobian[:, index.tolist()]
+        square = casadi.sumsqr(residual)
+        errors.append(_largest_square(residual) if task.kind == "JointPosture" else square)
+        cost += 0.5 * weights[i] * square
+        gradient += weights[i] * (jacobian.T @ residual)
+        matrix += weights[i] * (jacobian.T @ jacobian)
+    upper = [matrix[i, j] for i in range(index.size) for j in range(i, index.size)]
+    step = casadi.densify(casadi.vertcat(*errors, cost, gradient, *upper))
+    return casadi.Function("ik_step", [q, weights, targets], [casadi.cse(step)])
+
+
+def _frames_function(pepper: PepperModel, frames: tuple[str, ...]) -> casadi.Function:
+    """Return q -> (pose, Jacobian) of each frame, all written on one graph so that they share operations."""
+    tree = read_tree(pepper, compact=True)
+    graph, inputs = new_inputs(tree, "q")
+    state = make_state(tree, inputs["q"])
+    outputs: dict[str, Any] = {}
+    for k, (frame, (rotation, position)) in enumerate(zip(frames, world_frames(state, frames), strict=True)):
+        outputs[f"pose{k}"] = [(*turn, x) for turn, x in zip(rotation, position, strict=True)]
+        outputs[f"jacobian{k}"] = reduced_rows(tree.full_map, jacobian_columns(state, frame)[0])
+    return make_function("ik_frames", graph, inputs, outputs)
+
+
+def _residual(
+    pepper: PepperModel, task: Structure, q: Any, motion: tuple[Any, Any] | None, target: Any
+) -> tuple[Any, Any]:
+    """Return r and dr/dq as the task's class defines them."""
+    import casadi
+
+    if motion is None:
+        rows = [pepper.joint_index(name) for name in task.joints or pepper.joint_names]
+        return q[rows] - target, casadi.SX(casadi.sparsify(casadi.DM(np.eye(pepper.n)[rows])))
+    pose, jacobian = motion
+    rotation, origin = pose[:, :3], pose[:, 3]
+    if task.kind == "FramePosition":
+        return origin - target, jacobian[:3, :]
+    if task.kind == "FrameOrientation":
+        wanted = casadi.reshape(target, 3, 3)  # row-major numbers: this is R_t^T
+        residual, inverse = rotation_residual(rotation @ wanted)
+        return residual, inverse @ jacobian[3:, :]
+    axis = np.array(task.axis)
+    basis = sideways_basis(axis)
+    if task.kind == "AxisAlignment":
+        residual, slope = direction_residual(axis, basis, rotation.T @ target)
+        return residual, (slope @ rotation.T @ skew(target)) @ jacobian[3:, :]
+    line = target - origin
+    distance = casadi.fmax(casadi.sqrt(casadi.sumsqr(line)), NEAREST)
+    sight = line / distance
+    residual, slope = direction_residual(axis, basis, rotation.T @ sight)
+    ahead = slope @ rotation.T
+    across = (ahead - (ahead @ sight) @ sight.T) / distance
+    return residual, (ahead @ skew(sight)) @ jacobian[3:, :] - across @ jacobian[:3, :]
+
+
+def _largest_square(residual: Any) -> Any:
+    import casadi
+
+    largest = residual[0] ** 2
+    for k in range(1, residual.numel()):
+        largest = casadi.fmax(largest, residual[k] ** 2)
+    return largest

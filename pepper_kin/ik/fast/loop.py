@@ -1,0 +1,290 @@
+"""The search over several starts for many targets, compiled: the counterpart of `pepper_kin.ik.search`."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pepper_kin.ik.descent import SMALL_GAIN
+from pepper_kin.ik.fast.descent import (
+    CAUTIOUS_STEPS,
+    Room,
+    Setting,
+    descend,
+    evaluate,
+    fraction_of_tolerance,
+    make_room,
+)
+from pepper_kin.ik.fast.native import call_kernel
+from pepper_kin.ik.restarts import REACH
+from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT, LEAST_STARTS, STARTS_FOR_TORQUE
+from pepper_kin.ik.tasks.task import Array
+
+NEAR, FAR = REACH
+NEAR_STARTS = len(REACH)
+
+# What `answers` holds after q and the squared errors.
+STATUS, ITERATIONS, RESTARTS = 0, 1, 2
+EXTRA = 3
+
+SOLVED, UNREACHABLE, LIMITS = 0.0, 1.0, 2.0
+
+# Starts and steps for the question whether the joints without limits would reach the target.
+STARTS_WITHOUT_LIMITS = 3
+STEPS_WITHOUT_LIMITS = 60
+
+# Descents end sooner than elsewhere, when a step gains less than this part of the cost; only the best of them
+# is brought to its very end.
+SEARCH_GAIN = 1e-3
+
+# Rows of `bounds`.
+ROW_LOW, ROW_HIGH, ROW_SCALE, ROW_HEAVY, ROW_MOVES = 0, 1, 2, 3, 4
+
+# Places in `numbers`.
+TASKS_ADDRESS, GRAVITY_ADDRESS, WORK_SIZE, STOP_WHEN_MET = 0, 1, 2, 3
+
+
+class Wishes(NamedTuple):
+    """What a search needs besides the problem.
+
+    Attributes:
+        gravity: Address of the kernel of the gravity torque.
+        effort: 1 / effort limit, 0 where there is none, shape (n,).
+        torque: Room, shape (n,).
+        heavy: Above 0 for joints that carry much, shape (k,).
+        points: Of the restarts, in the unit cube, shape (restarts, candidates, k).
+        costs: Room, shape (restarts + 1,).
+    """
+
+    gravity: int
+    effort: Array
+    torque: Array
+    heavy: Array
+    points: Array
+    costs: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
+    """Write the start of a number into `given`; see `pepper_kin.ik.restarts.starts`."""
+    index, low, high, trial = setting.index, setting.low, setting.high, room.trial
+    near = number < NEAR_STARTS
+    reach = 1.0
+    if near:
+        reach = NEAR if number == 0 else FAR
+    candidates = 1 if near else wishes.points.shape[1]
+    least = math.inf
+    for c in range(candidates):
+        for i in range(index.size):
+            q0 = setting.reference[index[i]]
+            if low[i] == high[i] or (number % 2 == 1 and wishes.heavy[i] > 0):
+                trial[index[i]] = q0
+                continue
+            bottom, top = max(low[i], q0 - math.pi), min(high[i], q0 + math.pi)
+            way = reach * (bottom + wishes.points[number, c, i] * (top - bottom) - q0)
+            trial[index[i]] = min(max(q0 + way, low[i]), high[i])
+        cost = 0.0
+        if candidates > 1:
+            evaluate(setting, trial, room.other)
+            cost = room.other[setting.tolerance.size]
+        if cost < least:
+            least = cost
+            for i in range(index.size):
+                room.given[index[i]] = trial[index[i]]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _held(setting: Setting, wishes: Wishes, q: Array) -> bool:
+    """Whether the motors hold q: |g_i| <= effort limit for every joint."""
+    call_kernel(wishes.gravity, q.ctypes.data, wishes.torque.ctypes.data, setting.work.ctypes.data)
+    for i in range(wishes.effort.size):
+        if abs(wishes.torque[i]) * wishes.effort[i] > 1.0:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _agree(costs: Array, count: int) -> bool:
+    """Whether the least weighted distance was found often enough to be believed."""
+    if count < LEAST_STARTS:
+        return False
+    least = math.sqrt(2 * costs[:count].min())
+    agreeing = 0
+    for i in range(count):
+        if math.sqrt(2 * costs[i]) < least + AGREEMENT:
+            agreeing += 1
+    return agreeing >= AGREEING_STARTS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _motion(setting: Setting, q: Array) -> float:
+    """Return |diag(d) (q - q0)|^2."""
+    total = 0.0
+    for i in range(setting.index.size):
+        shift = q[setting.index[i]] - setting.reference[setting.index[i]]
+        total += setting.scale[i] * shift * shift
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _keep(room: Room, answer: Array, n: int, t: int) -> None:
+    answer[:n] = room.given[:n]
+    answer[n : n + t] = room.result[:t]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _search(setting: Setting, wishes: Wishes, room: Room, max_iterations: int, answer: Array) -> bool:
+    """Descend from the start in `given` and, until a good find, from further starts."""
+    n, t, tolerance = setting.reference.size, setting.tolerance.size, setting.tolerance
+    evaluate(setting, room.given, room.result)
+    best_met = fraction_of_tolerance(room.result, tolerance) <= 1.0
+    best_held = best_met and _held(setting, wishes, room.given)
+    best_value = 0.0 if best_met else room.result[t]
+    _keep(room, answer, n, t)
+    iterations, first_met, used = 0, 0, 0
+    for used in range(wishes.points.shape[0] + 1):
+        if used > 0:
+            _start(setting, wishes, room, used - 1)
+        iterations += descend(setting, room, max_iterations, SEARCH_GAIN, CAUTIOUS_STEPS)
+        met = fraction_of_tolerance(room.result, tolerance) <= 1.0
+        held = met and _held(setting, wishes, room.given)
+        value = _motion(setting, room.given) if met else room.result[t]
+        wishes.costs[used] = room.result[t]
+        better = met and not best_met
+        if met == best_met:
+            better = (held and not best_held) or (held == best_held and value < best_value)
+        if better:
+            best_met, best_held, best_value = met, held, value
+            _keep(room, answer, n, t)
+        if best_met and first_met == 0:
+            first_met = used + 1
+        tried_for_torque = first_met > 0 and used + 1 - first_met >= STARTS_FOR_TORQUE
+        if (best_met and best_held) or tried_for_torque or _agree(wishes.costs, used + 1):
+            break
+    if not (best_met and setting.stop_when_met):
+        room.given[:n] = answer[:n]
+        iterations += descend(setting, room, max_iterations, SMALL_GAIN, 0)
+        best_met = fraction_of_tolerance(room.result, tolerance) <= 1.0
+        _keep(room, answer, n, t)
+    answer[n + t + ITERATIONS] += iterations
+    answer[n + t + RESTARTS] += used
+    return best_met
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _met_without_limits(
+    setting: Setting, wishes: Wishes, room: Room, moves: Array, max_iterations: int, answer: Array
+) -> bool:
+    """Whether the same joints meet the tasks once their limits are taken away."""
+    low = np.where(moves > 0, -math.inf, setting.low)
+    high = np.where(moves > 0, math.inf, setting.high)
+    free = Setting(
+        setting.address, setting.work, setting.index, low, high, setting.scale, setting.reference,
+        setting.tolerance, setting.stop_when_met,
+    )  # fmt: skip
+    n = setting.reference.size
+    for number in range(STARTS_WITHOUT_LIMITS + 2):
+        if number == 0:
+            room.given[:n] = answer[:n]
+        elif number == 1:
+            room.given[:n] = setting.reference
+        elif number - 2 < wishes.points.shape[0]:
+            _start(free, wishes, room, number - 2)
+        else:
+            break
+        descend(free, room, min(STEPS_WITHOUT_LIMITS, max_iterations), SMALL_GAIN, 0)
+        if fraction_of_tolerance(room.result, setting.tolerance) <= 1.0:
+            return True
+    return False
+
+
+@njit(
+    "void(int64[::1], int64[::1], float64[:, ::1], float64[::1], float64[::1], float64[:, :, ::1], int64, "
+    "float64[:, ::1], float64[:, ::1], int64, int64)",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def solve_rows(
+    numbers: np.ndarray,
+    index: np.ndarray,
+    bounds: Array,
+    effort: Array,
+    tolerance: Array,
+    points: Array,
+    max_iterations: int,
+    given: Array,
+    answers: Array,
+    begin: int,
+    end: int,
+) -> None:
+    """Solve for each row of `given` from `begin` to `end`.
+
+    Args:
+        numbers: Addresses of the task's and gravity's kernels, room for their work, whether to stop once met.
+        index: Places of the joints that the tasks' kernel knows, shape (k,).
+        bounds: Lower and upper bounds, d^2, whether the joint carries much, whether it moves, shape (5, k).
+        effort: 1 / effort limit, 0 where there is none, shape (n,).
+        tolerance: Squared tolerances, shape (t,).
+        points: Of the restarts, in the unit cube, shape (restarts, candidates, k).
+        max_iterations: Steps from each start.
+        given: q0, weights and targets, shape (N, ...).
+        answers: q, squared errors, and EXTRA numbers, shape (N, n + t + EXTRA), written.
+        begin: First row.
+        end: One after the last row.
+    """
+    k, t, n = index.size, tolerance.size, effort.size
+    setting = Setting(
+        numbers[TASKS_ADDRESS], np.empty(numbers[WORK_SIZE]), index, bounds[ROW_LOW].copy(),
+        bounds[ROW_HIGH].copy(), bounds[ROW_SCALE].copy(), np.empty(n), tolerance, numbers[STOP_WHEN_MET] > 0,
+    )  # fmt: skip
+    wishes = Wishes(
+        numbers[GRAVITY_ADDRESS],
+        effort,
+        np.empty(n),
+        bounds[ROW_HEAVY],
+        points,
+        np.empty(points.shape[0] + 1),
+    )
+    room = make_room(given[begin], k, t)
+    for i in range(begin, end):
+        answer = answers[i]
+        answer[n + t :] = 0.0
+        setting.reference[:] = given[i, :n]
+        room.given[:] = given[i]
+        room.trial[:] = given[i]
+        for j in range(k):
+            if bounds[ROW_MOVES, j] == 0:
+                setting.low[j] = setting.high[j] = given[i, index[j]]
+        if not _search(setting, wishes, room, max_iterations, answer):
+            met = _met_without_limits(setting, wishes, room, bounds[ROW_MOVES], max_iterations, answer)
+            answer[n + t + STATUS] = LIMITS if met else UNREACHABLE
+
+
+@njit(
+    "int64(int64[::1], int64[::1], float64[:, ::1], float64[::1], int64, float64[::1], float64[::1])",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def descend_row(
+    numbers: np.ndarray,
+    index: np.ndarray,
+    bounds: Array,
+    tolerance: Array,
+    max_iterations: int,
+    given: Array,
+    reference: Array,
+) -> int:
+    """Descend from the start in a row of input, which becomes the result; returns the steps proposed."""
+    setting = Setting(
+        numbers[TASKS_ADDRESS], np.empty(numbers[WORK_SIZE]), index, bounds[ROW_LOW].copy(),
+        bounds[ROW_HIGH].copy(), bounds[ROW_SCALE].copy(), reference, tolerance, numbers[STOP_WHEN_MET] > 0,
+    )  # fmt: skip
+    room = make_room(given, index.size, tolerance.size)
+    iterations = descend(setting, room, max_iterations, SMALL_GAIN, CAUTIOUS_STEPS)
+    given[:] = room.given
+    return iterations

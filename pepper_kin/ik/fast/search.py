@@ -1,0 +1,95 @@
+"""The compiled search as Python sees it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.ik.fast.loop import EXTRA, ITERATIONS, RESTARTS, STATUS, solve_rows
+from pepper_kin.ik.fast.prepared import Prepared, unit_points
+from pepper_kin.ik.fast.structure import target_of
+from pepper_kin.ik.result import Status
+from pepper_kin.ik.tasks.task import Array, Task
+
+STATUSES = (Status.SOLVED, Status.CLOSEST_UNREACHABLE, Status.CLOSEST_LIMITS)
+"""By the number that the compiled search writes."""
+
+
+class Answer(NamedTuple):
+    """What the compiled search found.
+
+    Attributes:
+        q: Joint positions within the limits [rad or m], shape (n,).
+        status: How it ended.
+        iterations: Steps over all starts.
+        restarts: Starts used after the first.
+    """
+
+    q: Array
+    status: Status
+    iterations: int
+    restarts: int
+
+
+def solve_one(
+    prepared: Prepared,
+    tasks: Sequence[Task],
+    q0: Array,
+    movable: np.ndarray | None,
+    seed: int,
+    restarts: int,
+    max_iterations: int,
+) -> Answer:
+    """Search for one set of targets.
+
+    Args:
+        prepared: What is ready for tasks of these structures.
+        tasks: The tasks.
+        q0: The start, within the limits, shape (n,).
+        movable: Joints that may move, shape (n,); None for all.
+        seed: Draws the restarts.
+        restarts: Number of restarts at most.
+        max_iterations: Steps from each start.
+    """
+    n, t = q0.size, len(tasks)
+    given = np.empty((1, prepared.width))
+    row = given[0]
+    row[:n] = q0
+    tolerance = np.empty(t)
+    stop = True
+    for k, task in enumerate(tasks):
+        row[n + k] = task.weight * task.weight
+        row[prepared.target_places[k]] = target_of(task)
+        tolerance[k] = task.tolerance * task.tolerance
+        stop = stop and task.tolerance < math.inf
+    answers = np.empty((1, n + t + EXTRA))
+    solve_rows(
+        numbers_for(prepared, stop), prepared.index, bounds_for(prepared, q0, movable), prepared.effort,
+        tolerance, unit_points(prepared.index.size, seed, restarts), max_iterations, given, answers, 0, 1,
+    )  # fmt: skip
+    answer = answers[0]
+    q = answer[:n].copy()
+    q.setflags(write=False)
+    status, iterations, used = answer[n + t :].tolist()
+    return Answer(q, STATUSES[int(status)], int(iterations), int(used))
+
+
+def numbers_for(prepared: Prepared, stop_when_met: bool) -> np.ndarray:
+    """Return the addresses and options of a call."""
+    if stop_when_met:
+        return prepared.numbers
+    numbers = prepared.numbers.copy()
+    numbers[3] = 0
+    return numbers
+
+
+def bounds_for(prepared: Prepared, q0: Array, movable: np.ndarray | None) -> Array:
+    """Return the bounds of the joints that the tasks depend on; those that may not move stay at q0."""
+    if movable is None:
+        return prepared.all_bounds
+    moves, here = movable[prepared.index], q0[prepared.index]
+    lower, upper = np.where(moves, prepared.lower, here), np.where(moves, prepared.upper, here)
+    return prepared.bounds(lower, upper, moves)
