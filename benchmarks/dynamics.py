@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 import pepper_kin as pk
-from pepper_kin.model.load import _for_pinocchio
+from pepper_kin.model.plain_urdf import plain_urdf
 
 WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FRAME = "LArm_effector"
@@ -146,7 +146,7 @@ class Engine:
     """MuJoCo on the same robot without shapes."""
 
     def __init__(self, pepper: pk.PepperModel) -> None:
-        spec = mujoco.MjSpec.from_string(_for_pinocchio(pepper.document))
+        spec = mujoco.MjSpec.from_string(plain_urdf(pepper.document))
         spec.compiler.fusestatic = True
         # Links that only carry others have no mass; MuJoCo wants some.
         spec.compiler.boundmass = spec.compiler.boundinertia = 1e-14

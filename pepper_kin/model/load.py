@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
@@ -14,10 +13,11 @@ import numpy as np
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.plain_urdf import plain_urdf
 from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.shapes import Shape, read_only
 from pepper_kin.model.sphere_set import pepper_spheres
-from pepper_kin.model.urdf_document import MOVING_TYPES, Joint, UrdfDocument, parse_urdf
+from pepper_kin.model.urdf_document import Joint, UrdfDocument, parse_urdf
 from pepper_kin.model.urdf_source import read_source
 from pepper_kin.model.vendor_meshes import with_vendor_meshes
 
@@ -111,7 +111,7 @@ def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Sha
     if not joints:
         raise ModelError(f"URDF: robot {document.name!r} has no moving joint")
     try:
-        model = pinocchio.buildModelFromXML(_for_pinocchio(document))
+        model = pinocchio.buildModelFromXML(plain_urdf(document))
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"URDF: Pinocchio refuses robot {document.name!r}: {error}") from error
     full_names = list(model.names)[1:]
@@ -140,28 +140,6 @@ def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Sha
         full_map=read_only(full_map),
         full_offset=read_only(full_offset),
     )
-
-
-def _for_pinocchio(document: UrdfDocument) -> str:
-    """Return the URDF without shapes, and continuous joints as revolute: each has one coordinate."""
-    root = ET.fromstring(document.text)
-    for link in root.findall("link"):
-        for kind in ("visual", "collision"):
-            for element in link.findall(kind):
-                link.remove(element)
-    for element in root.findall("joint"):
-        if element.get("type") in MOVING_TYPES:
-            for mimic in element.findall("mimic"):
-                element.remove(mimic)
-        if element.get("type") == "continuous":
-            element.set("type", "revolute")
-            limit = element.find("limit")
-            limit = ET.SubElement(element, "limit") if limit is None else limit
-            limit.set("lower", "-1e9")
-            limit.set("upper", "1e9")
-            limit.set("effort", limit.get("effort", "1e9"))
-            limit.set("velocity", limit.get("velocity", "1e9"))
-    return ET.tostring(root, encoding="unicode")
 
 
 def _mimic_map(

@@ -3,14 +3,14 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.model.load import _for_pinocchio
+from pepper_kin.model.plain_urdf import plain_urdf
 
 
 @pytest.fixture(scope="module")
 def engine():
     """MuJoCo on the same URDF without shapes: an engine that shares no code with Pinocchio."""
     pepper = pk.load_pepper()
-    spec = mujoco.MjSpec.from_string(_for_pinocchio(pepper.document))
+    spec = mujoco.MjSpec.from_string(plain_urdf(pepper.document))
     spec.compiler.fusestatic = True
     spec.compiler.discardvisual = False
     model = spec.compile()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.ik.fast.loop import EXTRA, ITERATIONS, RESTARTS, STATUS, solve_rows
+from pepper_kin.ik.fast.loop import EXTRA, solve_rows
 from pepper_kin.ik.fast.prepared import Prepared, unit_points
 from pepper_kin.ik.fast.structure import target_of
 from pepper_kin.ik.result import Status

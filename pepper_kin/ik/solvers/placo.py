@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -16,6 +15,7 @@ from pepper_kin.ik.solvers.step_solver import STEP_BOUND, HalfSpaces, StepSolver
 from pepper_kin.ik.tasks import FramePosition, JointPosture, Task
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
+from pepper_kin.model.plain_urdf import plain_urdf
 
 # placo's robots float: seven coordinates and six velocities of the base come first, and stay where they are.
 BASE_POSITION = 7
@@ -170,7 +170,7 @@ def robot_of(pepper: PepperModel) -> Any:
             raise InvalidValueError(
                 "solver", "'placo'", "'proxsuite' for a robot whose mimic joints have an offset"
             )
-        robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, _plain_urdf(pepper))
+        robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, plain_urdf(pepper.document))
         if _full_names(robot) != list(pepper.pinocchio_model.names)[1:]:
             raise ModelError(f"placo orders the joints of robot {pepper.name!r} in another way")
         known[pepper] = robot
@@ -186,22 +186,3 @@ def _full_rows(pepper: PepperModel) -> np.ndarray:
     """Return the place of each joint among all joints, mimic ones included, shape (n,)."""
     full = list(pepper.pinocchio_model.names)[1:]
     return np.array([full.index(name) for name in pepper.joint_names])
-
-
-def _plain_urdf(pepper: PepperModel) -> str:
-    """Return the URDF without shapes and mimic elements, and with every joint of one coordinate."""
-    root = ET.fromstring(pepper.urdf)
-    for link in root.findall("link"):
-        for kind in ("visual", "collision"):
-            for element in link.findall(kind):
-                link.remove(element)
-    for joint in root.findall("joint"):
-        for mimic in joint.findall("mimic"):
-            joint.remove(mimic)
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
-            for limit in joint.findall("limit"):
-                joint.remove(limit)
-            bounds = {"lower": f"{-UNBOUNDED}", "upper": f"{UNBOUNDED}", "effort": "0", "velocity": "0"}
-            ET.SubElement(joint, "limit", bounds)
-    return ET.tostring(root, encoding="unicode")

@@ -1,0 +1,41 @@
+"""A URDF with nothing in it but joints and masses, for libraries that would stumble over the rest."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+from pepper_kin.model.urdf_document import MOVING_TYPES, UrdfDocument
+
+UNBOUNDED = 1e9
+"""Limit of a joint that has none [rad]."""
+
+
+def plain_urdf(document: UrdfDocument) -> str:
+    """Return the URDF without shapes and mimic elements, and continuous joints as revolute.
+
+    So each joint has one coordinate in Pinocchio, placo and MuJoCo alike, and no mesh is looked for.
+
+    Args:
+        document: The robot.
+
+    Returns:
+        The text.
+    """
+    root = ET.fromstring(document.text)
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for element in link.findall(kind):
+                link.remove(element)
+    for element in root.findall("joint"):
+        if element.get("type") in MOVING_TYPES:
+            for mimic in element.findall("mimic"):
+                element.remove(mimic)
+        if element.get("type") == "continuous":
+            element.set("type", "revolute")
+            limit = element.find("limit")
+            limit = ET.SubElement(element, "limit") if limit is None else limit
+            limit.set("lower", f"{-UNBOUNDED}")
+            limit.set("upper", f"{UNBOUNDED}")
+            limit.set("effort", limit.get("effort", f"{UNBOUNDED}"))
+            limit.set("velocity", limit.get("velocity", f"{UNBOUNDED}"))
+    return ET.tostring(root, encoding="unicode")
