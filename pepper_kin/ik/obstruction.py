@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.descenders import make_descender
 from pepper_kin.ik.problem import Problem
 from pepper_kin.ik.restarts import starts
 from pepper_kin.ik.result import Status
 from pepper_kin.ik.search import Budget, Search, search
-from pepper_kin.ik.descenders import make_descender
 
 # Starts for the question whether a less bounded robot would reach the target.
 STARTS = 3

@@ -7,7 +7,6 @@ import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
