@@ -1,5 +1,6 @@
 """Inverse kinematics: tasks in, the best configuration and the reason out."""
 
+from pepper_kin.ik.batch import BatchResult, solve_batch
 from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks import (
@@ -18,6 +19,7 @@ from pepper_kin.ik.tasks import (
 
 __all__ = [
     "AxisAlignment",
+    "BatchResult",
     "FrameOrientation",
     "FramePose",
     "FramePosition",
@@ -33,4 +35,5 @@ __all__ = [
     "TaskGroup",
     "TorqueUse",
     "solve",
+    "solve_batch",
 ]

@@ -138,8 +138,15 @@ def motion_scale(pepper: PepperModel, q: Array) -> Array:
     return np.clip(np.sqrt(inertia / np.median(inertia)), 0.5, 4.0)
 
 
-def flatten_tasks(pepper: PepperModel, tasks: Task | TaskGroup | Iterable[Task | TaskGroup]) -> list[Task]:
+def flatten_tasks(
+    pepper: PepperModel, tasks: Task | TaskGroup | Iterable[Task | TaskGroup], *, batch: bool = False
+) -> list[Task]:
     """Return the parts of all tasks, checked against the robot.
+
+    Args:
+        pepper: The robot.
+        tasks: Tasks and groups.
+        batch: Whether a task may have N targets.
 
     Raises:
         InvalidValueError: for no task at all, or something that is none.
@@ -159,6 +166,10 @@ def flatten_tasks(pepper: PepperModel, tasks: Task | TaskGroup | Iterable[Task |
     if not flat:
         raise InvalidValueError("tasks", "none", "at least one task")
     for task in flat:
+        if task.count is not None and not batch:
+            raise InvalidValueError(
+                f"target of {task.label}", f"{task.count} targets", "one target; `solve_batch` takes many"
+            )
         task.check(pepper)
     return flat
 

@@ -32,8 +32,8 @@ from pepper_kin.model.shapes import read_only
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-# With a timeout, the search that is not interrupted is used only if there is this much time [s] and at most so
-# many steps to make, of some microseconds each.
+# With a timeout, the search that is not interrupted is used only if there is this much time [s] and at most
+# so many steps to make, of some microseconds each.
 LEAST_TIME = 0.05
 MOST_STEPS = 10_000
 
@@ -126,8 +126,9 @@ class Request(NamedTuple):
 
     def problem(self, *, whole: bool = False) -> Problem:
         """Return the problem; with `whole` every joint may move."""
-        free = whole or self.movable is None
-        movable = np.ones(self.pepper.n, dtype=bool) if free else self.movable
+        movable = self.movable
+        if whole or movable is None:
+            movable = np.ones(self.pepper.n, dtype=bool)
         return make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=whole or self.scene is None)
 
 
@@ -189,9 +190,9 @@ def _checked_budget(
     seed: int, restarts: int, max_iterations: int, timeout: float | None, begin: float
 ) -> Budget:
     return Budget(
-        seed=_whole("seed", seed, 0),
-        restarts=_whole("restarts", restarts, 0),
-        max_iterations=_whole("max_iterations", max_iterations, 1),
+        seed=whole_number("seed", seed, 0),
+        restarts=whole_number("restarts", restarts, 0),
+        max_iterations=whole_number("max_iterations", max_iterations, 1),
         deadline=math.inf if timeout is None else begin + check_positive("timeout", timeout, "s"),
     )
 
@@ -199,9 +200,10 @@ def _checked_budget(
 def _checked_start(pepper: PepperModel, q0: ArrayLike | None) -> Array:
     if q0 is None:
         return _neutral(pepper)
-    if type(q0) is np.ndarray and q0.dtype == np.float64 and q0.shape == (pepper.n,):
-        if ((pepper.lower_limits <= q0) & (q0 <= pepper.upper_limits)).all():
-            return q0.copy()
+    if isinstance(q0, np.ndarray) and q0.dtype == np.float64 and q0.shape == (pepper.n,):
+        plain: Array = q0
+        if bool(((pepper.lower_limits <= plain) & (plain <= pepper.upper_limits)).all()):
+            return plain.copy()
     start = as_joint_vectors(pepper, q0, "q0")
     if start.ndim != 1:
         raise InvalidValueError("q0", f"shape {start.shape}", f"shape ({pepper.n},)")
@@ -226,7 +228,12 @@ def _check_scene(scene: object) -> None:
         raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None to leave collisions out")
 
 
-def _whole(quantity: str, value: int, least: int) -> int:
+def whole_number(quantity: str, value: int, least: int) -> int:
+    """Return a whole number.
+
+    Raises:
+        InvalidValueError: unless it is one of at least `least`.
+    """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise InvalidValueError(quantity, repr(value), f"a whole number of at least {least}")
     return int(value)

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 from pepper_kin.ik.tasks.task import Array
 
-# Rounds in which all wrong bounds change at once; after them one at a time, which cannot go in circles.
-BLOCK_ROUNDS = 8
-MOST_ROUNDS = 60
+# Rounds in which all wrong bounds change at once although they have not become fewer; after them one changes
+# at a time.
+CHANCES = 3
+MOST_ROUNDS = 300
 
 FREE, LOW, HIGH = 0, 1, 2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def solve_box(
-    matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: Array, factor: Array
+    matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: np.ndarray, factor: Array
 ) -> bool:
     """Find the minimum of g^T x + x^T H x / 2 within low <= x <= high.
 
-    Starts with the bounds that `state` marks; joints beyond a bound are put on it, joints whose multiplier has
+    Starts with the bounds that `state` marks; joints beyond a bound are put on it, those whose multiplier has
     the wrong sign leave it, until none is wrong (block principal pivoting: Judice and Pires, 1994; one at a
     time after some rounds: Murty, 1974).
 
@@ -38,44 +40,50 @@ def solve_box(
         Whether the matrix was positive definite and a solution was found.
     """
     k = gradient.size
-    for round_ in range(MOST_ROUNDS):
+    fewest, chances = k + 1, CHANCES
+    for _ in range(MOST_ROUNDS):
         if not solve_free(matrix, gradient, low, high, step, state, factor):
             return False
-        wrong = -1
+        wrong, last = 0, -1
         for i in range(k):
-            change = -1
-            if state[i] == FREE:
-                if step[i] < low[i] - 1e-12:
-                    change = LOW
-                elif step[i] > high[i] + 1e-12:
-                    change = HIGH
-            else:
-                slope = gradient[i]
-                for j in range(k):
-                    slope += (matrix[i, j] if j >= i else matrix[j, i]) * step[j]
-                if (state[i] == LOW and slope < -1e-13) or (state[i] == HIGH and slope > 1e-13):
-                    if high[i] - low[i] > 1e-14:
-                        change = FREE
-            if change >= 0:
-                wrong = i
-                if round_ < BLOCK_ROUNDS:
-                    state[i] = change
-                else:
-                    last = change
-        if wrong < 0:
-            for i in range(k):
-                step[i] = min(max(step[i], low[i]), high[i])
-            return True
-        if round_ >= BLOCK_ROUNDS:
-            state[wrong] = last
+            if _change(matrix, gradient, low, high, step, state, i) != state[i]:
+                wrong, last = wrong + 1, i
+        if wrong == 0:
+            break
+        if wrong < fewest:
+            fewest, chances = wrong, CHANCES
+        else:
+            chances -= 1
+        # All at once is quick but may go in circles; the last one only cannot.  The verdicts depend on the
+        # step, not on the state of other joints, so they may change one after the other.
+        for i in range(k if chances >= 0 else 0):
+            state[i] = _change(matrix, gradient, low, high, step, state, i)
+        if chances < 0:
+            state[last] = _change(matrix, gradient, low, high, step, state, last)
     for i in range(k):
         step[i] = min(max(step[i], low[i]), high[i])
     return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _change(
+    matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: np.ndarray, i: int
+) -> int:
+    """Return the state that joint i should have."""
+    if state[i] == FREE:
+        return LOW if step[i] < low[i] - 1e-12 else HIGH if step[i] > high[i] + 1e-12 else FREE
+    if high[i] - low[i] <= 1e-14:
+        return state[i]
+    slope = gradient[i]
+    for j in range(step.size):
+        slope += (matrix[i, j] if j >= i else matrix[j, i]) * step[j]
+    pulled = (state[i] == LOW and slope < -1e-13) or (state[i] == HIGH and slope > 1e-13)
+    return FREE if pulled else state[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve_free(
-    matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: Array, factor: Array
+    matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: np.ndarray, factor: Array
 ) -> bool:
     """Solve for the free joints by Cholesky's factorisation, with the others at their bounds."""
     k = gradient.size

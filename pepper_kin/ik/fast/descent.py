@@ -35,7 +35,7 @@ class Setting(NamedTuple):
     Attributes:
         address: Address of the kernel of `task_function`.
         work: The kernel's room.
-        index: Places of the joints that the kernel differentiates by, shape (k,).
+        joints: Places of the joints that the kernel differentiates by, shape (k,).
         low: Their lower bounds, shape (k,).
         high: Their upper bounds, shape (k,).
         scale: d_i^2, shape (k,).
@@ -46,7 +46,7 @@ class Setting(NamedTuple):
 
     address: int
     work: Array
-    index: np.ndarray
+    joints: np.ndarray
     low: Array
     high: Array
     scale: Array
@@ -119,7 +119,7 @@ def descend(setting: Setting, room: Room, max_iterations: int, small_gain: float
     Returns:
         Number of steps proposed.
     """
-    given, trial, result, other, index = room.given, room.trial, room.result, room.other, setting.index
+    given, trial, result, other, index = room.given, room.trial, room.result, room.other, setting.joints
     t, to_the_end = setting.tolerance.size, small_gain <= SMALL_GAIN
     evaluate(setting, given, result)
     cost = result[t] + _posture_cost(setting, given)
@@ -168,7 +168,7 @@ def _linearise(setting: Setting, room: Room, damping: float, cautious: bool) -> 
     A cautious step has a term |g_i| / (distance to the bound that joint i moves towards) on the diagonal
     (Coleman and Li, An interior trust region approach for nonlinear minimization subject to bounds, 1996).
     """
-    index, low, high = setting.index, setting.low, setting.high
+    index, low, high = setting.joints, setting.low, setting.high
     matrix, gradient, least, most = room.matrix, room.vectors[0], room.vectors[2], room.vectors[3]
     k = index.size
     part = CAUTION if cautious else 1.0
@@ -204,15 +204,15 @@ def _propose(setting: Setting, room: Room, cautious: bool) -> bool:
     else:
         good = solve_box(room.matrix, gradient, least, most, step, room.state, room.factor)
     for i in range(step.size):
-        q = room.given[setting.index[i]] + min(max(step[i], least[i]), most[i])
-        room.trial[setting.index[i]] = min(max(q, setting.low[i]), setting.high[i])
+        q = room.given[setting.joints[i]] + min(max(step[i], least[i]), most[i])
+        room.trial[setting.joints[i]] = min(max(q, setting.low[i]), setting.high[i])
     return good
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _posture_cost(setting: Setting, given: Array) -> float:
     total = 0.0
-    for i in range(setting.index.size):
-        shift = given[setting.index[i]] - setting.reference[setting.index[i]]
+    for i in range(setting.joints.size):
+        shift = given[setting.joints[i]] - setting.reference[setting.joints[i]]
         total += shift * shift
     return 0.5 * _POSTURE * total

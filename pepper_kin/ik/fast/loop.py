@@ -1,4 +1,8 @@
-"""The search over several starts for many targets, compiled: the counterpart of `pepper_kin.ik.search`."""
+"""The search over several starts for many targets, compiled: the counterpart of `pepper_kin.ik.search`.
+
+Numba keeps the machine code beside this file (or in its own cache folder) and renews it when this file
+changes, but not when only `descent.py` or `box.py` do: after work on those, remove `__pycache__`.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +74,7 @@ class Wishes(NamedTuple):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
     """Write the start of a number into `given`; see `pepper_kin.ik.restarts.starts`."""
-    index, low, high, trial = setting.index, setting.low, setting.high, room.trial
+    index, low, high, trial = setting.joints, setting.low, setting.high, room.trial
     near = number < NEAR_STARTS
     reach = 1.0
     if near:
@@ -100,10 +104,10 @@ def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
 def _held(setting: Setting, wishes: Wishes, q: Array) -> bool:
     """Whether the motors hold q: |g_i| <= effort limit for every joint."""
     call_kernel(wishes.gravity, q.ctypes.data, wishes.torque.ctypes.data, setting.work.ctypes.data)
+    worst = 0.0
     for i in range(wishes.effort.size):
-        if abs(wishes.torque[i]) * wishes.effort[i] > 1.0:
-            return False
-    return True
+        worst = max(worst, abs(wishes.torque[i]) * wishes.effort[i])
+    return worst <= 1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -123,8 +127,8 @@ def _agree(costs: Array, count: int) -> bool:
 def _motion(setting: Setting, q: Array) -> float:
     """Return |diag(d) (q - q0)|^2."""
     total = 0.0
-    for i in range(setting.index.size):
-        shift = q[setting.index[i]] - setting.reference[setting.index[i]]
+    for i in range(setting.joints.size):
+        shift = q[setting.joints[i]] - setting.reference[setting.joints[i]]
         total += setting.scale[i] * shift * shift
     return total
 
@@ -182,7 +186,7 @@ def _met_without_limits(
     low = np.where(moves > 0, -math.inf, setting.low)
     high = np.where(moves > 0, math.inf, setting.high)
     free = Setting(
-        setting.address, setting.work, setting.index, low, high, setting.scale, setting.reference,
+        setting.address, setting.work, setting.joints, low, high, setting.scale, setting.reference,
         setting.tolerance, setting.stop_when_met,
     )  # fmt: skip
     n = setting.reference.size

@@ -9,11 +9,10 @@ from numba import types
 from numba.extending import intrinsic
 
 
-@intrinsic
-def call_kernel(typing_context: Any, address: Any, given: Any, result: Any, work: Any) -> Any:
+def _call_kernel(typing_context: Any, address: Any, given: Any, result: Any, work: Any) -> Any:
     """Call `void f(const double*, double*, double*)` at an address; all four are integers.
 
-    An address that comes as an argument, unlike a ctypes function that is a global, lets the caller be cached.
+    An address that is an argument, unlike a ctypes function that is a global, lets the caller be cached.
     """
     signature = types.void(types.intp, types.intp, types.intp, types.intp)
 
@@ -25,3 +24,6 @@ def call_kernel(typing_context: Any, address: Any, given: Any, result: Any, work
         return context.get_dummy_value()
 
     return signature, generate
+
+
+call_kernel: Any = intrinsic(_call_kernel)

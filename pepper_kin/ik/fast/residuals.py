@@ -1,9 +1,9 @@
 """Angles between directions and between orientations, without inverse trigonometric functions.
 
 Both residuals are an angle times a unit vector.  The angle comes from its cosine c by two half-angle steps,
-h = cos(theta/2) = sqrt((1 + c)/2) and k = cos(theta/4) = sqrt((1 + h)/2), and a polynomial for the arc tangent
-of tan(theta/8) = sqrt((1 - k)/(1 + k)) <= 0.4143.  Only theta / sin(theta) is ever needed, which is smooth at
-zero; so that no precision is lost where c is near 1.
+h = cos(theta/2) = sqrt((1 + c)/2) and k = cos(theta/4) = sqrt((1 + h)/2), and a polynomial for the arc
+tangent of tan(theta/8) = sqrt((1 - k)/(1 + k)) <= 0.4143.  Only theta / sin(theta) is ever needed, which is
+smooth at zero, so that no precision is lost where c is near 1.
 """
 
 from __future__ import annotations
@@ -56,7 +56,10 @@ def direction_residual(axis: Array, basis: Array, direction: Any) -> tuple[Any, 
     across, cosine = sideways @ direction, row @ direction
     square = casadi.sumsqr(across)
     behind = casadi.logic_and(square < PARALLEL**2, cosine < 0)
-    across = casadi.vertcat(casadi.if_else(behind, PARALLEL, across[0]), across[1])
+    # Exactly behind, every way round is as good, so the first is taken.
+    across = casadi.vertcat(
+        casadi.if_else(behind, PARALLEL, across[0]), casadi.if_else(behind, 0.0, across[1])
+    )
     square = casadi.fmax(square, PARALLEL**2)
     # Next to c = -1 the cosine has lost the angle that the sine still has.
     factor = casadi.if_else(

@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.ik.fast.loop import EXTRA, solve_rows
-from pepper_kin.ik.fast.prepared import Prepared, unit_points
-from pepper_kin.ik.fast.structure import target_of
+from pepper_kin.ik.fast.prepared import Prepared, prepare, unit_points
+from pepper_kin.ik.fast.structure import structures_of, target_of
 from pepper_kin.ik.result import Status
 from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.model import PepperModel
 
 STATUSES = (Status.SOLVED, Status.CLOSEST_UNREACHABLE, Status.CLOSEST_LIMITS)
 """By the number that the compiled search writes."""
@@ -93,3 +94,59 @@ def bounds_for(prepared: Prepared, q0: Array, movable: np.ndarray | None) -> Arr
     moves, here = movable[prepared.index], q0[prepared.index]
     lower, upper = np.where(moves, prepared.lower, here), np.where(moves, prepared.upper, here)
     return prepared.bounds(lower, upper, moves)
+
+
+class Rows:
+    """Many sets of targets, solved piece by piece on any thread.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks; some have N targets.
+        starts: q0 of each row, within the limits, shape (N, n).
+        movable: Joints that may move, shape (n,); None for all.
+        seed: Draws the restarts.
+        restarts: Number of restarts at most.
+        max_iterations: Steps from each start.
+
+    Attributes:
+        statuses: The status of each number that `answers` gives.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        tasks: Sequence[Task],
+        starts: Array,
+        movable: np.ndarray | None,
+        seed: int,
+        restarts: int,
+        max_iterations: int,
+    ) -> None:
+        prepared = prepare(pepper, structures_of(tasks))
+        n, t = pepper.n, len(tasks)
+        self.statuses = STATUSES
+        self._given = np.empty((len(starts), prepared.width))
+        self._given[:, :n] = starts
+        self._given[:, n : n + t] = [task.weight**2 for task in tasks]
+        for place, task in zip(prepared.target_places, tasks, strict=True):
+            targets = getattr(task, task.target_name)
+            self._given[:, place] = targets.reshape(-1, place.stop - place.start)
+        moves = np.ones(prepared.index.size) if movable is None else movable[prepared.index]
+        bounds = prepared.bounds(prepared.lower, prepared.upper, moves)
+        tolerance = np.array([task.tolerance**2 for task in tasks])
+        numbers = numbers_for(prepared, all(task.tolerance < math.inf for task in tasks))
+        points = unit_points(prepared.index.size, seed, restarts)
+        self._answers = np.empty((len(starts), n + t + EXTRA))
+        self._prepared, self._sizes = prepared, (n, t)
+        self._fixed = (numbers, prepared.index, bounds, prepared.effort, tolerance, points, max_iterations)
+
+    def solve(self, begin: int, end: int) -> None:
+        """Solve some rows; the interpreter is free for other threads meanwhile."""
+        solve_rows(*self._fixed, self._given, self._answers, begin, end)
+
+    def answers(self) -> tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]:
+        """Return q, status numbers, errors, iterations and restarts of all rows."""
+        n, t = self._sizes
+        counts = self._answers[:, n + t :].astype(np.int64)
+        errors = np.sqrt(self._answers[:, n : n + t])
+        return self._answers[:, :n].copy(), counts[:, 0], errors, counts[:, 1], counts[:, 2]

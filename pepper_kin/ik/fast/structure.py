@@ -77,7 +77,7 @@ def _structure(task: Task) -> Structure:
     if isinstance(task, LookAt):
         return Structure("LookAt", task.frame, tuple(task.axis.tolist()), (), 3)
     if isinstance(task, JointPosture):
-        return Structure("JointPosture", "", (), task.joints or (), task.target.size)
+        return Structure("JointPosture", "", (), task.joints or (), task.target.shape[-1])
     raise InvalidValueError(
         "solver",
         "'fast'",

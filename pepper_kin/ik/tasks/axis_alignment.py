@@ -14,6 +14,7 @@ from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
     Task,
+    as_targets,
     checked_tolerance,
     checked_weight,
     words_for_angle,
@@ -50,6 +51,7 @@ class AxisAlignment(Task):
     tolerance: float
     label: str
     unit: ClassVar[str] = "rad"
+    target_name: ClassVar[str] = "direction"
 
     def __init__(
         self,
@@ -63,7 +65,7 @@ class AxisAlignment(Task):
         name = label or str(frame)
         object.__setattr__(self, "frame", frame)
         object.__setattr__(self, "label", name)
-        object.__setattr__(self, "direction", _unit(direction, f"direction of {name}"))
+        object.__setattr__(self, "direction", _units(direction, f"direction of {name}"))
         object.__setattr__(self, "axis", _unit(axis, f"axis of {name}"))
         object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
         object.__setattr__(self, "weight", checked_weight(weight, name))
@@ -101,6 +103,19 @@ class AxisAlignment(Task):
         rotation = frame_pose(pepper, q, self.frame)[:3, :3]
         residual, slope = direction_residual(self.axis, self.basis, rotation.T @ self.direction)
         return residual, slope, rotation
+
+
+def _units(vectors: ArrayLike, quantity: str) -> Array:
+    """Return a unit vector, or N of them."""
+    array = as_targets(vectors, quantity, (3,))
+    lengths = np.linalg.norm(array, axis=-1, keepdims=True)
+    if lengths.size and lengths.min() < 1e-9:
+        raise InvalidValueError(
+            quantity,
+            array[lengths[..., 0].argmin()] if array.ndim > 1 else array,
+            "a vector that is not zero",
+        )
+    return read_only(array / lengths)
 
 
 def _unit(vector: ArrayLike, quantity: str) -> Array:

@@ -13,13 +13,13 @@ from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
     Task,
+    as_targets,
     checked_tolerance,
     checked_weight,
     words_for_angle,
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
 
 
@@ -48,6 +48,7 @@ class FrameOrientation(Task):
     tolerance: float
     label: str
     unit: ClassVar[str] = "rad"
+    target_axes: ClassVar[int] = 2
 
     def __init__(
         self,
@@ -100,12 +101,16 @@ class FrameOrientation(Task):
 
 
 def checked_rotation(matrix: ArrayLike, quantity: str) -> Array:
-    """Return a rotation matrix, shape (3, 3), as a read-only copy.
+    """Return a rotation matrix, shape (3, 3), or N of them, shape (N, 3, 3), as a read-only copy.
 
     Raises:
         InvalidValueError: where it is not orthonormal and right-handed to 1e-6.
     """
-    array = as_finite(matrix, quantity, (3, 3))
-    if np.abs(array @ array.T - np.eye(3)).max() > 1e-6 or np.linalg.det(array) < 0:
-        raise InvalidValueError(quantity, array.tolist(), "a rotation matrix: orthonormal, right-handed")
+    array = as_targets(matrix, quantity, (3, 3))
+    skewness = np.abs(array @ np.swapaxes(array, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    bad = (skewness > 1e-6) | (np.linalg.det(array) < 0)
+    if bad.any():
+        raise InvalidValueError(
+            quantity, array[bad][0].tolist(), "a rotation matrix: orthonormal, right-handed"
+        )
     return read_only(array)

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.frame_orientation import FrameOrientation
 from pepper_kin.ik.tasks.frame_position import FramePosition
-from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task, TaskGroup
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task, TaskGroup, as_targets
 from pepper_kin.model.shapes import read_only
 
 
@@ -42,11 +41,13 @@ class FramePose(TaskGroup):
         label: str = "",
     ) -> None:
         name = label or str(frame)
-        pose = read_only(as_finite(target, f"target of {name}", (4, 4)))
-        if np.abs(pose[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
-            raise InvalidValueError(f"target of {name}", pose[3].tolist(), "a last row of 0, 0, 0, 1")
-        position = FramePosition(frame, pose[:3, 3], weight, tolerance, name)
-        orientation = FrameOrientation(frame, pose[:3, :3], orientation_weight, orientation_tolerance, name)
+        pose = read_only(as_targets(target, f"target of {name}", (4, 4)))
+        if np.abs(pose[..., 3, :] - (0.0, 0.0, 0.0, 1.0)).max(initial=0.0) > 1e-9:
+            raise InvalidValueError(f"target of {name}", pose[..., 3, :].tolist(), "a last row of 0, 0, 0, 1")
+        position = FramePosition(frame, pose[..., :3, 3], weight, tolerance, name)
+        orientation = FrameOrientation(
+            frame, pose[..., :3, :3], orientation_weight, orientation_tolerance, name
+        )
         object.__setattr__(self, "frame", frame)
         object.__setattr__(self, "target", pose)
         object.__setattr__(self, "position", position)

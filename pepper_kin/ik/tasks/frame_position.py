@@ -12,6 +12,7 @@ from pepper_kin.ik.tasks.task import (
     POSITION_TOLERANCE,
     Array,
     Task,
+    as_targets,
     checked_tolerance,
     checked_weight,
     words_for_length,
@@ -19,7 +20,6 @@ from pepper_kin.ik.tasks.task import (
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
 
 
@@ -53,7 +53,7 @@ class FramePosition(Task):
         name = label or str(frame)
         object.__setattr__(self, "frame", frame)
         object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", read_only(as_finite(target, f"target of {name}", (3,))))
+        object.__setattr__(self, "target", read_only(as_targets(target, f"target of {name}", (3,))))
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "m"))
 

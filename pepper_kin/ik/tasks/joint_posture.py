@@ -10,9 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, Array, Task, checked_tolerance, checked_weight
+from pepper_kin.ik.tasks.task import (
+    ANGLE_TOLERANCE,
+    Array,
+    Task,
+    as_targets,
+    checked_tolerance,
+    checked_weight,
+)
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.model.shapes import read_only
 
 
@@ -50,7 +57,7 @@ class JointPosture(Task):
         names = None if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
         if names is not None and (not names or len(set(names)) < len(names)):
             raise InvalidValueError("joints of posture", list(names), "at least one joint, each once")
-        target = as_finite(q, "posture", (None if names is None else len(names),))
+        target = as_targets(q, "posture", (None if names is None else len(names),))
         object.__setattr__(self, "target", read_only(target))
         object.__setattr__(self, "joints", names)
         object.__setattr__(self, "frame", None)

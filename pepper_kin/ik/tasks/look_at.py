@@ -13,6 +13,7 @@ from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
     Task,
+    as_targets,
     checked_tolerance,
     checked_weight,
     words_for_angle,
@@ -20,7 +21,6 @@ from pepper_kin.ik.tasks.task import (
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
 
 # A point nearer to the camera's origin than this has no direction to speak of [m].
@@ -66,7 +66,7 @@ class LookAt(Task):
     ) -> None:
         name = f"gaze of {camera}"
         optical = str(camera).endswith("_optical_frame")
-        object.__setattr__(self, "target", read_only(as_finite(point, f"point of {name}", (3,))))
+        object.__setattr__(self, "target", read_only(as_targets(point, f"point of {name}", (3,))))
         object.__setattr__(self, "frame", camera)
         object.__setattr__(self, "label", name)
         object.__setattr__(self, "weight", checked_weight(weight, name))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -33,6 +36,8 @@ class Task(ABC):
         weight: w_i, above zero.
         tolerance: Largest error of a task that is met [unit]; infinite for a mere preference.
         unit: Unit of `error` and `tolerance`, "m" or "rad".
+        target_name: Name of the attribute that may hold N targets, for `solve_batch` only.
+        target_axes: Number of axes of one target.
     """
 
     frame: str | None
@@ -40,6 +45,24 @@ class Task(ABC):
     weight: float
     tolerance: float
     unit: ClassVar[str]
+    target_name: ClassVar[str] = "target"
+    target_axes: ClassVar[int] = 1
+
+    @property
+    def count(self) -> int | None:
+        """Number N of targets; None for a single one."""
+        targets: Array = getattr(self, self.target_name)
+        return None if targets.ndim == self.target_axes else len(targets)
+
+    def at(self, row: int) -> Self:
+        """Return the task with one of its N targets; the task itself where it has only one."""
+        if self.count is None:
+            return self
+        one = copy.copy(self)
+        object.__setattr__(one, self.target_name, read_only(getattr(self, self.target_name)[row]))
+        for kept in ("_fast_structure", "_fast_target"):
+            one.__dict__.pop(kept, None)
+        return one
 
     @abstractmethod
     def check(self, pepper: PepperModel) -> None:
@@ -114,6 +137,17 @@ def _number(value: float, quantity: str, allowed: str, infinite: bool) -> float:
     if not number > 0 or (math.isinf(number) and not infinite):
         raise InvalidValueError(quantity, value, allowed)
     return number
+
+
+def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -> Array:
+    """Convert to one target of a shape, or to N of them, shape (N, ...), for `solve_batch`.
+
+    Raises:
+        InvalidValueError: for another shape, NaN or infinity.
+    """
+    if getattr(value, "ndim", len(shape)) == len(shape) + 1:
+        return as_finite(value, quantity, (None, *shape))
+    return as_finite(value, quantity, shape)
 
 
 def words_for_length(value: float) -> str:

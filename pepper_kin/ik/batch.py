@@ -1,0 +1,244 @@
+"""Inverse kinematics for many targets at once."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.certificate import Evidence
+from pepper_kin.ik.descenders import ALL_SOLVERS
+from pepper_kin.ik.problem import flatten_tasks, movable_joints
+from pepper_kin.ik.result import IKResult, Status
+from pepper_kin.ik.solve import solve, whole_number
+from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import (
+    as_joint_vectors,
+    check_choice,
+    check_within_limits,
+)
+from pepper_kin.model.shapes import read_only
+
+# Rows that a thread takes at a time.
+PIECE = 512
+
+Arrays: TypeAlias = tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]
+
+CODES = tuple(Status)
+"""The status of each code in `BatchResult.codes`."""
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """The configurations found for N sets of targets; arrays are read-only.
+
+    Attributes:
+        q: Joint positions within all limits [rad or m], shape (N, n).
+        codes: How each search ended, as a place in `ik.batch.CODES`; 0 is solved, shape (N,).
+        errors: Error of each task [m or rad], groups taken apart, shape (N, tasks).
+        iterations: Steps over all starts, shape (N,).
+        restarts: Starts used after the first, shape (N,).
+        time: Wall-clock time of the call [s].
+        solver: Name of the solver.
+        seed: Seed of the restarts.
+    """
+
+    q: Array
+    codes: np.ndarray
+    errors: Array
+    iterations: np.ndarray
+    restarts: np.ndarray
+    time: float
+    solver: str
+    seed: int
+    _pepper: PepperModel = field(repr=False)
+    _tasks: tuple[Task, ...] = field(repr=False)
+    _starts: Array = field(repr=False)
+    _movable: np.ndarray | None = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return N."""
+        return len(self.q)
+
+    @property
+    def solved(self) -> np.ndarray:
+        """Whether every task is met, shape (N,)."""
+        return self.codes == CODES.index(Status.SOLVED)
+
+    def status(self, row: int) -> Status:
+        """Return how the search of one row ended."""
+        return CODES[int(self.codes[row])]
+
+    def result(self, row: int) -> IKResult:
+        """Return one row as `solve` would, with a certificate computed from q; `time` is the whole call's."""
+        tasks = tuple(task.at(row) for task in self._tasks)
+        q = read_only(self.q[row])
+        return IKResult(
+            status=self.status(row),
+            q=q,
+            iterations=int(self.iterations[row]),
+            restarts=int(self.restarts[row]),
+            time=self.time,
+            solver=self.solver,
+            seed=self.seed,
+            evidence=Evidence(self._pepper, tasks, self._starts[row], self._movable, None, q),
+        )
+
+    def report(self) -> str:
+        """Return how many rows ended how, in plain words."""
+        counts = {status: int(np.sum(self.codes == k)) for k, status in enumerate(CODES)}
+        ends = ", ".join(f"{count} {status.value}" for status, count in counts.items() if count)
+        rate = len(self) / self.time if self.time > 0 else math.inf
+        return f"{len(self)} targets: {ends}; {self.time:.2f} s, {rate:.0f} a second ({self.solver})"
+
+
+def solve_batch(
+    pepper: PepperModel,
+    tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
+    q0: ArrayLike | None = None,
+    *,
+    solver: str = "fast",
+    seed: int = 0,
+    joints: str | Sequence[str] | None = None,
+    max_iterations: int = 150,
+    restarts: int = 32,
+    threads: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> BatchResult:
+    """Do for N sets of targets what `solve` does for one.
+
+    Tasks take N targets in place of one: `HandPosition("left", points)` with points of shape (N, 3).  Every
+    row is searched as `solve` would with the same seed, so results depend neither on the other rows nor on
+    the number of threads.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks; those with a single target have the same one in every row.
+        q0: Where to start and what to stay near [rad or m], shape (n,) or (N, n); `pepper.neutral()` if None.
+        solver: "fast", "placo" or "proxsuite".
+        seed: Draws the restarts.
+        joints: A joint group's name, or names of the joints that may move; None for all.
+        max_iterations: Steps from each start.
+        restarts: Further starts.
+        threads: Threads that share the rows; the other solvers than "fast" use one.
+        progress: Called with the number of rows done and N, from the calling thread.
+
+    Returns:
+        Arrays of what `solve` returns.
+
+    Raises:
+        InvalidValueError: as `solve`, and where the numbers of targets differ or no task has several.
+        UnknownNameError: for a frame, joint or group that the robot lacks.
+        LimitError: for a q0 outside the joint limits.
+    """
+    begin = time.perf_counter()
+    check_choice("solver", solver, ALL_SOLVERS)
+    parts = tuple(flatten_tasks(pepper, tasks, batch=True))
+    start = pepper.neutral() if q0 is None else as_joint_vectors(pepper, q0, "q0")
+    check_within_limits(pepper, start, "q0")
+    count = _count(parts, start)
+    starts = np.broadcast_to(np.clip(start, pepper.lower_limits, pepper.upper_limits), (count, pepper.n))
+    movable = None if joints is None else movable_joints(pepper, joints)
+    whole_number("seed", seed, 0)
+    whole_number("restarts", restarts, 0)
+    whole_number("max_iterations", max_iterations, 1)
+    whole_number("threads", threads, 1)
+    options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
+    if solver == "fast":
+        arrays = _solve_fast(pepper, parts, starts, movable, options, threads, progress)
+    else:
+        options |= {"solver": solver, "joints": joints}
+        arrays = _solve_each(pepper, parts, starts, options, progress)
+    for array in arrays:
+        array.setflags(write=False)
+    duration = time.perf_counter() - begin
+    return BatchResult(*arrays, duration, solver, seed, pepper, parts, starts, movable)
+
+
+def _solve_fast(
+    pepper: PepperModel,
+    tasks: tuple[Task, ...],
+    starts: Array,
+    movable: np.ndarray | None,
+    options: dict[str, Any],
+    threads: int,
+    progress: Callable[[int, int], None] | None,
+) -> Arrays:
+    """Solve all rows in machine code."""
+    from pepper_kin.ik.fast import Rows
+
+    rows = Rows(pepper, tasks, starts, movable, **options)
+    _share_out(rows.solve, len(starts), threads, progress)
+    q, numbers, errors, iterations, restarts = rows.answers()
+    codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]
+    return q, codes, errors, iterations, restarts
+
+
+def _solve_each(
+    pepper: PepperModel,
+    tasks: tuple[Task, ...],
+    starts: Array,
+    options: dict[str, Any],
+    progress: Callable[[int, int], None] | None,
+) -> Arrays:
+    """Call `solve` for each row."""
+    results = []
+    for i, start in enumerate(starts):
+        results.append(solve(pepper, [task.at(i) for task in tasks], start, **options))
+        if progress is not None:
+            progress(i + 1, len(starts))
+    return (
+        np.array([result.q for result in results]).reshape(len(starts), pepper.n),
+        np.array([CODES.index(result.status) for result in results], dtype=np.int8),
+        np.array([[e.value for e in result.errors] for result in results]).reshape(len(starts), len(tasks)),
+        np.array([result.iterations for result in results], dtype=np.int64),
+        np.array([result.restarts for result in results], dtype=np.int64),
+    )
+
+
+def _count(tasks: Sequence[Task], start: Array) -> int:
+    """Return N, on which all that come in numbers agree."""
+    counts = {f"targets of {task.label}": task.count for task in tasks if task.count is not None}
+    if start.ndim > 2:
+        raise InvalidValueError("q0", f"shape {start.shape}", f"shape (n,) or (N, n), n = {start.shape[-1]}")
+    if start.ndim == 2:
+        counts["q0"] = len(start)
+    if not counts:
+        raise InvalidValueError("tasks", "one target each", "N targets, shape (N, ...); `solve` takes one")
+    if len(set(counts.values())) > 1:
+        found = ", ".join(f"{name}: {count}" for name, count in counts.items())
+        raise InvalidValueError("number of targets", found, "the same number N everywhere")
+    return next(iter(counts.values()))
+
+
+def _share_out(
+    work: Callable[[int, int], None],
+    count: int,
+    threads: int,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Call work(begin, end) for pieces of the rows, on several threads."""
+    pieces = [(begin, min(begin + PIECE, count)) for begin in range(0, count, PIECE)]
+    done = 0
+    if threads == 1:
+        for begin, end in pieces:
+            work(begin, end)
+            if progress is not None:
+                progress(end, count)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        futures = {pool.submit(work, *piece): piece for piece in pieces}
+        for future in as_completed(futures):
+            future.result()
+            begin, end = futures[future]
+            done += end - begin
+            if progress is not None:
+                progress(done, count)
