@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pepper_kin as pk
 from pepper_kin.jobs import run_demo
+from pepper_kin.kinematics.reach_map import reach_map
+from pepper_kin.kinematics.reach_picture import save_reach_picture
 
 FOLDER = Path(__file__).parent / "pictures"
 
@@ -24,6 +26,20 @@ def main() -> None:
         for view in ("front", "side", "three-quarter"):
             picture = FOLDER / f"{name}_{view}.png"
             pk.Viewer(pepper, looks=looks, over=over).save_image(picture, size=(480, 640), view=view)
+    draw_reach()
+
+
+def draw_reach() -> None:
+    """Draw where the left hand can go."""
+    pepper = pk.load_pepper(base="planar")
+    arm, torso = pepper.joint_group("left_arm"), pepper.joint_group("torso")
+    choices = {
+        "left arm": arm,
+        "with torso": (*torso, *arm),
+        "with torso, turning on the spot": ("BaseYaw", *torso, *arm),
+    }
+    maps = {title: reach_map(pepper, "LArm_effector", joints=joints) for title, joints in choices.items()}
+    save_reach_picture(maps, FOLDER / "reach_left.png")
 
 
 if __name__ == "__main__":

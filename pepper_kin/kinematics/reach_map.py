@@ -1,0 +1,240 @@
+"""Where a frame can be: a sampled map of reach on a grid of voxels."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin import batch
+from pepper_kin.atomic_file import write_bytes
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.kinematics.jacobian import frame_jacobian
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_positive
+
+CHUNK = 20_000
+"""States at a time: few enough to stay near the processor, many enough for the calls not to matter."""
+
+_FORMAT = "pepper_kin reach map 1"
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ReachMap:
+    """Voxels that a frame's origin was found in.
+
+    A voxel that was hit can be reached; one that was not may be reachable all the same, more rarely the more
+    samples there are.  Collisions are not looked at.
+
+    Attributes:
+        frame: Name of the frame.
+        joints: Joints that moved; the others were at Stand.
+        origin: (3,) corner of the grid with the smallest coordinates, in the world [m].
+        resolution: Edge of a voxel [m].
+        counts: (nx, ny, nz) samples in each voxel.
+        best: (nx, ny, nz) largest manipulability for positions found there, sqrt(det(J J^T)) over the joints
+            that moved [m^3]; zero where there is no sample.
+        samples: Number of samples.
+        seed: Seed of the samples.
+    """
+
+    frame: str
+    joints: tuple[str, ...]
+    origin: Array
+    resolution: float
+    counts: NDArray[np.int64]
+    best: NDArray[np.float32]
+    samples: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("origin", np.float64), ("counts", np.int64), ("best", np.float32)):
+            array = np.array(getattr(self, name), dtype=dtype)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @property
+    def volume(self) -> float:
+        """Volume of all voxels that were hit [m^3]: a little too large at the rim, where they stick out."""
+        return float(np.count_nonzero(self.counts) * self.resolution**3)
+
+    @property
+    def centers(self) -> Array:
+        """Centres of all voxels that were hit [m], shape (k, 3)."""
+        return self.origin + (np.argwhere(self.counts > 0) + 0.5) * self.resolution
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Tell for points [m], shape (..., 3), whether their voxel was hit, shape (...).
+
+        Raises:
+            InvalidValueError: for another shape, NaN or infinity.
+        """
+        try:
+            array = np.asarray(points, dtype=float)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InvalidValueError("points", repr(points)[:80], "numbers of shape (..., 3)") from error
+        if array.ndim == 0 or array.shape[-1] != 3:
+            raise InvalidValueError("points", f"shape {array.shape}", "shape (..., 3)")
+        if not np.isfinite(array).all():
+            raise InvalidValueError("points", array[~np.isfinite(array)][0], "finite numbers")
+        # On the grid of the whole world, as when the map was made: no voxel is missed by rounding.
+        place = np.floor(array / self.resolution) - np.round(self.origin / self.resolution)
+        inside = np.all((place >= 0) & (place < self.counts.shape), axis=-1)
+        index = np.where(inside[..., None], place, 0).astype(int)
+        return np.asarray(inside & (self.counts[index[..., 0], index[..., 1], index[..., 2]] > 0))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the map as a compressed NumPy file, whole or not at all.
+
+        Raises:
+            FileFormatError: naming the path and why it cannot be written.
+        """
+        content = io.BytesIO()
+        np.savez_compressed(
+            content,
+            format=np.array(_FORMAT),
+            frame=np.array(self.frame),
+            joints=np.array(self.joints),
+            origin=self.origin,
+            resolution=np.array(self.resolution),
+            counts=self.counts,
+            best=self.best,
+            samples=np.array(self.samples),
+            seed=np.array(self.seed),
+        )
+        return write_bytes(path, content.getvalue())
+
+    @classmethod
+    def load(cls, path: str | Path) -> ReachMap:
+        """Read what `save` wrote.
+
+        Raises:
+            FileFormatError: where the file cannot be read or is not a reach map.
+        """
+        try:
+            with np.load(Path(path), allow_pickle=False) as file:
+                if "format" not in file or str(file["format"]) != _FORMAT:
+                    raise FileFormatError(path, f"is not a {_FORMAT}")
+                fields: dict[str, Any] = {key: file[key] for key in cls.__dataclass_fields__}
+        except FileFormatError:
+            raise
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise FileFormatError(path, f"cannot be read as a reach map: {error}") from error
+        counts, best = fields["counts"], fields["best"]
+        if counts.ndim != 3 or counts.shape != best.shape or fields["origin"].shape != (3,):
+            raise FileFormatError(path, "holds arrays whose shapes do not fit one another")
+        fields.update(
+            frame=str(fields["frame"]),
+            joints=tuple(str(joint) for joint in fields["joints"]),
+            resolution=float(fields["resolution"]),
+            samples=int(fields["samples"]),
+            seed=int(fields["seed"]),
+        )
+        return cls(**fields)
+
+
+def reach_map(
+    pepper: PepperModel,
+    frame: str,
+    *,
+    joints: str | Sequence[str] | None = None,
+    samples: int = 1_000_000,
+    resolution: float = 0.05,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> ReachMap:
+    """Sample postures and note where a frame's origin comes to be.
+
+    Positions are drawn uniformly between the limits of each joint (a full turn where there are none).
+
+    Args:
+        pepper: The robot.
+        frame: A name of `pepper.frame_names`, such as "LArm_effector".
+        joints: Joints that move: a group's name, or names of joints; all by default.  Others stay at Stand.
+        samples: Number of postures.
+        resolution: Edge of a voxel [m].
+        seed: Seed of the postures.
+        progress: Told the share that is done, from 0 to 1.
+
+    Returns:
+        The map, on a grid with a corner at the world's origin.
+
+    Raises:
+        UnknownNameError: for a frame, joint or group that the robot lacks.
+        InvalidValueError: for no joint, or a number of samples, resolution or seed out of range.
+    """
+    pepper.frame_id(frame)
+    names = _moving_joints(pepper, joints)
+    columns = [pepper.joint_index(name) for name in names]
+    size = check_positive("resolution", resolution, "m")
+    for quantity, value, least in (("samples", samples, 1), ("seed", seed, 0)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+            raise InvalidValueError(quantity, repr(value), f"an integer of at least {least}")
+    lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, -np.pi)[columns]
+    upper = np.where(np.isfinite(pepper.upper_limits), pepper.upper_limits, np.pi)[columns]
+    rng, grid, done = np.random.default_rng(seed), _Grid(), 0
+    place = batch.kernel(pepper, "frame_pose", frame)
+    while done < samples:
+        count = min(CHUNK, samples - done)
+        q = np.tile(pepper.neutral(), (count, 1))
+        q[:, columns] = rng.uniform(lower, upper, (count, len(columns)))
+        points = np.asarray(place(q))[:, :3, 3]
+        grid.add(np.floor(points / size).astype(np.int64), _manipulability(pepper, q, frame, columns))
+        done += count
+        if progress is not None:
+            progress(done / samples)
+    origin = grid.corner.astype(np.float64) * size
+    return ReachMap(frame, names, origin, size, grid.counts, grid.best, int(samples), int(seed))
+
+
+def _moving_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> tuple[str, ...]:
+    if joints is None:
+        return pepper.joint_names
+    names = pepper.joint_group(joints) if isinstance(joints, str) else tuple(joints)
+    if not names:
+        raise InvalidValueError("joints", repr(joints), "at least one joint")
+    chosen = {pepper.joint_index(name) for name in names}
+    return tuple(name for place, name in enumerate(pepper.joint_names) if place in chosen)
+
+
+def _manipulability(pepper: PepperModel, q: Array, frame: str, columns: list[int]) -> Array:
+    """Return sqrt(det(J J^T)) for positions; by the 3 x 3 determinant, exact enough for a map and quick."""
+    jacobian = frame_jacobian(pepper, q, frame)[:, :3][:, :, columns]
+    x, y, z = np.moveaxis(jacobian @ np.swapaxes(jacobian, 1, 2), 1, 0)
+    return np.sqrt(np.maximum(np.einsum("ki,ki->k", x, np.cross(y, z)), 0.0))
+
+
+class _Grid:
+    """Voxels by integer coordinates, in arrays that grow with what is added."""
+
+    def __init__(self) -> None:
+        self.corner = np.zeros(3, np.int64)
+        self.counts = np.zeros((0, 0, 0), np.int64)
+        self.best = np.zeros((0, 0, 0), np.float32)
+
+    def add(self, voxels: NDArray[np.int64], values: Array) -> None:
+        """Count samples in voxels, shape (k, 3), and keep the largest value of each."""
+        lowest, highest = voxels.min(axis=0), voxels.max(axis=0) + 1
+        if self.counts.size:
+            lowest = np.minimum(lowest, self.corner)
+            highest = np.maximum(highest, self.corner + self.counts.shape)
+        if not self.counts.size:
+            shape = tuple(highest - lowest)
+            self.counts, self.best = np.zeros(shape, np.int64), np.zeros(shape, np.float32)
+        else:
+            before = self.corner - lowest
+            after = highest - self.corner - self.counts.shape
+            widths = list(zip(before, after, strict=True))
+            self.counts, self.best = np.pad(self.counts, widths), np.pad(self.best, widths)
+        self.corner = lowest
+        flat = np.ravel_multi_index(tuple((voxels - lowest).T), self.counts.shape)
+        self.counts += np.bincount(flat, minlength=self.counts.size).reshape(self.counts.shape)
+        np.maximum.at(self.best.reshape(-1), flat, values.astype(np.float32))
