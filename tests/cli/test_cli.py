@@ -5,7 +5,6 @@ import sys
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.viewer.browser import CHROMIUM_FLAGS  # noqa: F401  (the page needs the viewer's package data)
 
 
 def run(*arguments, cwd):

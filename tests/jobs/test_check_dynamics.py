@@ -202,8 +202,12 @@ def test_the_command_fails_where_the_check_does(tmp_path):
         (("--seed", "-1"), "seed: got -1, expected an integer of at least 0"),
     ],
 )
-def test_misuse_ends_with_one_line(tmp_path, arguments, message):
+def test_check_misuse_ends_with_one_line(tmp_path, arguments, message):
     done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert message in done.stderr
+
+
+def test_help_of_the_command_has_an_example(tmp_path):
+    assert "Example: pepper-kin check dynamics" in run("--help", cwd=tmp_path).stdout
