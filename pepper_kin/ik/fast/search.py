@@ -150,3 +150,34 @@ class Rows:
         counts = self._answers[:, n + t :].astype(np.int64)
         errors = np.sqrt(self._answers[:, n : n + t])
         return self._answers[:, :n].copy(), counts[:, 0], errors, counts[:, 1], counts[:, 2]
+
+
+def alternatives(
+    pepper: PepperModel,
+    tasks: Sequence[Task],
+    q0: Array,
+    movable: np.ndarray | None,
+    seed: int,
+    count: int,
+    max_iterations: int,
+) -> list[Array]:
+    """Return solutions that `count` starts lead to, those nearest to q0 first.
+
+    The starts lie ever farther from q0 on the way to points that fill the joint box evenly.
+    """
+    prepared = prepare(pepper, structures_of(tasks))
+    index = prepared.index
+    here = q0[index]
+    low, high = np.maximum(prepared.lower, here - np.pi), np.minimum(prepared.upper, here + np.pi)
+    points = unit_points(index.size, seed, count)[:, 0]
+    reach = np.linspace(1 / max(count, 1), 1, count)[:, None]
+    starts = np.tile(q0, (count, 1))
+    starts[:, index] += reach * (low + points * (high - low) - here)
+    if movable is not None:
+        starts[:, ~movable] = q0[~movable]
+    rows = Rows(pepper, tasks, starts, movable, seed, 0, max_iterations)
+    rows.solve(0, count)
+    q, status, *_ = rows.answers()
+    solved = q[status == STATUSES.index(Status.SOLVED)]
+    motion = ((solved[:, index] - here) ** 2 * prepared.scale).sum(axis=1)
+    return list(solved[np.argsort(motion, kind="stable")])
