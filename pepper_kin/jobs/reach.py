@@ -137,7 +137,7 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
     if found.status is not PlanStatus.NO_IK or found.ik is None:
         return found.report()
     # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
-    alone = solve(pepper, [task], q0=pepper.neutral(), scene=scene, seed=seed)
+    alone = solve(pepper, [task], q0=pepper.neutral(), solver="placo", scene=scene, seed=seed)
     palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
     wanted, point = (f"({', '.join(f'{x:.3f}' for x in p)})" for p in (task.target, palm))
     if alone.success:

@@ -17,6 +17,9 @@ from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.validity import holds
 
+IK_SOLVER = "placo"
+"""Here one solution is looked for, not thousands: "fast" would first compile for tens of seconds, once."""
+
 
 def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tuple[PlanStatus, str] | None:
     """Return why a configuration cannot be an end of the path, or None."""
@@ -54,7 +57,10 @@ def goals_of(
     if _are_tasks(goal):
         tasks = cast("Sequence[Task]", goal)
         for scene in (checker.scene.padded(margin), checker.scene):
-            ik = solve(pepper, tasks, q0=start, scene=scene, seed=seed, joints=joints, timeout=timeout / 3)
+            ik = solve(
+                pepper, tasks, q0=start, solver=IK_SOLVER, scene=scene, seed=seed, joints=joints,
+                timeout=timeout / 3,
+            )  # fmt: skip
             if ik.success and fault_of(checker, ik.q, "goal") is None:
                 break
         if not ik.success:
