@@ -6,7 +6,9 @@ changes, but not when only `descent.py` or `box.py` do: after work on those, rem
 
 from __future__ import annotations
 
+import logging
 import math
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +28,10 @@ from pepper_kin.ik.fast.native import call_kernel
 from pepper_kin.ik.restarts import REACH
 from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT, LEAST_STARTS, STARTS_FOR_TORQUE
 from pepper_kin.ik.tasks.task import Array
+
+_logger = logging.getLogger(__name__)
+_BEGIN = time.perf_counter()
+_SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
 
 NEAR, FAR = REACH
 NEAR_STARTS = len(REACH)
@@ -292,3 +298,7 @@ def descend_row(
     iterations = descend(setting, room, max_iterations, SMALL_GAIN, CAUTIOUS_STEPS)
     given[:] = room.given
     return iterations
+
+
+if time.perf_counter() - _BEGIN > _SLOW:
+    _logger.warning("compiled the fast IK solver, once on this machine; from now on it is loaded from disk")

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Sequence
-from functools import cache
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,17 +17,6 @@ from pepper_kin.model import PepperModel
 
 STATUSES = (Status.SOLVED, Status.CLOSEST_UNREACHABLE, Status.CLOSEST_LIMITS)
 """By the number that the compiled search writes."""
-
-
-_logger = logging.getLogger(__name__)
-
-
-@cache
-def announce_compilation() -> None:
-    """Say so, once, where the loop has yet to be compiled: it takes some 20 s and is kept on disk."""
-    cached: Any = solve_rows
-    if not any(Path(cached._cache.cache_path).glob("*.solve_rows-*.nbi")):
-        _logger.warning("compiling the fast IK solver: some 20 s, once on this machine")
 
 
 class Answer(NamedTuple):
@@ -69,7 +55,6 @@ def solve_one(
         restarts: Number of restarts at most.
         max_iterations: Steps from each start.
     """
-    announce_compilation()
     n, t = q0.size, len(tasks)
     given = np.empty((1, prepared.width))
     row = given[0]
