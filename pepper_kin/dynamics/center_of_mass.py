@@ -29,7 +29,7 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    share, still = _share_of_moving(pepper)
+    share, still = share_of_moving(pepper)
     if is_state(pepper, q) and not pepper.is_coupled:
         return np.asarray(pinocchio.centerOfMass(model, data, q, False) * share + still)
 
@@ -41,7 +41,7 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=32)
-def _share_of_moving(pepper: PepperModel) -> tuple[float, NDArray[np.float64]]:
+def share_of_moving(pepper: PepperModel) -> tuple[float, NDArray[np.float64]]:
     """Return the moving links' share of the mass, and what those fixed to the floor add to the centre [m]."""
     still = pepper.pinocchio_model.inertias[0]
     part = still.mass / total_mass(pepper)
@@ -62,7 +62,7 @@ def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.flo
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    share, _ = _share_of_moving(pepper)
+    share, _ = share_of_moving(pepper)
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False) @ pepper.full_map
