@@ -1,7 +1,6 @@
 """Kernels kept on disk: found again, never trusted when damaged, safe with several writers."""
 
 import logging
-import multiprocessing
 import os
 import stat
 import subprocess
@@ -141,23 +140,30 @@ def test_cache_can_be_left_alone(folder):
     assert not folder.exists()
 
 
-def _compile_and_evaluate(barrier, queue):
-    barrier.wait()
-    queue.put(compile_function(make_function())(POINTS))
+WRITER = """
+import sys, numpy as np, casadi as ca
+from pepper_kin.kernels import compile_function
+x = ca.SX.sym("x", 3)
+function = ca.Function("f", [x], [2.0 * ca.sin(x) + x[0]], ["x"], ["y"])
+points = np.linspace(-2, 2, 30).reshape(10, 3)
+print("ready", flush=True)
+sys.stdin.readline()
+sys.stdout.buffer.write(compile_function(function)(points).tobytes())
+"""
 
 
 def test_concurrent_writers_leave_one_good_file(folder):
-    context = multiprocessing.get_context("spawn")
-    barrier, queue = context.Barrier(3), context.Queue()
-    workers = [context.Process(target=_compile_and_evaluate, args=(barrier, queue)) for _ in range(3)]
-    for worker in workers:
-        worker.start()
-    results = [queue.get(timeout=60) for _ in workers]
-    for worker in workers:
-        worker.join(timeout=60)
-        assert worker.exitcode == 0
-    for result in results:
-        np.testing.assert_allclose(result, wanted(), rtol=1e-14, atol=1e-14)
+    pipe = subprocess.PIPE
+    command = [sys.executable, "-c", WRITER]
+    writers = [subprocess.Popen(command, stdin=pipe, stdout=pipe, bufsize=0) for _ in range(3)]
+    for writer in writers:
+        assert writer.stdout.readline() == b"ready\n"
+    for writer in writers:
+        writer.stdin.write(b"go\n")
+    for writer in writers:
+        output, _ = writer.communicate(timeout=120)
+        assert writer.returncode == 0
+        np.testing.assert_allclose(np.frombuffer(output).reshape(10, 3), wanted(), rtol=1e-14, atol=1e-14)
     assert len(files(folder)) == 1
     assert compile_function(make_function()).from_cache
 
