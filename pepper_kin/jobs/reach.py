@@ -168,6 +168,7 @@ class _Clock:
         self._stage: tuple[str, float] | None = None
 
     def enter(self, stage: str) -> None:
+        """End the stage that runs and begin another."""
         now = time.perf_counter()
         if self._stage is not None:
             self.seconds[self._stage[0]] = now - self._stage[1]

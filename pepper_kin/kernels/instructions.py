@@ -203,10 +203,12 @@ class _Builder:
         self._numbers: dict[object, int] = {}
 
     def leaf(self, name: str, immediate: float) -> int:
+        """Return the number of an input or constant, made once."""
         # 0.0 == -0.0 and nan != nan: the text of the number is the key that keeps them apart.
         return self._add(Operation(name, (), immediate), (name, repr(immediate)))
 
     def operation(self, name: str, operands: list[int]) -> int:
+        """Return the number of an operation on earlier ones, made once."""
         if name not in OPERAND_COUNT:
             raise UnsupportedInstructionError(name, self._function_name)
         operation = Operation(name, tuple(operands[: OPERAND_COUNT[name]]))

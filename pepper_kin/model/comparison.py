@@ -153,16 +153,19 @@ class _Differ:
     def item(
         self, quantity: str, first: str, second: str, size: float | None = None, unit: str = ""
     ) -> Difference:
+        """Return one difference of this joint or link."""
         return Difference(self.kind, self.name, quantity, first, second, size, unit)
 
     def arrays(
         self, quantity: str, a: NDArray[np.float64], b: NDArray[np.float64], unit: str
     ) -> Iterator[Difference]:
+        """Yield a difference where two arrays are further apart than the tolerance."""
         size = float(np.abs(a - b).max())
         if size > self.tolerance:
             yield self.item(quantity, _text(a), _text(b), size, unit)
 
     def values(self, quantity: str, a: float | None, b: float | None, unit: str) -> Iterator[Difference]:
+        """Yield a difference where two numbers are further apart, or one is missing."""
         if a is None or b is None:
             if a is not b:
                 yield self.item(quantity, _text(a), _text(b))
@@ -170,6 +173,7 @@ class _Differ:
             yield self.item(quantity, _text(a), _text(b), abs(a - b), unit)
 
     def joints(self, a: JointFacts, b: JointFacts) -> Iterator[Difference]:
+        """Yield all differences of two joints of one name."""
         for quantity in ("type", "parent", "child"):
             x, y = getattr(a, quantity), getattr(b, quantity)
             if x != y:
@@ -198,6 +202,7 @@ class _Differ:
             yield from self.values("offset", a.mimic[2], b.mimic[2], "")
 
     def links(self, a: LinkFacts, b: LinkFacts) -> Iterator[Difference]:
+        """Yield all differences of two links of one name."""
         masses = a.mass or 0.0, b.mass or 0.0
         yield from self.values("mass", *masses, "kg")
         if min(masses) > 0:

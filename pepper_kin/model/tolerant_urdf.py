@@ -107,11 +107,13 @@ class _Reader:
         self.faults, self.package_dirs = faults, package_dirs
 
     def fault(self, kind: str, where: str, message: str) -> None:
+        """Note a fault and go on."""
         self.faults.append(Fault(kind, where, message))
 
     def vector(
         self, element: ET.Element | None, name: str, default: tuple[float, ...], where: str
     ) -> NDArray[np.float64]:
+        """Return an attribute's numbers; the default where it is absent or broken."""
         text = None if element is None else element.get(name)
         if text is None:
             return np.array(default)
@@ -139,11 +141,13 @@ class _Reader:
         return value
 
     def pose(self, element: ET.Element, where: str) -> NDArray[np.float64]:
+        """Return the transform of an element, shape (4, 4); identity where it has none."""
         origin = element.find("origin")
         xyz = self.vector(origin, "xyz", (0.0, 0.0, 0.0), f"origin of {where}")
         return transform(xyz, self.vector(origin, "rpy", (0.0, 0.0, 0.0), f"origin of {where}"))
 
     def link(self, element: ET.Element) -> LinkFacts:
+        """Return what a link says of itself, broken or not."""
         link = LinkFacts(element.get("name", ""))
         where = f"link {link.name}"
         if not link.name:
