@@ -65,8 +65,14 @@ def _expression(pepper: PepperModel, quantity: str, args: tuple[object, ...]) ->
 
 def _disk_key(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> str:
     """Name what the code depends on: the robot, the quantity and the source of the expressions."""
-    robot = hashlib.sha256(pepper.urdf.encode()).hexdigest()
-    return f"{quantity}{args!r} of {robot} by {_source_digest()}"
+    return f"{quantity}{args!r} of {_robot_digest(pepper)} by {_source_digest()}"
+
+
+@lru_cache(maxsize=32)
+def _robot_digest(pepper: PepperModel) -> str:
+    """Digest of the text, and of the model besides: it may have been given a payload or rotor inertias."""
+    content = pepper.urdf + pepper.pinocchio_model.saveToString()
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 @lru_cache(maxsize=1)

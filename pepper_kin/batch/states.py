@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,19 +20,32 @@ KERNEL_FROM = 24
 Array = NDArray[np.float64]
 
 
-_FLOAT64 = np.dtype(np.float64)
+_NDARRAY, _FLOAT64, _INFINITY = np.ndarray, np.dtype(np.float64), math.inf
 
 
-def is_state(pepper: PepperModel, *arrays: object) -> bool:
+def is_state(pepper: PepperModel, *arrays: Any) -> bool:
     """Whether all are plain (n,) arrays of finite floats, so that nothing needs converting or naming.
 
     A quick test for the everyday call: finite means that the sum of squares is, which one product tells.
     """
+    return are_vectors(pepper, *arrays) and all(array.dot(array) < _INFINITY for array in arrays)
+
+
+def is_plain_state(pepper: PepperModel, *arrays: Any) -> bool:
+    """Whether `is_state`, and the robot's coordinates are Pinocchio's, whose functions take them as they are.
+
+    Written out, since a call of `is_state` would take a tenth of what one of those functions does.
+    """
+    if pepper.is_coupled:
+        return False
     shape = (pepper.n,)
     for array in arrays:
-        if type(array) is not np.ndarray or array.dtype is not _FLOAT64 or array.shape != shape:
-            return False
-        if not array.dot(array) < math.inf:
+        if (
+            type(array) is not _NDARRAY
+            or array.dtype is not _FLOAT64
+            or array.shape != shape
+            or not array.dot(array) < _INFINITY
+        ):
             return False
     return True
 
@@ -40,7 +54,7 @@ def are_vectors(pepper: PepperModel, *arrays: object) -> bool:
     """Whether all are plain (n,) arrays of floats, finite or not."""
     shape = (pepper.n,)
     for array in arrays:
-        if type(array) is not np.ndarray or array.dtype is not _FLOAT64 or array.shape != shape:
+        if type(array) is not _NDARRAY or array.dtype is not _FLOAT64 or array.shape != shape:
             return False
     return True
 
@@ -52,62 +66,80 @@ def over_states(
     quantity: tuple[object, ...] | None,
     **quantities: ArrayLike,
 ) -> Array:
+    """Evaluate a function of one state with one result for every state of a batch; see `all_over_states`."""
+    return all_over_states(pepper, lambda *state: (function(*state),), (shape,), quantity, **quantities)[0]
+
+
+def all_over_states(
+    pepper: PepperModel,
+    function: Callable[..., tuple[Array, ...]],
+    shapes: tuple[tuple[int, ...], ...],
+    quantity: tuple[object, ...] | None,
+    **quantities: ArrayLike,
+) -> tuple[Array, ...]:
     """Evaluate a function of one state for every state of a batch.
 
     Args:
         pepper: The robot.
-        function: Takes one (n,) vector per quantity and returns a new array of shape `shape`.
-        shape: Shape of one result.
+        function: Takes one (n,) vector per quantity and returns new arrays.
+        shapes: Shape of each result for one state.
         quantity: Name of the same function in `symbolic.QUANTITIES`, and what it takes besides the robot;
             None where there is no kernel for it.
         **quantities: Joint vectors with leading batch axes, shape (..., n), by the name used in messages;
             their batch axes broadcast against one another.
 
     Returns:
-        Results, shape (..., *shape).
+        The results, each of shape (..., *shape).
 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
     if is_state(pepper, *quantities.values()):
-        result = function(*quantities.values())
-        exact = type(result) is np.ndarray and result.shape == shape
-        return result if exact else np.asarray(result, dtype=float).reshape(shape)
+        return _exact(function(*quantities.values()), shapes)
     arrays = [_shaped(pepper, value, name) for name, value in quantities.items()]
     if all(array.ndim == 1 for array in arrays):
-        return np.array(function(*_finite(pepper, arrays, quantities)), dtype=float).reshape(shape)
+        return _exact(function(*_finite(pepper, arrays, quantities)), shapes)
     batch = _batch_axes(arrays, quantities)
     count = math.prod(batch)
     if quantity is not None and count >= KERNEL_FROM:
-        return _by_kernel(pepper, quantity, shape, arrays, batch, quantities)
+        return _by_kernel(pepper, quantity, shapes, arrays, batch, quantities)
     flat = [np.broadcast_to(a, (*batch, pepper.n)).reshape(-1, pepper.n) for a in arrays]
-    result = np.empty((count, *shape))
+    results = [np.empty((count, *shape)) for shape in shapes]
     for i, state in enumerate(zip(*_finite(pepper, flat, quantities), strict=True)):
-        result[i] = np.reshape(function(*state), shape)
-    return result.reshape(*batch, *shape)
+        for result, value, shape in zip(results, function(*state), shapes, strict=True):
+            result[i] = np.reshape(value, shape)
+    return tuple(result.reshape(*batch, *shape) for result, shape in zip(results, shapes, strict=True))
+
+
+def _exact(results: tuple[Array, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Array, ...]:
+    return tuple(
+        value
+        if type(value) is np.ndarray and value.shape == shape
+        else np.asarray(value, dtype=float).reshape(shape)
+        for value, shape in zip(results, shapes, strict=True)
+    )
 
 
 def _by_kernel(
     pepper: PepperModel,
     quantity: tuple[object, ...],
-    shape: tuple[int, ...],
+    shapes: tuple[tuple[int, ...], ...],
     arrays: list[Array],
     batch: tuple[int, ...],
     quantities: dict[str, ArrayLike],
-) -> Array:
+) -> tuple[Array, ...]:
     name, *args = quantity
     compiled = kernel(pepper, str(name), *args)
     flat = [
         a if a.ndim == 1 else np.broadcast_to(a, (*batch, pepper.n)).reshape(-1, pepper.n) for a in arrays
     ]
     try:
-        result = compiled(*flat)
+        results = compiled(*flat)
     except InvalidValueError:
         _finite(pepper, arrays, quantities)  # says which joint it is
         raise
-    if isinstance(result, tuple):
-        result = np.stack(result, axis=1)
-    return np.asarray(result).reshape(*batch, *shape)
+    parts = results if isinstance(results, tuple) else (results,)
+    return tuple(np.asarray(part).reshape(*batch, *shape) for part, shape in zip(parts, shapes, strict=True))
 
 
 def _shaped(pepper: PepperModel, value: ArrayLike, name: str) -> Array:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import cast
+
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import are_vectors, over_states
 from pepper_kin.dynamics.center_of_mass import share_of_moving
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.model import PepperModel
@@ -33,19 +36,36 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    share, still = share_of_moving(pepper)
-    weight = total_mass(pepper) * np.asarray(model.gravity.linear)
+    share, (sx, sy, sz), (wx, wy, wz) = _masses(pepper)
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         rate = pinocchio.computeCentroidalMomentumTimeVariation(
             model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a)
         )
-        center, push = np.array(data.com[0]), rate.linear
-        wrench = np.empty(6)
-        wrench[:3] = push - weight
-        # skew(x) y is x cross y; numpy's own takes ten times as long for single vectors
-        on_all = pinocchio.skew(center * share + still) @ weight
-        wrench[3:] = rate.angular + pinocchio.skew(center) @ push - on_all
-        return wrench
+        # Plain numbers: for vectors of three, each of NumPy's functions takes as long as all of this.
+        px, py, pz, lx, ly, lz = rate.vector.tolist()
+        x, y, z = data.com[0].tolist()
+        cx, cy, cz = x * share + sx, y * share + sy, z * share + sz
+        return np.array([
+            px - wx, py - wy, pz - wz,
+            lx + y * pz - z * py - (cy * wz - cz * wy),
+            ly + z * px - x * pz - (cz * wx - cx * wz),
+            lz + x * py - y * px - (cx * wy - cy * wx),
+        ])  # fmt: skip
 
+    if not pepper.is_coupled and are_vectors(pepper, q, v, a):
+        # What is not finite in any joint is not finite in the sum over all links, and is looked at below.
+        wrench = one(
+            cast("NDArray[np.float64]", q), cast("NDArray[np.float64]", v), cast("NDArray[np.float64]", a)
+        )
+        if wrench.dot(wrench) < np.inf:
+            return wrench
     return over_states(pepper, one, (6,), ("base_wrench",), q=q, v=v, a=a)
+
+
+@lru_cache(maxsize=32)
+def _masses(pepper: PepperModel) -> tuple[float, list[float], list[float]]:
+    """Return the moving links' share of the mass, what the others add to the centre [m], and m g [N]."""
+    share, still = share_of_moving(pepper)
+    weight = total_mass(pepper) * np.asarray(pepper.pinocchio_model.gravity.linear)
+    return share, still.tolist(), weight.tolist()

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_state, over_states
+from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.model import PepperModel
 
@@ -30,8 +30,11 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     share, still = share_of_moving(pepper)
-    if is_state(pepper, q) and not pepper.is_coupled:
-        return np.asarray(pinocchio.centerOfMass(model, data, q, False) * share + still)
+    if is_plain_state(pepper, q):
+        center: NDArray[np.float64] = pinocchio.centerOfMass(model, data, q, False)
+        center *= share
+        center += still
+        return center
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         moving: NDArray[np.float64] = pinocchio.centerOfMass(model, data, pepper.to_full(q), False)
@@ -63,6 +66,10 @@ def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.flo
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     share, _ = share_of_moving(pepper)
+    if is_plain_state(pepper, q):
+        jacobian: NDArray[np.float64] = pinocchio.jacobianCenterOfMass(model, data, q, False)
+        jacobian *= share
+        return jacobian
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False) @ pepper.full_map

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -28,6 +28,9 @@ def coriolis_matrix(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    if is_plain_state(pepper, q, v):
+        matrix: NDArray[np.float64] = pinocchio.computeCoriolisMatrix(model, data, q, v)
+        return matrix
     full_map = pepper.full_map
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import all_over_states, is_plain_state
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix
 from pepper_kin.model import PepperModel
@@ -67,15 +67,22 @@ def inverse_dynamics_derivatives(
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     full_map, n = pepper.full_map, pepper.n
 
-    def one(q: Array, v: Array, a: Array) -> Array:
-        v_full, a_full = pepper.rate_to_full(v), pepper.rate_to_full(a)
-        pinocchio.computeRNEADerivatives(model, data, pepper.to_full(q), v_full, a_full)
-        mass = np.triu(data.M)
-        blocks = np.array([data.dtau_dq, data.dtau_dv, mass + np.triu(mass, 1).T])
-        return full_map.T @ blocks @ full_map if pepper.is_coupled else blocks
+    def one(q: Array, v: Array, a: Array) -> InverseDynamicsDerivatives:
+        by_q, by_v, by_a = pinocchio.computeRNEADerivatives(model, data, q, v, a)
+        return InverseDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_a.copy("K"))
 
-    blocks = over_states(pepper, one, (3, n, n), ("inverse_dynamics_derivatives",), q=q, v=v, a=a)
-    return InverseDynamicsDerivatives(*(blocks[..., k, :, :] for k in range(3)))
+    def coupled(q: Array, v: Array, a: Array) -> tuple[Array, ...]:
+        full = one(pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a))
+        return tuple(full_map.T @ block @ full_map for block in full)
+
+    if is_plain_state(pepper, q, v, a):
+        return one(cast("Array", q), cast("Array", v), cast("Array", a))
+    return InverseDynamicsDerivatives(
+        *all_over_states(
+            pepper, coupled if pepper.is_coupled else one, ((n, n),) * 3, ("inverse_dynamics_derivatives",),
+            q=q, v=v, a=a,
+        )
+    )  # fmt: skip
 
 
 def forward_dynamics_derivatives(
@@ -99,7 +106,21 @@ def forward_dynamics_derivatives(
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
         ModelError: naming joints that move no mass.
     """
-    inverse = inverse_mass_matrix(pepper, q)
-    by = inverse_dynamics_derivatives(pepper, q, v, forward_dynamics(pepper, q, v, tau))
-    da_dtau = np.array(np.broadcast_to(inverse, by.dtau_dq.shape))
-    return ForwardDynamicsDerivatives(-inverse @ by.dtau_dq, -inverse @ by.dtau_dv, da_dtau)
+    model, data, n = pepper.pinocchio_model, pepper.pinocchio_data, pepper.n
+
+    def one(q: Array, v: Array, tau: Array) -> ForwardDynamicsDerivatives:
+        if not pepper.is_coupled:
+            by_q, by_v, by_tau = pinocchio.computeABADerivatives(model, data, q, v, tau)
+            found = ForwardDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_tau.copy("K"))
+            flat = found.da_dq.ravel("K")
+            if flat.dot(flat) < np.inf:
+                return found
+        inverse = inverse_mass_matrix(pepper, q)
+        by = inverse_dynamics_derivatives(pepper, q, v, forward_dynamics(pepper, q, v, tau))
+        return ForwardDynamicsDerivatives(-inverse @ by.dtau_dq, -inverse @ by.dtau_dv, inverse)
+
+    if is_plain_state(pepper, q, v, tau):
+        return one(cast("Array", q), cast("Array", v), cast("Array", tau))
+    return ForwardDynamicsDerivatives(
+        *all_over_states(pepper, one, ((n, n),) * 3, ("forward_dynamics_derivatives",), q=q, v=v, tau=tau)
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import are_vectors, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -22,6 +22,11 @@ def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[n
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    if not pepper.is_coupled and are_vectors(pepper, q, v):
+        # What is not finite in any joint is not finite in the sum over all links, and is looked at below.
+        energy = pinocchio.computeKineticEnergy(model, data, q, v)
+        if energy < np.inf:
+            return np.array(energy)
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         energy = pinocchio.computeKineticEnergy(model, data, pepper.to_full(q), pepper.rate_to_full(v))
@@ -41,6 +46,10 @@ def potential_energy(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    if not pepper.is_coupled and are_vectors(pepper, q):
+        energy = pinocchio.computePotentialEnergy(model, data, q)
+        if -np.inf < energy < np.inf:
+            return np.array(energy)
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(pinocchio.computePotentialEnergy(model, data, pepper.to_full(q)))

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import are_vectors, is_state, over_states
+from pepper_kin.batch import are_vectors, is_plain_state, over_states
 from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.model import PepperModel
 
@@ -65,7 +65,7 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    if is_state(pepper, q) and not pepper.is_coupled:
+    if is_plain_state(pepper, q):
         return np.asarray(
             pinocchio.computeGeneralizedGravity(pepper.pinocchio_model, pepper.pinocchio_data, q)
         )

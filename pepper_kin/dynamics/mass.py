@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_state, over_states
+from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model import PepperModel
 
@@ -38,7 +38,7 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    if is_state(pepper, q) and not pepper.is_coupled:
+    if is_plain_state(pepper, q):
         return np.asarray(pinocchio.crba(pepper.pinocchio_model, pepper.pinocchio_data, q))
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     full_map = pepper.full_map
@@ -68,6 +68,11 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64
         ModelError: naming joints that move no mass: M has no inverse.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    if is_plain_state(pepper, q):
+        found: NDArray[np.float64] = pinocchio.computeMinverse(model, data, q)
+        flat = found.ravel()
+        if flat.dot(flat) < np.inf:
+            return found
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         if pepper.is_coupled:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import cast
+
 import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
-from pepper_kin.dynamics.center_of_mass import total_mass
+from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.model import PepperModel
 
 Array = NDArray[np.float64]
@@ -30,16 +33,16 @@ def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    still, mass, rest = model.inertias[0], total_mass(pepper), np.zeros(model.nv)
+    (part, lever), rest = _share_of_still(pepper), np.zeros(model.nv)
 
     def one(q: Array) -> Array:
         # computeCentroidalMap would leave the centre of mass as it was.
-        matrix = np.array(pinocchio.ccrba(model, data, pepper.to_full(q), rest))
-        center_moving = np.array(data.com[0])
-        center_all = ((mass - still.mass) * center_moving + still.mass * still.lever) / mass
-        matrix[3:] += np.cross(center_moving - center_all, matrix[:3], axisb=0, axisc=0)
+        matrix: Array = pinocchio.ccrba(model, data, pepper.to_full(q), rest)
+        matrix[3:] += pinocchio.skew(part * (data.com[0] - lever)).dot(matrix[:3])
         return matrix @ pepper.full_map if pepper.is_coupled else matrix
 
+    if is_plain_state(pepper, q):
+        return one(cast("Array", q))
     return over_states(pepper, one, (6, pepper.n), ("centroidal_map",), q=q)
 
 
@@ -57,8 +60,26 @@ def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Arra
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
+    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    part, lever = _share_of_still(pepper)
 
     def one(q: Array, v: Array) -> Array:
-        return np.asarray(centroidal_map(pepper, q) @ v)
+        found = pinocchio.computeCentroidalMomentum(model, data, pepper.to_full(q), pepper.rate_to_full(v))
+        momentum: Array = found.vector
+        momentum[3:] += pinocchio.skew(part * (data.com[0] - lever)).dot(momentum[:3])
+        return momentum
+
+    if is_plain_state(pepper, q, v):
+        return one(cast("Array", q), cast("Array", v))
 
     return over_states(pepper, one, (6,), ("centroidal_momentum",), q=q, v=v)
+
+
+@lru_cache(maxsize=32)
+def _share_of_still(pepper: PepperModel) -> tuple[float, Array]:
+    """Return the share s of the mass that is fixed to the floor, and its centre c_0 [m].
+
+    With c the centre of the moving mass, c minus the centre of all is s (c - c_0).
+    """
+    still = pepper.pinocchio_model.inertias[0]
+    return still.mass / total_mass(pepper), np.array(still.lever)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -29,6 +29,9 @@ def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> 
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    if is_plain_state(pepper, q, v, a):
+        matrix: NDArray[np.float64] = pinocchio.computeJointTorqueRegressor(model, data, q, v, a)
+        return matrix
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         full = pinocchio.computeJointTorqueRegressor(

@@ -16,6 +16,7 @@ tells more.
 from pepper_kin.kernels.cache import CACHE_VARIABLE, cache_folder, clear_cache
 from pepper_kin.kernels.instructions import SUPPORTED_OPERATIONS, Signature, UnsupportedInstructionError
 from pepper_kin.kernels.kernel import Kernel, compile_function, kernel_ir
+from pepper_kin.kernels.memory import release_memory
 from pepper_kin.kernels.target import Target, host_target, make_target
 
 __all__ = [
@@ -31,4 +32,5 @@ __all__ = [
     "host_target",
     "kernel_ir",
     "make_target",
+    "release_memory",
 ]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.instructions import Signature
+from pepper_kin.kernels.memory import empty
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def make_outputs(
     """
     shapes = [leading + core_shape(shape) for shape in signature.output_shapes]
     if out is None:
-        return [np.empty(shape, dtype) for shape in shapes]
+        return [empty(shape, dtype) for shape in shapes]
     given: list[Any] = list(out) if isinstance(out, (tuple, list)) else [out]
     if len(given) != len(shapes):
         raise InvalidValueError("out", f"{len(given)} arrays", f"{len(shapes)}")

@@ -39,7 +39,7 @@ def module_ir(program: Program, parts: Partition, target: Target, dtype: str) ->
     functions += [_chunk_function(program, parts, index, constants) for index in range(len(parts.chunks))]
     functions += _library(program, constants, target)
     functions += [_block_function(len(parts.chunks), lanes), _single_function(program, lanes)]
-    functions.append(batch_function(program.signature, lanes))
+    functions += [batch_function(program.signature, lanes), "!0 = !{i32 1}\n"]
     head = [f'target triple = "{target.triple}"\n', intrinsic_declarations(lanes), constants.definition()]
     return "\n".join(head + functions)
 

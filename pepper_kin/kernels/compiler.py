@@ -34,32 +34,32 @@ class LoadedCode:
 
 
 def compile_ir(ir: str, target: Target) -> bytes:
-    """Optimise a module and translate it to an object file for a processor."""
+    """Translate a module to an object file for a processor."""
     with _LOCK:
-        return bytes(_target_machine(target).emit_object(_optimised(ir, target)))
+        return bytes(_target_machine(target).emit_object(_parsed(ir)))
 
 
 def assembly(ir: str, target: Target) -> str:
     """The same code as `compile_ir` makes, as assembly text to read."""
     with _LOCK:
-        return str(_target_machine(target).emit_assembly(_optimised(ir, target)))
+        return str(_target_machine(target).emit_assembly(_parsed(ir)))
 
 
-def _optimised(ir: str, target: Target) -> llvm.ModuleRef:
+def _parsed(ir: str) -> llvm.ModuleRef:
+    """The module as written.
+
+    No optimisation passes run on it: the writer has folded constants and shared values already, and LLVM's
+    standard pipeline doubled the time of compiling without making any kernel faster (measured).
+    """
     module = llvm.parse_assembly(ir)
     module.verify()
-    # The code is vector code already: passes that look for something to vectorise would find nothing.
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    options.loop_vectorization = options.slp_vectorization = False
-    builder = llvm.create_pass_builder(_target_machine(target), options)
-    builder.getModulePassManager().run(module, builder)
     return module
 
 
 def _target_machine(target: Target) -> llvm.TargetMachine:
     _initialize()
     return llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.cpu, features=target.features, opt=2, reloc="pic", codemodel="jitdefault", jit=True
+        cpu=target.cpu, features=target.features, opt=1, reloc="pic", codemodel="jitdefault", jit=True
     )
 
 

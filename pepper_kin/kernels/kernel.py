@@ -23,6 +23,7 @@ from pepper_kin.kernels.compiler import LoadedCode, compile_ir
 from pepper_kin.kernels.image import KernelImage
 from pepper_kin.kernels.instructions import Signature, check_function, read_program
 from pepper_kin.kernels.partition import partition
+from pepper_kin.kernels.streaming import staging_size
 from pepper_kin.kernels.target import Target, host_target
 from pepper_kin.kernels.threads import run_in_pieces
 
@@ -81,7 +82,7 @@ class Kernel:
         self.flop_count = image.flop_count
         self.from_cache = from_cache
         elements = sum(self.signature.input_sizes) + sum(self.signature.output_sizes)
-        self.work_size = (elements + image.slot_count) * image.lanes
+        self.work_size = (elements + staging_size(self.signature) + image.slot_count) * image.lanes
         self._output_sizes = self.signature.output_sizes
         self._code = LoadedCode(image.object_code, target)
         self.single_address = self._code.address("kernel_single")

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_state, over_states
+from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -30,7 +30,7 @@ def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.floa
     """
     frame_id = pepper.frame_id(frame)
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    if is_state(pepper, q) and not pepper.is_coupled:
+    if is_plain_state(pepper, q):
         pinocchio.forwardKinematics(model, data, q)
         return np.asarray(pinocchio.updateFramePlacement(model, data, frame_id).homogeneous)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_state, over_states
+from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.model import PepperModel
 
 _AXES = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -30,7 +30,7 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
     frame_id = pepper.frame_id(frame)
-    if is_state(pepper, q) and not pepper.is_coupled:
+    if is_plain_state(pepper, q):
         model, data = pepper.pinocchio_model, pepper.pinocchio_data
         return np.asarray(pinocchio.computeFrameJacobian(model, data, q, frame_id, _AXES))
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
@@ -62,6 +62,11 @@ def frame_jacobian_rate(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: 
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     frame_id, axes = pepper.frame_id(frame), _AXES
+    if is_plain_state(pepper, q, v):
+        pinocchio.computeJointJacobiansTimeVariation(model, data, q, v)
+        pinocchio.updateFramePlacement(model, data, frame_id)
+        found: NDArray[np.float64] = pinocchio.getFrameJacobianTimeVariation(model, data, frame_id, axes)
+        return found
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         pinocchio.computeJointJacobiansTimeVariation(model, data, pepper.to_full(q), pepper.rate_to_full(v))

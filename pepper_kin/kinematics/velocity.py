@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import over_states
+from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.model import PepperModel
 
 
@@ -28,6 +28,10 @@ def frame_velocity(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: str) 
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    if is_plain_state(pepper, q, v):
+        pinocchio.forwardKinematics(model, data, q, v)
+        velocity: NDArray[np.float64] = pinocchio.getFrameVelocity(model, data, frame_id, axes).vector
+        return velocity
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         pinocchio.forwardKinematics(model, data, pepper.to_full(q), pepper.rate_to_full(v))
@@ -61,6 +65,11 @@ def frame_acceleration(
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    if is_plain_state(pepper, q, v, a):
+        pinocchio.forwardKinematics(model, data, q, v, a)
+        found = pinocchio.getFrameClassicalAcceleration(model, data, frame_id, axes)
+        acceleration: NDArray[np.float64] = found.vector
+        return acceleration
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         v_full, a_full = pepper.rate_to_full(v), pepper.rate_to_full(a)

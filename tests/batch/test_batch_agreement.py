@@ -133,3 +133,15 @@ def test_batch_axes_broadcast(panda, states, count):
     np.testing.assert_allclose(grid[:, 0], one, rtol=1e-9, atol=1e-9)
     alone = dynamics.inverse_dynamics(panda, q[2], v[1], a[0])
     np.testing.assert_allclose(grid[2, 1], alone, rtol=1e-9, atol=1e-9)
+
+
+def test_a_model_that_was_given_a_payload_gets_kernels_of_its_own():
+    plain = pk.load_pepper()
+    dynamics.gravity_torque(plain, np.zeros((50, plain.n)))  # its kernel is on disk now
+    loaded = pk.load_robot(plain.urdf)
+    loaded.pinocchio_model.inertias[loaded.pinocchio_model.getJointId("LWristYaw")].mass += 0.5
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, (50, plain.n))
+    light, heavy = dynamics.gravity_torque(plain, q), dynamics.gravity_torque(loaded, q)
+    assert np.abs(heavy - light).max() > 0.1
+    for state, tau in zip(q[:5], heavy[:5], strict=True):
+        np.testing.assert_allclose(dynamics.gravity_torque(loaded, state), tau, atol=1e-9)

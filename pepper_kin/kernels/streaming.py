@@ -1,0 +1,159 @@
+"""IR that writes results to memory past the caches.
+
+Ordinary stores to memory that is in no cache first read what is there, and push everything else out of the
+caches; a large batch of matrices is then bound by that and not by arithmetic.  If all arrays of results are
+contiguous and aligned and have STREAM_FROM bytes or more together, each block of W states is therefore first
+put together in a staging area, W rows one after the other, and goes to memory by non-temporal stores.  These
+can only be under way a few at a time, so they are spread out: while one array's block is put together, the
+one before (the last one of the block of states before) is sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from pepper_kin.kernels.instructions import Signature
+from pepper_kin.kernels.squares import rounds, row_address, store_rows
+from pepper_kin.kernels.writer import Writer
+
+STREAM_FROM = 1 << 24
+"""Size of all results from which on they are written past the caches [bytes]: more than a core's share."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """An array of results, not of size 0.
+
+    Attributes:
+        target: Names of its address and its row stride.
+        size: Elements of a row.
+        results: Name of the address of a block's vectors.
+    """
+
+    target: tuple[str, str]
+    size: int
+    results: str
+
+
+def output_arrays(
+    w: Writer, targets: Sequence[tuple[str, str]], sizes: Sequence[int], results: str
+) -> list[Output]:
+    """The arrays of results with the addresses of their vectors, those of size 0 left out."""
+    outputs, place = [], 0
+    for target, size in zip(targets, sizes, strict=True):
+        if size:
+            outputs.append(Output(target, size, w.element_address(results, place)))
+        place += size
+    return outputs
+
+
+def staging_size(signature: Signature) -> int:
+    """Room for two arrays' blocks, in vectors."""
+    return 2 * max(signature.output_sizes, default=0)
+
+
+class Stream:
+    """Writes the parts of a function that sends results past the caches.
+
+    Args:
+        w: The function; `%count` is the number of states.
+        outputs: The arrays.
+        staging: Name of the address of the staging area.
+    """
+
+    def __init__(self, w: Writer, outputs: Sequence[Output], staging: str) -> None:
+        self._w, self._outputs = w, outputs
+        self._half = max(output.size for output in outputs)
+        self._areas = staging, w.element_address(staging, self._half)
+        self._used = self._is_used()
+
+    def takes(self, start: str) -> str:
+        """Write whether the block that starts there is sent: the last one may lack states."""
+        w = self._w
+        end = w.value(f"add nsw i64 {start}, {w.lanes.count}")
+        whole = w.value(f"icmp sle i64 {end}, %count")
+        return w.value(f"and i1 {self._used}, {whole}")
+
+    def put(self, start: str) -> None:
+        """Write how a block of all arrays is put together; the one before is sent."""
+        w, lanes = self._w, self._w.lanes
+        started = self._waiting(start)
+        for i, output in enumerate(self._outputs):
+            here, _ = self._halves(start, i)
+            rows = [w.element_address(here, k * output.size, lanes.scalar) for k in range(lanes.count)]
+            beside = self._sender(i, self._before(start, i), "true" if i else started)
+            store_rows(w, f"stage{i}", rows, output.size, output.results, beside)
+
+    def _sender(self, i: int, ends: tuple[str, str], waiting: str) -> Callable[[str], None]:
+        """Writes, for a round of the loop that puts array i together, what of the array before is sent."""
+        w, size = self._w, self._outputs[i - 1].size
+        share = -(-size // rounds(self._outputs[i].size, w.lanes))
+
+        def send(number: str) -> None:
+            w.line(f"br i1 {waiting}, label %send{i}, label %sent{i}")
+            w.label(f"send{i}")
+            first = w.value(f"mul nuw nsw i64 {number}, {share}")
+            for k in range(share):
+                index = w.value(f"add nuw nsw i64 {first}, {k}")
+                inside = w.value(f"icmp slt i64 {index}, {size - 1}")
+                self._send_vector(*ends, w.value(f"select i1 {inside}, i64 {index}, i64 {size - 1}"))
+            w.line(f"br label %sent{i}")
+            w.label(f"sent{i}")
+
+        return send
+
+    def _before(self, start: str, i: int) -> tuple[str, str]:
+        """Where the array before array i was put together, and where it belongs."""
+        w = self._w
+        row = start if i else w.value(f"sub nsw i64 {start}, {w.lanes.count}")
+        return self._halves(start, i)[1], row_address(w, self._outputs[i - 1].target, row)
+
+    def _waiting(self, start: str) -> str:
+        """Whether there is a block before."""
+        w = self._w
+        return w.value(f"and i1 {self._used}, {w.value(f'icmp ne i64 {start}, 0')}")
+
+    def finish(self) -> None:
+        """Write how the last block is sent, and a fence: nothing else orders these stores."""
+        w, lanes = self._w, self._w.lanes
+        whole = w.value(f"and i64 %count, {-lanes.count}")
+        begin = w.value(f"sub nsw i64 {whole}, {lanes.count}")
+        last = len(self._outputs) - 1
+        area, _ = self._halves(begin, last)
+        goal = row_address(w, self._outputs[last].target, begin)
+        any_block = w.value(f"icmp sgt i64 {whole}, 0")
+        needed = w.value(f"and i1 {self._used}, {any_block}")
+        count = w.value(f"select i1 {needed}, i64 {self._outputs[last].size}, i64 0")
+        w.loop("rest", count, 1, lambda index: self._send_vector(area, goal, index))
+        w.line("fence seq_cst")
+
+    def _is_used(self) -> str:
+        w = self._w
+        row = sum(output.size for output in self._outputs) * w.lanes.scalar_bytes
+        used = w.value(f"icmp sge i64 %count, {-(-STREAM_FROM // row)}")
+        for output in self._outputs:
+            contiguous = w.value(f"icmp eq i64 {output.target[1]}, {output.size}")
+            address = w.value(f"ptrtoint ptr {output.target[0]} to i64")
+            beyond = w.value(f"and i64 {address}, {w.lanes.vector_bytes - 1}")
+            aligned = w.value(f"icmp eq i64 {beyond}, 0")
+            used = w.value(f"and i1 {used}, {w.value(f'and i1 {contiguous}, {aligned}')}")
+        return used
+
+    def _halves(self, start: str, number: int) -> tuple[str, str]:
+        """Halves of the staging area for an array's block, and for what was put together before."""
+        w = self._w
+        block = w.value(f"udiv i64 {start}, {w.lanes.count}")
+        item = w.value(f"mul nuw nsw i64 {block}, {len(self._outputs)}")
+        odd = w.value(f"trunc i64 {w.value(f'add nuw nsw i64 {item}, {number}')} to i1")
+        first, second = self._areas
+        here = w.value(f"select i1 {odd}, ptr {second}, ptr {first}")
+        return here, w.value(f"select i1 {odd}, ptr {first}, ptr {second}")
+
+    def _send_vector(self, area: str, goal: str, index: str) -> None:
+        w = self._w
+        value = w.load(w.element_address(area, index))
+        address = w.element_address(goal, index)
+        w.line(
+            f"store {w.lanes.vector} {value}, ptr {address}, align {w.lanes.vector_bytes}, !nontemporal !0"
+        )
