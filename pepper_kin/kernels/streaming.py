@@ -2,10 +2,10 @@
 
 Ordinary stores to memory that is in no cache first read what is there, and push everything else out of the
 caches; a large batch of matrices is then bound by that and not by arithmetic.  If all arrays of results are
-contiguous and aligned and have STREAM_FROM bytes or more together, each block of W states is therefore first
-put together in a staging area, W rows one after the other, and goes to memory by non-temporal stores.  These
-can only be under way a few at a time, so they are spread out: while one array's block is put together, the
-one before (the last one of the block of states before) is sent.
+contiguous and have STREAM_FROM bytes or more together, each block of W states is therefore first put together
+in a staging area, W rows one after the other, and goes to memory by non-temporal stores.  These can only be
+under way a few at a time, so they are spread out: while one array's block is put together, the one before
+(the last one of the block of states before) is sent.
 """
 
 from __future__ import annotations
@@ -17,8 +17,11 @@ from pepper_kin.kernels.instructions import Signature
 from pepper_kin.kernels.squares import rounds, row_address, store_rows
 from pepper_kin.kernels.writer import Writer
 
-STREAM_FROM = 1 << 24
+STREAM_FROM = 1 << 22
 """Size of all results from which on they are written past the caches [bytes]: more than a core's share."""
+
+LEAST_ALIGNMENT = 16
+"""Of arrays that can be written so [bytes]; all that NumPy promises of a new array."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ class Stream:
         self._w, self._outputs = w, outputs
         self._half = max(output.size for output in outputs)
         self._areas = staging, w.element_address(staging, self._half)
-        self._used = self._is_used()
+        self._used, self._aligned = self._is_used()
 
     def takes(self, start: str) -> str:
         """Write whether the block that starts there is sent: the last one may lack states."""
@@ -94,10 +97,12 @@ class Stream:
             w.line(f"br i1 {waiting}, label %send{i}, label %sent{i}")
             w.label(f"send{i}")
             first = w.value(f"mul nuw nsw i64 {number}, {share}")
+            indices = []
             for k in range(share):
                 index = w.value(f"add nuw nsw i64 {first}, {k}")
                 inside = w.value(f"icmp slt i64 {index}, {size - 1}")
-                self._send_vector(*ends, w.value(f"select i1 {inside}, i64 {index}, i64 {size - 1}"))
+                indices.append(w.value(f"select i1 {inside}, i64 {index}, i64 {size - 1}"))
+            self._send(f"array{i}", *ends, indices)
             w.line(f"br label %sent{i}")
             w.label(f"sent{i}")
 
@@ -125,20 +130,22 @@ class Stream:
         any_block = w.value(f"icmp sgt i64 {whole}, 0")
         needed = w.value(f"and i1 {self._used}, {any_block}")
         count = w.value(f"select i1 {needed}, i64 {self._outputs[last].size}, i64 0")
-        w.loop("rest", count, 1, lambda index: self._send_vector(area, goal, index))
+        w.loop("rest", count, 1, lambda index: self._send("last", area, goal, [index]))
         w.line("fence seq_cst")
 
-    def _is_used(self) -> str:
+    def _is_used(self) -> tuple[str, str]:
+        """Write whether results are sent, and whether all places are aligned to whole vectors."""
         w = self._w
         row = sum(output.size for output in self._outputs) * w.lanes.scalar_bytes
         used = w.value(f"icmp sge i64 %count, {-(-STREAM_FROM // row)}")
+        bits = "0"
         for output in self._outputs:
             contiguous = w.value(f"icmp eq i64 {output.target[1]}, {output.size}")
-            address = w.value(f"ptrtoint ptr {output.target[0]} to i64")
-            beyond = w.value(f"and i64 {address}, {w.lanes.vector_bytes - 1}")
-            aligned = w.value(f"icmp eq i64 {beyond}, 0")
-            used = w.value(f"and i1 {used}, {w.value(f'and i1 {contiguous}, {aligned}')}")
-        return used
+            used = w.value(f"and i1 {used}, {contiguous}")
+            bits = w.value(f"or i64 {bits}, {w.value(f'ptrtoint ptr {output.target[0]} to i64')}")
+        beyond = [w.value(f"and i64 {bits}, {n - 1}") for n in (LEAST_ALIGNMENT, w.lanes.vector_bytes)]
+        some, all_ = (w.value(f"icmp eq i64 {number}, 0") for number in beyond)
+        return w.value(f"and i1 {used}, {some}"), all_
 
     def _halves(self, start: str, number: int) -> tuple[str, str]:
         """Halves of the staging area for an array's block, and for what was put together before."""
@@ -150,10 +157,15 @@ class Stream:
         here = w.value(f"select i1 {odd}, ptr {second}, ptr {first}")
         return here, w.value(f"select i1 {odd}, ptr {first}, ptr {second}")
 
-    def _send_vector(self, area: str, goal: str, index: str) -> None:
+    def _send(self, name: str, area: str, goal: str, indices: Sequence[str]) -> None:
+        """Write the sending of some vectors: in halves of 16 bytes where whole ones would not be aligned."""
         w = self._w
-        value = w.load(w.element_address(area, index))
-        address = w.element_address(goal, index)
-        w.line(
-            f"store {w.lanes.vector} {value}, ptr {address}, align {w.lanes.vector_bytes}, !nontemporal !0"
-        )
+        vectors = [w.load(w.element_address(area, index)) for index in indices]
+        places = [w.element_address(goal, index) for index in indices]
+        w.line(f"br i1 {self._aligned}, label %{name}_whole, label %{name}_halves")
+        for label, alignment in (("whole", w.lanes.vector_bytes), ("halves", LEAST_ALIGNMENT)):
+            w.label(f"{name}_{label}")
+            for vector, place in zip(vectors, places, strict=True):
+                w.line(f"store {w.lanes.vector} {vector}, ptr {place}, align {alignment}, !nontemporal !0")
+            w.line(f"br label %{name}_done")
+        w.label(f"{name}_done")
