@@ -45,7 +45,7 @@ def save_floor_picture(found: FloorMap, path: str | Path, targets: ArrayLike | N
     image = axes.imshow(
         np.ma.masked_invalid(found.scores).T,
         origin="lower",
-        extent=[found.origin[0], corner[0], found.origin[1], corner[1]],
+        extent=(found.origin[0], corner[0], found.origin[1], corner[1]),
         vmin=0,
         cmap="viridis",
         aspect="equal",

@@ -16,7 +16,7 @@ from pepper_kin.ik.placement.obstacles import obstacle_clearance
 from pepper_kin.ik.placement.proposals import propose
 from pepper_kin.ik.placement.result import Placement, PlacementResult, PlacementStatus
 from pepper_kin.ik.placement.score import PlacementTerms, PlacementWeights
-from pepper_kin.ik.placement.task_sets import Given, TaskSet
+from pepper_kin.ik.placement.task_sets import Given
 from pepper_kin.ik.placement.trial import Trials
 from pepper_kin.ik.result import IKResult, Status
 from pepper_kin.ik.solve import solve, whole_number
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 # Rounds that look around the best places so far: how many of them, how often, and how far [m], [rad].
 ROUNDS = ((12, 6, 0.10, 0.30), (8, 6, 0.04, 0.10))
 
-# Restarts of the final search, and where the first look ended in collision: there it takes long.
-RESTARTS, RESTARTS_IF_BLOCKED = 32, 8
+# Restarts of the search at a place where the first look did not succeed.
+RESTARTS = 8
 
 # Places that may fail in the final search before it is given up.
 FAILURES = 3
@@ -169,29 +169,30 @@ def _order(job: Job, trials: Trials) -> list[int]:
 
 
 def _placement(job: Job, trials: Trials, row: int) -> Placement:
-    """Solve every set of tasks at one place and score it."""
+    """Return one place with its answers: those known where they are good, else of a longer search."""
     trier, place = job.trier, trials.places[row]
-    start = trier.moving.states(trier.q0, place[None])[0]
-    first = trials.q[:, row] if trials.good[row] else [None] * len(trier.sets)
-    results = tuple(_solved(job, *pair, start) for pair in zip(trier.sets, first, strict=True))
-    q = np.array([result.q for result in results])
-    terms, score = _terms(job, q, place)
+    moving, scene = trier.moving, trier.scene
+    start = moving.states(trier.q0, place[None])[0]
+    results = []
+    for k, tasks in enumerate(trier.sets):
+        if trials.good[row]:
+            q = read_only(trials.q[k, row])
+            evidence = Evidence(moving.robot, tasks, start, job.movable, scene, q)
+            counts = int(trials.iterations[row, k]), int(trials.restarts[row, k])
+            results.append(IKResult(Status.SOLVED, q, *counts, 0.0, "fast", trier.seed, evidence))
+        else:
+            results.append(
+                solve(
+                    moving.robot, tasks, start, scene=scene, joints=trier.names, seed=trier.seed,
+                    restarts=RESTARTS,
+                )
+            )  # fmt: skip
+    found = np.array([result.q for result in results])
+    terms, score = _terms(job, found, place)
     success = all(result.success for result in results)
     x, y, yaw = place.tolist()
-    return Placement(x, y, yaw, score if success else 0.0, terms, read_only(q[:, trier.moving.body]), results)
-
-
-def _solved(job: Job, tasks: TaskSet, first: Array | None, start: Array) -> IKResult:
-    """Return the answer of `solve`; should it come to nothing, what the first look found, if anything."""
-    trier = job.trier
-    robot, scene = trier.moving.robot, trier.scene
-    restarts = RESTARTS_IF_BLOCKED if first is None else RESTARTS
-    result = solve(robot, tasks, start, scene=scene, joints=trier.names, seed=trier.seed, restarts=restarts)
-    if result.success or first is None:
-        return result
-    q = read_only(first)
-    evidence = Evidence(robot, tasks, start, job.movable, scene, q)
-    return IKResult(Status.SOLVED, q, 0, 0, result.time, result.solver, trier.seed, evidence)
+    q = read_only(found[:, moving.body])
+    return Placement(x, y, yaw, score if success else 0.0, terms, q, tuple(results))
 
 
 def _terms(job: Job, q: Array, place: Array) -> tuple[PlacementTerms, float]:

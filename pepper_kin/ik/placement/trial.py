@@ -33,6 +33,8 @@ class Trials:
         places: x, y [m], yaw [rad], shape (N, 3).
         q: Joint positions of the moving robot, shape (T, N, n).
         reached: Whether each set is met, shape (N, T).
+        iterations: Steps over all starts from q0, shape (N, T).
+        restarts: Starts used after q0, shape (N, T).
         excess: Sum over all tasks of error / tolerance where that is above 1, shape (N,).
         touching: Whether any configuration touches something, shape (N,); looked at only where all sets are
             met and a scene is given.
@@ -42,6 +44,8 @@ class Trials:
     places: Array
     q: Array
     reached: np.ndarray
+    iterations: np.ndarray
+    restarts: np.ndarray
     excess: Array
     touching: np.ndarray
     scores: Array
@@ -107,6 +111,8 @@ class Trier:
         ]  # fmt: skip
         q = np.array([batch.q for batch in found])
         reached = np.array([batch.solved for batch in found]).T
+        iterations = np.array([batch.iterations for batch in found]).T
+        restarts = np.array([batch.restarts for batch in found]).T
         excess = np.zeros(len(places))
         for tasks, batch in zip(self.sets, found, strict=True):
             share = batch.errors / np.array([task.tolerance for task in tasks])
@@ -120,7 +126,7 @@ class Trier:
             unknown = np.full(rows.size, np.inf)
             skill = self.scorer.manipulabilities(q[:, rows])
             scores[rows] = self.scorer.scores(margin, skill, unknown, *self.scorer.travels(places[rows]))
-        return Trials(places, q, reached, excess, touching, scores)
+        return Trials(places, q, reached, iterations, restarts, excess, touching, scores)
 
     def _kept_clear(self, starts: Array, q: Array) -> tuple[Array, np.ndarray]:
         """Look for other solutions where one touches something.
