@@ -154,7 +154,7 @@ def test_one_place_for_several_targets():
 
 
 def test_neither_threads_nor_repetition_change_anything():
-    sets = [[LEFT], [pk.ik.HandPosition("right", (2.1, 0.1, 0.9))]]
+    sets = [[pk.ik.HandPosition("left", EDGE)], [LEFT]]
     results = [
         pk.ik.place_base(PEPPER, sets, scene=TABLE, threads=k, seed=4, candidates=60) for k in (1, 1, 2)
     ]

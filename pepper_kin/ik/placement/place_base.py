@@ -35,7 +35,7 @@ ROUNDS = ((12, 6, 0.10, 0.30), (8, 6, 0.04, 0.10))
 RESTARTS = 8
 
 # Places that may fail in the final search before it is given up.
-FAILURES = 3
+FAILURES = 2
 
 # Places whose exact clearance is computed, and how far apart two placements are at least [m], [rad].
 MEASURED = 24
