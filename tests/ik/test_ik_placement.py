@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -339,6 +340,20 @@ def test_the_picture_is_a_png(tmp_path):
     assert path.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InvalidValueError, match="targets"):
         save_floor_picture(found, tmp_path / "floor.png", [[np.nan, 0, 0]])
+
+
+def test_the_example_of_the_page_runs():
+    page = (Path(__file__).parents[2] / "docs" / "ik.md").read_text(encoding="utf-8")
+    code = next(c for c in re.findall(r"```python\n(.*?)```", page, re.S) if "place_base" in c)
+    names = {"pk": pk, "pepper": PEPPER}
+    exec(code, names)
+    place = names["place"]
+    assert names["result"].success
+    np.testing.assert_allclose(hand(place.q[0])[:3, 3], in_base(place, names["cup"]), atol=1e-3)
+    for status in PlacementStatus:
+        assert f"| `{status.value}` |" in page
+    for term in ("limit_margin", "manipulability", "clearance", "travel"):
+        assert f"| `{term}` |" in page
 
 
 def test_values_are_read_only():

@@ -90,17 +90,7 @@ def place_base(
     begin = time.perf_counter()
     job = make_job(pepper, tasks, q0, stand, scene, joints, weights, seed, threads)
     whole_number("keep", keep, 1)
-    if isinstance(candidates, (int, np.integer)) or np.ndim(candidates) == 0:
-        count = whole_number("candidates", candidates, 1)  # type: ignore[arg-type]
-        trier = job.trier
-        places = propose(
-            trier.moving, trier.sets, trier.q0, job.stand, job.movable, count, trier.seed, trier.scene
-        )
-        trials = _look_around(job, trier(places))
-    else:
-        given = as_finite(candidates, "candidates", (None, 3)).copy()
-        given[:, 2] = wrapped(given[:, 2])
-        trials = job.trier(np.concatenate([job.stand[None], given]))
+    trials = _tried(job, candidates)
     placements = _finalists(job, trials, keep)
     status = _status(trials, placements)
     return PlacementResult(
@@ -115,6 +105,20 @@ def place_base(
         time=time.perf_counter() - begin,
         seed=job.trier.seed,
     )
+
+
+def _tried(job: Job, candidates: int | ArrayLike) -> Trials:
+    """Try the given places, or so many proposals and the surroundings of the best."""
+    trier = job.trier
+    if np.ndim(candidates) > 0:
+        given = as_finite(candidates, "candidates", (None, 3)).copy()
+        given[:, 2] = wrapped(given[:, 2])
+        return trier(np.concatenate([job.stand[None], given]))
+    count = whole_number("candidates", candidates, 1)  # type: ignore[arg-type]
+    places = propose(
+        trier.moving, trier.sets, trier.q0, job.stand, job.movable, count, trier.seed, trier.scene
+    )
+    return _look_around(job, trier(places))
 
 
 def _look_around(job: Job, trials: Trials) -> Trials:
