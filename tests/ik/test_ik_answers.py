@@ -246,14 +246,16 @@ def test_other_tasks_state_their_shortfalls():
 VALUES = (
     "left",
     "LArm_effector",
+    "RArm_effector",
+    "LElbowRoll",
     (0.4, 0.2, 0.9),
+    (0.1, 0.0),
     np.eye(3),
     np.eye(4),
     PEPPER.neutral(),
-    0.5,
-    ("LElbowRoll",),
-    "RArm_effector",
+    0.1,
 )
+PLANAR = pk.load_pepper(base="planar")
 CLASSES = [
     item
     for name in pk.ik.__all__
@@ -263,29 +265,31 @@ CLASSES = [
 ]
 
 
-def build_and_check(item, arguments):
+def build_and_check(item, arguments, robot):
     task = item(**arguments)
     for part in task.parts if isinstance(task, pk.ik.TaskGroup) else (task,):
-        part.check(PEPPER)
+        part.check(robot)
         if part.count is not None:
-            raise InvalidValueError("target", "many", "one")
+            raise InvalidValueError("target", "several", "one target")
     return task
 
 
 def good_arguments(item):
-    """Values for the arguments without a default, the first of VALUES that the class accepts."""
-    needed = [
-        name
-        for name, parameter in inspect.signature(item).parameters.items()
-        if parameter.default is inspect.Parameter.empty
-    ]
-    for values in itertools.product(VALUES, repeat=len(needed)):
-        arguments = dict(zip(needed, values, strict=True))
-        try:
-            build_and_check(item, arguments)
-        except (InvalidValueError, UnknownNameError, TypeError, ValueError):
-            continue
-        return arguments
+    """Values for the arguments that are needed, the first of VALUES that the class accepts, and a robot.
+
+    Where a class asks for one at least of several optional arguments, those that are None count as needed.
+    """
+    parameters = inspect.signature(item).parameters.items()
+    needed = [name for name, p in parameters if p.default is p.empty]
+    optional = [name for name, p in parameters if p.default is None and p.kind is p.POSITIONAL_OR_KEYWORD]
+    for names, robot in itertools.product((needed, needed + optional), (PEPPER, PLANAR)):
+        for values in itertools.product(VALUES, repeat=len(names)):
+            arguments = dict(zip(names, values, strict=True))
+            try:
+                build_and_check(item, arguments, robot)
+            except (InvalidValueError, UnknownNameError, TypeError, ValueError):
+                continue
+            return arguments, robot
     raise AssertionError(f"no arguments found for {item.__name__}: add values that it accepts to VALUES")
 
 
@@ -302,7 +306,8 @@ def spoilt(value):
         wrong = array.copy()
         wrong.reshape(-1)[-1] = bad
         yield wrong if array.ndim else bad, str(bad)
-    yield np.ones((*array.shape[:-1], array.shape[-1] + 1)) if array.ndim else np.ones(2), r"shape|numbers?"
+    wider = np.ones((*array.shape[:-1], array.shape[-1] + 1)) if array.ndim else np.ones((2, 2))
+    yield wider, r"shape|numbers?"
     yield np.ones((1, 1, 1, *array.shape)), r"shape|numbers?"
     yield "abc", "abc|numbers?"
     yield None, "None|nan|numbers?|shape"
@@ -310,7 +315,7 @@ def spoilt(value):
 
 @pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
 def test_targets_that_are_none_are_refused_by_name(item):
-    arguments = good_arguments(item)
+    arguments, robot = good_arguments(item)
     defaults = {
         name: p.default
         for name, p in inspect.signature(item).parameters.items()
@@ -321,8 +326,10 @@ def test_targets_that_are_none_are_refused_by_name(item):
         if not is_numbers(value):
             continue
         for wrong, words in spoilt(value):
+            if wrong is None and inspect.signature(item).parameters[name].default is None:
+                continue
             with pytest.raises(InvalidValueError, match=words) as caught:
-                build_and_check(item, {**arguments, name: wrong})
+                build_and_check(item, {**arguments, name: wrong}, robot)
             assert caught.value.quantity
             assert caught.value.allowed
             assert str(caught.value).startswith(f"{caught.value.quantity}: got ")
@@ -332,22 +339,22 @@ def test_targets_that_are_none_are_refused_by_name(item):
 
 @pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
 def test_unknown_frames_hands_and_joints_are_refused_by_name(item):
-    arguments = good_arguments(item)
+    arguments, robot = good_arguments(item)
     for name, value in arguments.items():
         if isinstance(value, str):
             with pytest.raises(UnknownNameError, match="nose") as caught:
-                pk.ik.solve(PEPPER, item(**{**arguments, name: "nose"}))
+                pk.ik.solve(robot, item(**{**arguments, name: "nose"}))
             assert caught.value.name == "nose"
-            assert {"LArm_effector", "left"} & set(caught.value.available)
+            assert {"LArm_effector", "LElbowRoll", "left"} & set(caught.value.available)
     if "joints" in inspect.signature(item).parameters:
         numbers = {name: (0.1,) for name, value in arguments.items() if isinstance(value, np.ndarray)}
         with pytest.raises(UnknownNameError, match="nose"):
-            pk.ik.solve(PEPPER, item(**{**arguments, **numbers, "joints": ("nose",)}))
+            pk.ik.solve(robot, item(**{**arguments, **numbers, "joints": ("nose",)}))
 
 
 @pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
 def test_weights_and_tolerances_that_are_none_are_refused_by_name(item):
-    arguments = good_arguments(item)
+    arguments, _ = good_arguments(item)
     names = [n for n in inspect.signature(item).parameters if n.endswith(("weight", "tolerance"))]
     assert names
     for name in names:
