@@ -1,6 +1,7 @@
 """Where to stand: places are checked on the fixed robot, with targets and obstacles moved to it instead."""
 
 import math
+import pickle
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
 from pepper_kin.ik.placement import PlacementStatus, PlacementTerms, PlacementWeights
 from pepper_kin.ik.placement.floor_picture import save_floor_picture
+from pepper_kin.ik.placement.moving_base import moving_base
 
 PEPPER = pk.load_pepper()
 POINT = np.array([2.0, 0.4, 0.9])
@@ -302,6 +304,49 @@ def test_any_fixed_robot_can_be_placed():
         assert abs(math.sin(math.atan2(dy, dx) - place.yaw)) < 5e-3
 
 
+def test_the_robot_on_a_moving_base_is_the_robot_moved():
+    """Frames, centre of mass and gravity torques, against the fixed robot and a rigid transform."""
+    moving = moving_base(PEPPER)
+    generator = np.random.default_rng(7)
+    for _ in range(5):
+        q = generator.uniform(PEPPER.lower_limits, PEPPER.upper_limits)
+        x, y, yaw = generator.uniform(-3, 3, 3)
+        state = moving.states(q, np.array([[x, y, yaw]]))[0]
+        c, s = math.cos(yaw), math.sin(yaw)
+        carry = np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
+        for frame in ("LArm_effector", "CameraTop_frame", "base_link"):
+            there = pk.kinematics.frame_pose(moving.robot, state, frame)
+            np.testing.assert_allclose(there, carry @ hand(q, frame), atol=1e-12)
+        mass = [*pk.dynamics.center_of_mass(PEPPER, q), 1.0]
+        np.testing.assert_allclose(
+            pk.dynamics.center_of_mass(moving.robot, state), (carry @ mass)[:3], atol=1e-12
+        )
+        np.testing.assert_allclose(
+            pk.dynamics.gravity_torque(moving.robot, state)[moving.body],
+            pk.dynamics.gravity_torque(PEPPER, q),
+            atol=1e-9,
+        )
+    assert moving_base(PEPPER) is moving
+    planar = pk.load_pepper(base="planar")
+    assert moving_base(planar).robot is planar
+
+
+@pytest.mark.parametrize("hands", ["mimic", "independent"])
+def test_robots_with_fingers(hands):
+    pepper = pk.load_pepper(hands=hands)
+    result = pk.ik.place_base(pepper, LEFT, candidates=32)
+    assert result.success, result.report()
+    pose = pk.kinematics.frame_pose(pepper, result.best.q[0], "LArm_effector")
+    np.testing.assert_allclose((result.best.transform_base_to_world @ pose)[:3, 3], POINT, atol=1e-3)
+
+
+def test_a_result_travels():
+    result = pk.ik.place_base(PEPPER, LEFT, candidates=16)
+    copy = pickle.loads(pickle.dumps(result))
+    assert copy.report() == result.report()
+    np.testing.assert_array_equal(copy.best.q, result.best.q)
+
+
 def test_only_the_named_joints_move():
     result = pk.ik.place_base(PEPPER, LEFT, joints="left_arm")
     assert result.success
@@ -401,6 +446,33 @@ def test_values_are_read_only():
 def test_misuse_is_named(arguments, error, message):
     with pytest.raises(error, match=message):
         pk.ik.place_base(PEPPER, **{"tasks": LEFT, "candidates": 4, **arguments})
+
+
+def test_a_task_class_of_ones_own_is_refused_by_name():
+    class Level(pk.ik.Task):
+        frame, label, weight, tolerance, unit = "Head", "head", 1.0, 0.01, "rad"
+        target = np.zeros(1)
+
+        def check(self, pepper):
+            pepper.frame_id(self.frame)
+
+        def residual(self, pepper, q):
+            return pk.kinematics.frame_pose(pepper, q, self.frame)[2, :1]
+
+        def jacobian(self, pepper, q):
+            return np.zeros((1, pepper.n))
+
+        def size(self, residual):
+            return float(np.abs(residual).max())
+
+        def shortfall(self, pepper, q):
+            return "head is not level"
+
+        def attained(self, pepper, q):
+            return "something"
+
+    with pytest.raises(InvalidValueError, match="for Level"):
+        pk.ik.place_base(PEPPER, Level())
 
 
 def test_misuse_of_weights_and_maps_is_named():
