@@ -1,6 +1,7 @@
 """Inverse kinematics: tasks in, the best configuration and the reason out."""
 
 from pepper_kin.ik.batch import BatchResult, solve_batch
+from pepper_kin.ik.placement import PlacementResult, PlacementStatus, PlacementWeights, floor_map, place_base
 from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks import (
@@ -28,12 +29,17 @@ __all__ = [
     "IKResult",
     "JointPosture",
     "LookAt",
+    "PlacementResult",
+    "PlacementStatus",
+    "PlacementWeights",
     "Point",
     "Status",
     "Task",
     "TaskError",
     "TaskGroup",
     "TorqueUse",
+    "floor_map",
+    "place_base",
     "solve",
     "solve_batch",
 ]

@@ -236,9 +236,14 @@ def _share_out(
         return
     with ThreadPoolExecutor(threads) as pool:
         futures = {pool.submit(work, *piece): piece for piece in pieces}
-        for future in as_completed(futures):
-            future.result()
-            begin, end = futures[future]
-            done += end - begin
-            if progress is not None:
-                progress(done, count)
+        try:
+            for future in as_completed(futures):
+                future.result()
+                begin, end = futures[future]
+                done += end - begin
+                if progress is not None:
+                    progress(done, count)
+        except BaseException:
+            # Without this the pool would first finish all rows, however many are left.
+            pool.shutdown(cancel_futures=True)
+            raise

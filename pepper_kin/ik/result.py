@@ -29,8 +29,8 @@ class Status(Enum):
 _ADVICE = {
     Status.SOLVED: "Use q.",
     Status.CLOSEST_UNREACHABLE: (
-        "No posture reaches it, even without joint limits: bring the targets nearer or closer together, "
-        "move the base, or loosen a tolerance."
+        "No posture of the joints that may move reaches it, even without joint limits: bring the targets "
+        "nearer or closer together, move the base, let more joints move, or loosen a tolerance."
     ),
     Status.CLOSEST_LIMITS: (
         "Only the joint limits are in the way: move the target or the base, let more joints move, or ask for "

@@ -15,7 +15,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import Evidence
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
-from pepper_kin.ik.obstruction import find_status, would_all_joints_help
+from pepper_kin.ik.obstruction import find_status, what_would_help
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
 from pepper_kin.ik.search import Budget, search, torque_ratios
@@ -193,10 +193,8 @@ def _find(request: Request, solver: str) -> Found:
 def _hint(status: Status, request: Request, solver: str) -> str:
     if status not in (Status.CLOSEST_LIMITS, Status.CLOSEST_UNREACHABLE):
         return ""
-    problem, whole = request.problem(), request.problem(whole=True)
-    if whole.movable.sum() > problem.movable.sum() and would_all_joints_help(whole, solver, request.budget):
-        return "with all joints free it would be reached"
-    return ""
+    joints = what_would_help(request.problem(), request.problem(whole=True), solver, request.budget)
+    return f"with {joints} free it would be reached" if joints else ""
 
 
 def _checked_budget(

@@ -55,7 +55,8 @@ def test_other_solvers_too(solver):
     tasks = [pk.ik.HandPosition("left", poses[:, :3, 3]), pk.ik.Point("left", poses[:, :3, 0])]
     found = pk.ik.solve_batch(PEPPER, tasks, solver=solver, restarts=1)
     single = pk.ik.solve(PEPPER, [task.at(1) for task in tasks], solver=solver, restarts=1)
-    np.testing.assert_array_equal(found.q[1], single.q)
+    # Not to the last bit: their linear algebra rounds by where in memory the arrays lie.
+    np.testing.assert_allclose(found.q[1], single.q, atol=1e-8)
 
 
 def test_every_task_takes_many_targets():

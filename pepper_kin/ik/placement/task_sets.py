@@ -1,0 +1,73 @@
+"""What a placement has to serve: sets of tasks, each for one configuration."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from typing import TypeAlias
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.ik.tasks import JointPosture
+from pepper_kin.ik.tasks.task import Task, TaskGroup
+from pepper_kin.model import PepperModel
+
+TaskSet: TypeAlias = tuple[Task, ...]
+Given: TypeAlias = Task | TaskGroup | Iterable[Task | TaskGroup | Iterable[Task | TaskGroup]]
+
+
+def task_sets(pepper: PepperModel, tasks: Given) -> tuple[TaskSet, ...]:
+    """Return the sets of tasks, groups taken apart, checked against the robot.
+
+    Args:
+        pepper: The robot.
+        tasks: One task, a list of tasks that one configuration meets, or a list of such lists.  Tasks with N
+            targets stand for N sets.
+
+    Raises:
+        InvalidValueError: for no task, something that is none, tasks mixed with lists of tasks, or numbers of
+            targets that differ within a set.
+        UnknownNameError: for a frame or joint that the robot lacks.
+    """
+    sets: list[TaskSet] = []
+    for group in _groups(tasks):
+        parts = tuple(_named(pepper, task) for task in flatten_tasks(pepper, group, batch=True))
+        counts = {task.label: task.count for task in parts if task.count is not None}
+        if not counts:
+            sets.append(parts)
+            continue
+        if len(set(counts.values())) > 1 or 0 in counts.values():
+            found = ", ".join(f"{label}: {count}" for label, count in counts.items())
+            raise InvalidValueError("number of targets", found, "the same number N of 1 or more in a set")
+        sets.extend(tuple(task.at(row) for task in parts) for row in range(next(iter(counts.values()))))
+    return tuple(sets)
+
+
+def _groups(tasks: Given) -> list[list[Task | TaskGroup]]:
+    if isinstance(tasks, (Task, TaskGroup)):
+        return [[tasks]]
+    if not isinstance(tasks, Iterable) or isinstance(tasks, (str, bytes)):
+        raise InvalidValueError("tasks", repr(tasks)[:80], "tasks such as HandPosition, or lists of them")
+    items = list(tasks)
+    single = [item for item in items if isinstance(item, (Task, TaskGroup))]
+    if len(single) == len(items):
+        return [single]
+    if single:
+        raise InvalidValueError("tasks", "tasks and lists mixed", "either tasks or lists of tasks")
+    groups = []
+    for item in items:
+        if not isinstance(item, Iterable) or isinstance(item, (str, bytes)):
+            raise InvalidValueError("tasks", repr(item)[:80], "tasks such as HandPosition, or lists of them")
+        groups.append(list(item))
+    return groups
+
+
+def _named(pepper: PepperModel, task: Task) -> Task:
+    """Return the task; a posture of all joints names them, for the robot with a moving base has more."""
+    if not isinstance(task, JointPosture) or task.joints is not None:
+        return task
+    named = copy.copy(task)
+    object.__setattr__(named, "joints", pepper.joint_names)
+    for kept in ("_fast_structure", "_fast_target"):
+        named.__dict__.pop(kept, None)
+    return named
