@@ -2,6 +2,7 @@
 
 from pepper_kin.ik.batch import BatchResult, solve_batch
 from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
+from pepper_kin.ik.servo import DifferentialStep, Servo, ServoState, ServoStatus, differential_step
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks import (
     AxisAlignment,
@@ -20,6 +21,7 @@ from pepper_kin.ik.tasks import (
 __all__ = [
     "AxisAlignment",
     "BatchResult",
+    "DifferentialStep",
     "FrameOrientation",
     "FramePose",
     "FramePosition",
@@ -29,11 +31,15 @@ __all__ = [
     "JointPosture",
     "LookAt",
     "Point",
+    "Servo",
+    "ServoState",
+    "ServoStatus",
     "Status",
     "Task",
     "TaskError",
     "TaskGroup",
     "TorqueUse",
+    "differential_step",
     "solve",
     "solve_batch",
 ]
