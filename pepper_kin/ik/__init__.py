@@ -3,6 +3,7 @@
 from pepper_kin.ik.batch import BatchResult, solve_batch
 from pepper_kin.ik.placement import PlacementResult, PlacementStatus, PlacementWeights, floor_map, place_base
 from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
+from pepper_kin.ik.servo import DifferentialStep, Servo, ServoState, ServoStatus, differential_step
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks import (
     AxisAlignment,
@@ -21,6 +22,7 @@ from pepper_kin.ik.tasks import (
 __all__ = [
     "AxisAlignment",
     "BatchResult",
+    "DifferentialStep",
     "FrameOrientation",
     "FramePose",
     "FramePosition",
@@ -33,11 +35,15 @@ __all__ = [
     "PlacementStatus",
     "PlacementWeights",
     "Point",
+    "Servo",
+    "ServoState",
+    "ServoStatus",
     "Status",
     "Task",
     "TaskError",
     "TaskGroup",
     "TorqueUse",
+    "differential_step",
     "floor_map",
     "place_base",
     "solve",

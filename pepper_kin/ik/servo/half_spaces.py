@@ -1,0 +1,66 @@
+"""Inequalities on the next velocity, each with a name to report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_kin.ik.tasks.task import Array
+
+# An excess smaller than this is rounding [m/s].
+NOTICEABLE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityRows:
+    """C v >= least.
+
+    Attributes:
+        matrix: C, shape (k, n).
+        least: Shape (k,).
+        names: What each keeps, in words.
+    """
+
+    matrix: Array
+    least: Array
+    names: tuple[str, ...]
+
+    def within(self, low: Array, high: Array) -> VelocityRows:
+        """Return only those that some velocity within a box would break."""
+        slowest = np.minimum(self.matrix * low, self.matrix * high).sum(axis=1)
+        kept = np.flatnonzero(slowest < self.least)
+        return VelocityRows(self.matrix[kept], self.least[kept], tuple(self.names[i] for i in kept))
+
+    def admitting(self, v: Array) -> VelocityRows:
+        """Return rows relaxed so far that a velocity keeps them."""
+        return VelocityRows(self.matrix, np.minimum(self.least, self.matrix @ v), self.names)
+
+    def attainable(self, low: Array, high: Array) -> VelocityRows:
+        """Return rows relaxed so far that each of them can be kept by some velocity within a box."""
+        best = np.maximum(self.matrix * low, self.matrix * high).sum(axis=1)
+        return VelocityRows(self.matrix, np.minimum(self.least, best), self.names)
+
+    def broken(self, v: Array) -> tuple[str, ...]:
+        """Return the names of those that v breaks, each once."""
+        short = self.least - self.matrix @ v
+        return tuple(dict.fromkeys(self.names[i] for i in np.flatnonzero(short > NOTICEABLE)))
+
+    def active(self, v: Array) -> tuple[str, ...]:
+        """Return the names of those that v touches, each once."""
+        slack = self.matrix @ v - self.least
+        return tuple(dict.fromkeys(self.names[i] for i in np.flatnonzero(slack < NOTICEABLE)))
+
+
+def stacked(parts: Sequence[VelocityRows], n: int) -> VelocityRows:
+    """Return several sets of rows as one."""
+    if not parts:
+        return VelocityRows(np.empty((0, n)), np.empty(0), ())
+    if len(parts) == 1:
+        return parts[0]
+    return VelocityRows(
+        np.concatenate([part.matrix for part in parts]),
+        np.concatenate([part.least for part in parts]),
+        tuple(name for part in parts for name in part.names),
+    )

@@ -1,0 +1,87 @@
+"""What a servo says after each tick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from pepper_kin.ik.tasks.task import Array
+
+
+class ServoStatus(Enum):
+    """What a servo is doing."""
+
+    FOLLOWING = "following"
+    LIMITED = "limited"
+    ARRIVED = "arrived"
+    BLOCKED = "blocked"
+    STOPPING = "stopping"
+    RESTING = "resting"
+
+    @property
+    def advice(self) -> str:
+        """What it means and what to do, in a sentence."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    ServoStatus.FOLLOWING: "It follows the command; nothing to do.",
+    ServoStatus.LIMITED: (
+        "It follows as well as the limits named allow: ask for slower or nearer motion where that matters."
+    ),
+    ServoStatus.ARRIVED: "Every task is within its tolerance.",
+    ServoStatus.BLOCKED: (
+        "Joints brake, because they would not stop clear if they went on: command another way, or accept a "
+        "smaller clearance."
+    ),
+    ServoStatus.STOPPING: "No command is fresh, so it brakes: command more often than the timeout.",
+    ServoStatus.RESTING: "It stands still and waits for a command.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ServoState:
+    """A servo after a tick.
+
+    Attributes:
+        tick: Number of ticks since the start.
+        time: tick / rate [s].
+        q: Joint positions to command [rad or m], shape (n,), read-only.
+        v: Velocity of the tick, (q - last q) rate [rad/s or m/s], shape (n,), read-only.
+        status: What it is doing.
+        scale: Share of the commanded speed that singularities leave, of the task that suffers most, 0 to 1.
+        limited_by: What the velocity touches, in words: "velocity of HeadYaw", "clearance of l_wrist and
+            table", "singularity of left hand".
+        gave_way: Conditions that braking cannot keep and that therefore gave way, in words; limits of joint
+            position, velocity and acceleration never do.
+        errors: Error of each target task at the start of the tick [m or rad], in the order of the tasks,
+            groups taken apart.
+        clearance: Smallest distance at the start of the tick [m]; inf where nothing is near, None where
+            collisions are not looked at.
+    """
+
+    tick: int
+    time: float
+    q: Array
+    v: Array
+    status: ServoStatus
+    scale: float
+    limited_by: tuple[str, ...]
+    gave_way: tuple[str, ...]
+    errors: tuple[float, ...]
+    clearance: float | None
+
+    def report(self) -> str:
+        """Return the state in plain words, one fact a line."""
+        lines = [f"t = {self.time:.3f} s: {self.status.value}. {self.status.advice}"]
+        if self.errors:
+            lines.append("errors: " + ", ".join(f"{error:.4f}" for error in self.errors))
+        if self.limited_by:
+            lines.append("limited by " + ", ".join(self.limited_by))
+        if self.gave_way:
+            lines.append("gave way: " + ", ".join(self.gave_way))
+        if self.scale < 1:
+            lines.append(f"slowed to {100 * self.scale:.0f} % of the speed near a singularity")
+        if self.clearance is not None and self.clearance < float("inf"):
+            lines.append(f"clearance {1000 * self.clearance:.1f} mm")
+        return "\n".join(lines)
