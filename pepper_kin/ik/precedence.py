@@ -1,0 +1,139 @@
+"""What comes first where not all tasks can be met: hard tasks, and the position of a pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.descenders import make_descender
+from pepper_kin.ik.problem import Problem
+from pepper_kin.ik.search import Budget, search
+from pepper_kin.ik.tasks.task import Array, Task
+
+# Factors on the weight of hard tasks, one after the other, until they are met: HARD_WEIGHT is enough unless
+# the soft tasks have large weights.
+RAISED = (10.0, 100.0)
+
+# Factors on the weight of a task that yields, one after the other, until the task before it is met.
+LOWERED = (1 / 30, 1 / 100)
+
+# Starts of a search of its own, where no descent from the end of the first search leads to what comes first.
+STARTS = 8
+
+# The error has to fall below this part of what it was for another configuration to be taken.
+PROGRESS = 0.99
+
+
+def balanced(tasks: Sequence[Task]) -> tuple[Task, ...]:
+    """Return the tasks with the soft weights scaled so that none exceeds the least weight of a hard task.
+
+    Only among themselves soft weights matter then, however large they are.
+    """
+    least = min((task.weight for task in tasks if task.hard), default=math.inf)
+    most = max((task.weight for task in tasks if not task.hard), default=0.0)
+    if most <= least:
+        return tuple(tasks)
+    return tuple(task if task.hard else task.weighted(least / most) for task in tasks)
+
+
+def is_ordered(tasks: Sequence[Task]) -> bool:
+    """Whether some tasks come before others."""
+    mixed = any(task.hard for task in tasks) and not all(task.hard for task in tasks)
+    return mixed or any(task.yields for task in tasks)
+
+
+def put_first(problem: Problem, solver: str, collisions: Collisions, budget: Budget, q: Array) -> Array:
+    """Return a configuration that meets better what comes first, searched from where the search ended.
+
+    The search itself weighs hard tasks HARD_WEIGHT times as much as others, which meets them to a fraction of
+    a millimetre where weights are alike.  Where one is still not met, its weight is raised in steps and the
+    descent goes on from q (the penalty method: Nocedal and Wright, Numerical Optimization, 2006, ch. 17).
+    After that, tasks that yield get smaller weights in the same way, until those before them are met.
+
+    Args:
+        problem: The problem.
+        solver: Name of the solver.
+        collisions: What may not touch; a free q stays free.
+        budget: Steps of each descent, and the deadline.
+        q: Where the search ended, shape (n,) [rad or m].
+
+    Returns:
+        Joint positions within the bounds, shape (n,); q itself where nothing comes first or nothing is gained.
+    """
+    tasks = problem.tasks
+    firm = [k for k, task in enumerate(tasks) if task.hard]
+    if 0 < len(firm) < len(tasks):
+        for factor in RAISED:
+            if _worst(problem, firm, q) <= 1:
+                break
+            problem = _reweighted(problem, firm, factor)
+            q = _better(problem, solver, collisions, budget, q, firm)
+    leaders = [k - 1 for k in range(1, len(tasks)) if _gives_way(tasks[k], tasks[k - 1])]
+    leaders = [k for k in leaders if _worst(problem, [k], q) > 1]
+    if not leaders:
+        return q
+    yielding = [k + 1 for k in leaders]
+    for factor in LOWERED:
+        trial = _reweighted(problem, yielding, factor)
+        q = _unless_worse(problem, firm, _better(trial, solver, collisions, budget, q, leaders), q)
+        if _worst(problem, leaders, q) <= 1:
+            return q
+    again = _search_again(trial, solver, collisions, replace(budget, restarts=min(STARTS, budget.restarts)))
+    if (collisions.free(again) or not collisions.free(q)) and _worst(problem, leaders, again) <= 1:
+        return _unless_worse(problem, firm, again, q)
+    return q
+
+
+def _search_again(problem: Problem, solver: str, collisions: Collisions, budget: Budget) -> Array:
+    """Return the outcome of a search from the start, in machine code where nothing asks for another."""
+    if solver == "fast" and not collisions.considered:
+        from pepper_kin.ik.fast import prepare, solve_one, structures_of
+
+        tasks = problem.tasks
+        return solve_one(
+            prepare(problem.pepper, structures_of(tasks)), tasks, problem.q0, problem.movable, budget.seed,
+            budget.restarts, budget.max_iterations,
+        ).q  # fmt: skip
+    return search(problem, make_descender(solver, problem), collisions, budget).best.q
+
+
+def _unless_worse(problem: Problem, firm: Sequence[int], new: Array, old: Array) -> Array:
+    """Return the new configuration unless a hard task is unmet there and better met by the old one."""
+    return new if _worst(problem, firm, new) <= max(1.0, _worst(problem, firm, old)) else old
+
+
+def _gives_way(task: Task, before: Task) -> bool:
+    return task.yields and (before.hard or not task.hard)
+
+
+def _reweighted(problem: Problem, places: Sequence[int], factor: float) -> Problem:
+    """Return the problem with the weights of some tasks multiplied."""
+    tasks = [task.weighted(factor) if k in places else task for k, task in enumerate(problem.tasks)]
+    return replace(problem, tasks=tuple(tasks))
+
+
+def _better(
+    problem: Problem, solver: str, collisions: Collisions, budget: Budget, q: Array, first: Sequence[int]
+) -> Array:
+    """Return where a descent from q ends if the tasks `first` are better met there, else q."""
+    descender = make_descender(solver, problem)
+    before = _worst(problem, first, q)
+    fences = [None] if not collisions.considered else [None, collisions.fence()]
+    for fence in fences:
+        end = descender.descend(q, problem.q0, budget.max_iterations, budget.deadline, fence).q
+        if _worst(problem, first, end) < PROGRESS * before and collisions.free(end):
+            return end
+        if not collisions.free(q):
+            break
+    return q
+
+
+def _worst(problem: Problem, places: Sequence[int], q: Array) -> float:
+    """Return the largest error of some tasks, as a part of the tolerance."""
+    pepper = problem.pepper
+    parts = [problem.tasks[k].error(pepper, q) / problem.tasks[k].tolerance for k in places]
+    return float(np.max(parts, initial=0.0))
