@@ -16,7 +16,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import Evidence
 from pepper_kin.ik.descenders import ALL_SOLVERS
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.precedence import balanced, is_ordered, put_first
+from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
 from pepper_kin.ik.search import Budget
@@ -213,7 +213,7 @@ def _put_in_order(
     ones = [task.at(row) for task in tasks]
     moves = np.ones(pepper.n, dtype=bool) if movable is None else movable
     problem = make_problem(pepper, ones, starts[row], moves, keep_idle=True)
-    q[row] = put_first(problem, "fast", Collisions(pepper, None), budget, q[row].copy())
+    q[row] = put_first(problem, Means("fast", Collisions(pepper, None), budget), q[row].copy())
     errors[row] = [task.error(pepper, q[row]) for task in ones]
     if all(error <= task.tolerance for error, task in zip(errors[row], ones, strict=True)):
         codes[row] = CODES.index(Status.SOLVED)

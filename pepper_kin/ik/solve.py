@@ -16,7 +16,7 @@ from pepper_kin.ik.certificate import Evidence
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
 from pepper_kin.ik.obstruction import find_status, would_all_joints_help
-from pepper_kin.ik.precedence import balanced, is_ordered, put_first
+from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
 from pepper_kin.ik.search import Budget, search, torque_ratios
@@ -197,7 +197,7 @@ def _find(request: Request, solver: str) -> Found:
 def _in_order(request: Request, solver: str, found: Found) -> Found:
     """Meet better what comes first."""
     problem, collisions = request.problem(), Collisions(request.pepper, request.scene)
-    q = put_first(problem, solver, collisions, request.budget, found.q)
+    q = put_first(problem, Means(solver, collisions, request.budget), found.q)
     met = problem.is_met(problem.residuals(q)) and collisions.free(q)
     return found._replace(q=read_only(q), status=Status.SOLVED if met else found.status)
 
