@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import Evidence
-from pepper_kin.ik.descenders import ALL_SOLVERS
 from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.descenders import ALL_SOLVERS
 from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status

@@ -1,4 +1,4 @@
-"""What comes first where not all tasks are met at once: hard tasks, positions of poses, and narrow tolerances."""
+"""What comes first where not all tasks are met: hard tasks, positions of poses, and narrow tolerances."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def put_first(problem: Problem, means: Means, q: Array) -> Array:
         q: Where the search ended, shape (n,) [rad or m].
 
     Returns:
-        Joint positions within the bounds, shape (n,); q itself where nothing comes first or nothing is gained.
+        Joint positions within the bounds, shape (n,); q itself where nothing is gained.
     """
     firm = [k for k, task in enumerate(problem.tasks) if task.hard]
     if 0 < len(firm) < len(problem.tasks):
@@ -112,7 +112,9 @@ def _let_yield(problem: Problem, means: Means, q: Array) -> Array:
         if _worst(problem, leaders, q) <= 1:
             return q
     again = _search_again(trial, means)
-    if (means.collisions.free(again) or not means.collisions.free(q)) and _worst(problem, leaders, again) <= 1:
+    if (means.collisions.free(again) or not means.collisions.free(q)) and _worst(
+        problem, leaders, again
+    ) <= 1:
         return _unless_worse(problem, again, q)
     return q
 

@@ -84,7 +84,9 @@ def test_inside_it_asks_for_nothing():
     assert not task.jacobian(PEPPER, q).any()
     hand = pk.ik.HandPosition("left", (0.4, 0.2, 0.9))
     one, two = pk.ik.solve(PEPPER, hand), pk.ik.solve(PEPPER, [hand, task])
-    np.testing.assert_allclose(two.q[PEPPER.joint_index("LElbowRoll")], one.q[PEPPER.joint_index("LElbowRoll")])
+    np.testing.assert_allclose(
+        two.q[PEPPER.joint_index("LElbowRoll")], one.q[PEPPER.joint_index("LElbowRoll")]
+    )
 
 
 def test_many_margins_and_points():
@@ -133,7 +135,10 @@ def test_what_is_lacking_is_said():
         (lambda: pk.ik.CenterOfMassOverWheels(math.inf), ["margin of centre of mass", "inf"]),
         (lambda: pk.ik.CenterOfMassOverWheels((0.1, 0.2)), ["margin of centre of mass", "(2,)"]),
         (lambda: pk.ik.CenterOfMassOverWheels(0.2), ["margin of centre of mass", "0.2000 m", "at most"]),
-        (lambda: pk.ik.CenterOfMassOverWheels(contacts=((0, 0), (0, 1), (1, 0))), ["contacts", "counter-clock"]),
+        (
+            lambda: pk.ik.CenterOfMassOverWheels(contacts=((0, 0), (0, 1), (1, 0))),
+            ["contacts", "counter-clock"],
+        ),
         (lambda: pk.ik.CenterOfMassOverWheels(contacts=((0, 0), (1, 0))), ["contacts", "k >= 3"]),
         (lambda: pk.ik.CenterOfMassOverWheels(tolerance=math.nan), ["tolerance of centre of mass", "nan"]),
     ],

@@ -62,7 +62,11 @@ def test_the_base_stands_where_it_is_wished(solver):
     assert math.dist(base[:2, 3], (1.5, -0.7)) <= 1e-3
     turn = math.atan2(base[1, 0], base[0, 0]) - 2.0
     assert abs(turn) <= math.radians(0.5)
-    assert [error.name for error in result.errors] == ["position of base", "yaw of base", "position of LArm_effector"]
+    assert [error.name for error in result.errors] == [
+        "position of base",
+        "yaw of base",
+        "position of LArm_effector",
+    ]
     assert [error.unit for error in result.errors] == ["m", "rad", "m"]
 
 
@@ -97,9 +101,13 @@ def test_many_placements():
     np.testing.assert_allclose(base[:, 1, 0], np.sin(yaws), atol=0.01)
 
 
-@pytest.mark.parametrize("task", [pk.ik.BasePlacement((0, 0)), pk.ik.BasePlacement(yaw=0.0)], ids=["xy", "yaw"])
+@pytest.mark.parametrize(
+    "task", [pk.ik.BasePlacement((0, 0)), pk.ik.BasePlacement(yaw=0.0)], ids=["xy", "yaw"]
+)
 def test_a_fixed_base_is_refused(task):
-    with pytest.raises(InvalidValueError, match=r"of base: got .*pepper.* without Base.*load_pepper\(base='planar'\)"):
+    with pytest.raises(
+        InvalidValueError, match=r"of base: got .*pepper.* without Base.*load_pepper\(base='planar'\)"
+    ):
         pk.ik.solve(PEPPER, task)
 
 

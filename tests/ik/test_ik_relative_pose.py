@@ -49,9 +49,7 @@ def test_both_hands_on_one_box(solver):
     """The right hand goes somewhere, the left one keeps its place relative to it: both are met."""
     names = ("ShoulderPitch", "ShoulderRoll", "ElbowRoll")
     values = {"L": (0.6, 0.1, -1.0), "R": (0.6, -0.1, 1.0)}
-    q0 = PEPPER.joint_vector(
-        {s + n: x for s, row in values.items() for n, x in zip(names, row, strict=True)}
-    )
+    q0 = PEPPER.joint_vector({s + n: x for s, row in values.items() for n, x in zip(names, row, strict=True)})
     hold = pk.ik.RelativePose.as_at(PEPPER, q0, LEFT, RIGHT)
     wanted = seen(PEPPER, q0, LEFT, RIGHT).homogeneous
     np.testing.assert_allclose(hold.target, wanted, atol=1e-12)
@@ -64,7 +62,9 @@ def test_both_hands_on_one_box(solver):
     assert math.acos(min(cosine, 1.0)) < math.radians(0.5)
     right = pk.kinematics.frame_pose(PEPPER, result.q, RIGHT)[:3, 3]
     assert np.linalg.norm(right - lifted) < 1e-3
-    assert result.met[:2] == tuple(f"{what} of {LEFT} seen from {RIGHT}" for what in ("position", "orientation"))
+    assert result.met[:2] == tuple(
+        f"{what} of {LEFT} seen from {RIGHT}" for what in ("position", "orientation")
+    )
     assert f"{LEFT} seen from {RIGHT}: error" in result.report()
 
 
@@ -124,12 +124,21 @@ def test_out_of_reach_says_how_far():
         (lambda: pk.ik.RelativePose(LEFT, RIGHT, np.full((4, 4), math.nan)), ["target of LArm", "nan"]),
         (lambda: pk.ik.RelativePose(LEFT, RIGHT, np.ones((4, 4))), ["target of LArm", "last row"]),
         (lambda: pk.ik.RelativePose(LEFT, RIGHT, APART, without="both"), ["without", "'both'", "'position'"]),
-        (lambda: pk.ik.RelativePose(LEFT, RIGHT, APART, hard="yes"), ["hard of LArm", "'yes'", "True or False"]),
+        (
+            lambda: pk.ik.RelativePose(LEFT, RIGHT, APART, hard="yes"),
+            ["hard of LArm", "'yes'", "True or False"],
+        ),
         (lambda: pk.ik.RelativePosition(LEFT, RIGHT, (0, math.inf, 0)), ["target of LArm", "inf"]),
         (lambda: pk.ik.RelativePosition(LEFT, RIGHT, (0, 0)), ["target of LArm", "(2,)", "(3,)"]),
         (lambda: pk.ik.RelativePosition(LEFT, RIGHT, (0, 0, 0), weight=-1), ["weight of LArm", "above 0"]),
-        (lambda: pk.ik.RelativeOrientation(LEFT, RIGHT, np.ones((3, 3))), ["orientation of LArm", "orthonormal"]),
-        (lambda: pk.ik.RelativeOrientation(LEFT, RIGHT, np.eye(3), tolerance=0), ["tolerance of LArm", "[rad]"]),
+        (
+            lambda: pk.ik.RelativeOrientation(LEFT, RIGHT, np.ones((3, 3))),
+            ["orientation of LArm", "orthonormal"],
+        ),
+        (
+            lambda: pk.ik.RelativeOrientation(LEFT, RIGHT, np.eye(3), tolerance=0),
+            ["tolerance of LArm", "[rad]"],
+        ),
     ],
 )
 def test_bad_numbers_are_refused_by_name(make, words):

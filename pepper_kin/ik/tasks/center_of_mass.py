@@ -30,7 +30,7 @@ LABEL = "centre of mass"
 class CenterOfMass(Task):
     """The centre of mass c of the whole robot is over a point p of the floor: r(q) = c_xy(q) - p, error |r|.
 
-    dr/dq = the first two rows of J_c, see `pepper_kin.dynamics.center_of_mass_jacobian`.  Height is left free.
+    dr/dq = the first two rows of J_c, see `pepper_kin.dynamics.center_of_mass_jacobian`; the height is free.
 
     Attributes:
         target: The point p in the world, x and y [m], shape (2,), read-only.

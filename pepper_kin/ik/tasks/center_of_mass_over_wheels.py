@@ -112,9 +112,7 @@ class CenterOfMassOverWheels(Task):
         pose = frame_pose(pepper, q, self.base_frame)
         jacobian = frame_jacobian(pepper, q, self.base_frame)
         line = cross_matrix(center_of_mass(pepper, q) - pose[:3, 3])
-        change = pose[:3, :3].T @ (
-            center_of_mass_jacobian(pepper, q) - jacobian[:3] + line @ jacobian[3:]
-        )
+        change = pose[:3, :3].T @ (center_of_mass_jacobian(pepper, q) - jacobian[:3] + line @ jacobian[3:])
         return -self.normals @ change[:2]
 
     def distances(self, pepper: PepperModel, q: Array) -> Array:

@@ -18,8 +18,8 @@ from pepper_kin.model.shapes import read_only
 class FramePose(TaskGroup):
     """A frame has a given position and orientation; the result says which of the two was met.
 
-    Where not both can be met, as with an arm of five joints, the position comes first: it is met if it can be,
-    and the orientation comes as near as it then can.
+    Where not both can be met, as with an arm of five joints, the position comes first: it is met if it can
+    be, and the orientation comes as near as it then can.
 
     Args:
         frame: A name of `pepper.frame_names`.

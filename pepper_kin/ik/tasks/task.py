@@ -20,7 +20,7 @@ Array: TypeAlias = NDArray[np.float64]
 POSITION_TOLERANCE = 1e-3
 ANGLE_TOLERANCE = math.radians(0.5)
 
-# W: hard tasks count W times their weight, so that a soft residual of 1 m shifts them by about 1 / W^2 = 0.1 mm.
+# W: hard tasks count W times their weight; a soft residual of 1 m shifts them by about 1 / W^2 = 0.1 mm.
 HARD_WEIGHT = 100.0
 
 
@@ -28,8 +28,8 @@ class Task(ABC):
     """Something that a configuration should fulfil: a residual r(q) that should vanish.
 
     Tasks are frozen values.  A solver minimises sum_i s_i^2 |r_i(q)|^2 over all tasks i (metres and radians
-    count alike at equal weights); the task is met where `error` is within `tolerance`.  The strength s_i is the
-    weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.precedence`.
+    count alike at equal weights); the task is met where `error` is within `tolerance`.  The strength s_i is
+    the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.precedence`.
 
     Symbols used in all formulas: (o, R) position and orientation of the frame in the world, J_v and J_w the
     linear and angular rows of its Jacobian in world axes, [a]x the matrix of the cross product with a.
