@@ -127,13 +127,15 @@ def _loosen(problem: Problem, means: Means, q: Array) -> Array:
     end = q
     for time in range(MOST_TIMES):
         loose = [k for k in places if _has_room(problem.tasks[k]) and _worst(problem, [k], end) < ROOM]
-        tight = [k for k in places if _worst(problem, [k], end) > 1]
-        problem = _reweighted(problem, loose, LOOSENED)
-        before, end = end, _better(problem, means, end, tight)
-        if not loose or (end is before and time == 0):
+        if not loose:
             break
+        problem = _reweighted(problem, loose, LOOSENED)
+        tight = [k for k in places if _worst(problem, [k], end) > 1]
+        before, end = end, _better(problem, means, end, tight)
         if _worst(problem, places, end) <= 1:
             return end
+        if end is before and time == 0:
+            break
     return q
 
 
