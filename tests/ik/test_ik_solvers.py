@@ -155,3 +155,13 @@ def test_models_do_not_disturb_one_another():
     after = pk.ik.solve(first, task)
     np.testing.assert_array_equal(before.q, after.q)
     assert before.iterations == after.iterations
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_task_that_no_joint_moves(solver):
+    """Two frames of the base: nothing can be done, and that is the answer."""
+    pepper = pk.load_pepper()
+    task = pk.ik.RelativePosition("base_footprint", "base_link", (0.0, 0.0, 1.0))
+    result = pk.ik.solve(pepper, task, solver=solver)
+    assert result.status is pk.ik.Status.CLOSEST_UNREACHABLE
+    np.testing.assert_array_equal(result.q, pepper.neutral())

@@ -52,7 +52,7 @@ class PlacoSolver(StepSolver):
         pepper = problem.pepper
         self._robot = robot_of(pepper)
         self._rows = _full_rows(pepper)
-        self._follows: np.ndarray = np.abs(pepper.full_map[:, problem.movable]).max(axis=1) > 0
+        self._follows: np.ndarray = np.abs(pepper.full_map[:, problem.movable]).max(axis=1, initial=0.0) > 0
         self._solver = placo.KinematicsSolver(self._robot)
         self._solver.mask_fbase(True)
         self._solver.enable_joint_limits(True)
@@ -75,6 +75,8 @@ class PlacoSolver(StepSolver):
     ) -> Array | None:
         """Return the step; see `StepSolver`."""
         problem, pepper = self._problem, self._problem.pepper
+        if not problem.movable.any():
+            return np.zeros(pepper.n)
         self._enter(q)
         for place, task, pair in self._linearised:
             pair.A, pair.b = self._pair(q, task.strength, residuals[place], task.jacobian(pepper, q))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
@@ -40,15 +41,17 @@ class JointValue(JointPosture):
         *,
         hard: bool = False,
     ) -> None:
+        if not isinstance(joint, str):
+            raise InvalidValueError("joint", repr(joint), "the name of one joint")
         values = as_targets(value, f"value of {joint}", ())
         super().__init__(
             values[..., None],
             (joint,),
-            checked_weight(weight, str(joint)),
-            checked_tolerance(tolerance, str(joint), "rad or m"),
-            hard=checked_hard(hard, str(joint)),
+            checked_weight(weight, joint),
+            checked_tolerance(tolerance, joint, "rad or m"),
+            hard=checked_hard(hard, joint),
         )
-        object.__setattr__(self, "label", str(joint))
+        object.__setattr__(self, "label", joint)
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return the joint's position."""

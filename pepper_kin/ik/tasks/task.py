@@ -218,5 +218,5 @@ def words_for_vector(vector: Array) -> str:
 
 def words_for_turn(vector: Array, axes: str = "the world's axes") -> str:
     """Return a rotation vector [rad] as "(1.0, 2.0, 3.0) deg about the world's axes"."""
-    degrees = ", ".join(f"{np.degrees(value) + 0.0:.1f}" for value in vector)
+    degrees = ", ".join(f"{value + 0.0:.1f}" for value in np.round(np.degrees(vector), 1))
     return f"({degrees}) deg about {axes}"
