@@ -60,9 +60,11 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> Certificate:
             frame=task.frame,
             value=task.error(pepper, q),
             tolerance=task.tolerance,
-            unit=task.unit,
+            unit=task.unit_on(pepper),
             shortfall=task.shortfall(pepper, q),
             attained=task.attained(pepper, q),
+            name=task.name,
+            hard=task.hard,
         )
         for task in problem.tasks
     )

@@ -22,9 +22,10 @@ CLOSE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """min over q of F(q) = (sum_i w_i^2 |r_i(q)|^2 + eps^2 |q - q_ref|^2) / 2, lower <= q <= upper.
+    """min over q of F(q) = (sum_i s_i^2 |r_i(q)|^2 + eps^2 |q - q_ref|^2) / 2, lower <= q <= upper.
 
-    Joints that may not move have `lower == upper`.
+    The strength s_i is a task's weight, and HARD_WEIGHT times it where the task is hard.  Joints that may not
+    move have `lower == upper`.
 
     Attributes:
         pepper: The robot.
@@ -49,16 +50,16 @@ class Problem:
         return [task.residual(self.pepper, q) for task in self.tasks]
 
     def stack(self, residuals: Sequence[Array]) -> Array:
-        """Return all residuals times their weights, shape (m,)."""
-        return np.concatenate([t.weight * r for t, r in zip(self.tasks, residuals, strict=True)])
+        """Return all residuals times their strengths, shape (m,)."""
+        return np.concatenate([t.strength * r for t, r in zip(self.tasks, residuals, strict=True)])
 
     def jacobian(self, q: Array) -> Array:
         """Return the derivative of the stacked residuals, shape (m, n)."""
-        return np.concatenate([task.weight * task.jacobian(self.pepper, q) for task in self.tasks])
+        return np.concatenate([task.strength * task.jacobian(self.pepper, q) for task in self.tasks])
 
     def task_cost(self, residuals: Sequence[Array]) -> float:
         """Return F without the posture term."""
-        return 0.5 * sum(t.weight**2 * float(r @ r) for t, r in zip(self.tasks, residuals, strict=True))
+        return 0.5 * sum(t.strength**2 * float(r @ r) for t, r in zip(self.tasks, residuals, strict=True))
 
     def cost(self, q: Array, residuals: Sequence[Array], reference: Array) -> float:
         """Return F(q), given r(q) and q_ref."""
@@ -119,14 +120,19 @@ def joints_used(pepper: PepperModel, tasks: Iterable[Task]) -> np.ndarray:
     A joint without influence has a zero column at every q; at two generic configurations no column that is
     not always zero vanishes.
     """
+    used = np.zeros(pepper.n, dtype=bool)
+    for q in generic_configurations(pepper):
+        for task in tasks:
+            used |= np.abs(task.dependence(pepper, q)).max(axis=0) > 1e-9
+    return used
+
+
+def generic_configurations(pepper: PepperModel) -> list[Array]:
+    """Return two configurations at which no expression of q vanishes that does not always vanish."""
     span = np.minimum(pepper.upper_limits, np.pi) - np.maximum(pepper.lower_limits, -np.pi)
     low = np.maximum(pepper.lower_limits, -np.pi)
-    used = np.zeros(pepper.n, dtype=bool)
-    for fraction in (0.3819, 0.7236):
-        q = low + fraction * span * (1 - 0.2 * np.sin(np.arange(pepper.n)))
-        for task in tasks:
-            used |= np.abs(task.jacobian(pepper, q)).max(axis=0) > 1e-9
-    return used
+    shares = 1 - 0.2 * np.sin(np.arange(pepper.n))
+    return [low + fraction * span * shares for fraction in (0.3819, 0.7236)]
 
 
 def motion_scale(pepper: PepperModel, q: Array) -> Array:

@@ -56,6 +56,8 @@ class TaskError:
         unit: "m" or "rad".
         shortfall: The error in words, with the target.
         attained: What is reached instead, in words.
+        name: The task in words, such as "orientation of left hand"; the label where left empty.
+        hard: Whether the task is hard.
     """
 
     label: str
@@ -65,6 +67,8 @@ class TaskError:
     unit: str
     shortfall: str
     attained: str
+    name: str = ""
+    hard: bool = False
 
     @property
     def met(self) -> bool:
@@ -171,13 +175,36 @@ class IKResult:
         return self.status is Status.SOLVED
 
     @property
+    def hard_met(self) -> bool:
+        """Whether every hard task is met; True where none is hard."""
+        return all(error.met for error in self.errors if error.hard)
+
+    @property
+    def met(self) -> tuple[str, ...]:
+        """Names of the tasks that are met, such as "position of left hand", groups taken apart."""
+        return tuple(error.name or error.label for error in self.errors if error.met)
+
+    @property
+    def unmet(self) -> tuple[str, ...]:
+        """Names of the tasks that are not met."""
+        return tuple(error.name or error.label for error in self.errors if not error.met)
+
+    @property
     def advice(self) -> str:
-        """What to do next, in a sentence."""
+        """What to do next, in a sentence; or in two, where hard tasks are met and others are not."""
+        if self._only_hard_met:
+            return f"Use q if the soft tasks may fall short.  Otherwise: {self.status.advice}"
         return self.status.advice
+
+    @property
+    def _only_hard_met(self) -> bool:
+        return not self.success and self.hard_met and any(error.hard for error in self.errors)
 
     def report(self) -> str:
         """Return the result in plain words, one fact a line."""
         lines = [self._headline()]
+        if self.met and self.unmet:
+            lines.append(f"met: {', '.join(self.met)}; not met: {', '.join(self.unmet)}")
         lines += [self._line(error) for error in self.errors]
         if self.hint:
             lines.append(f"{self.hint}.")
@@ -194,18 +221,24 @@ class IKResult:
         return "\n".join(lines)
 
     def _headline(self) -> str:
-        return {
+        words = {
             Status.SOLVED: "solved: every task is met",
             Status.CLOSEST_UNREACHABLE: "not reached: beyond reach; this is the closest found",
             Status.CLOSEST_LIMITS: "not reached: blocked by joint limits; this is the closest found",
             Status.CLOSEST_COLLISION: "not reached: blocked by collision; this is the closest found",
             Status.TIMED_OUT: "not reached: time ran out; this is the closest found so far",
         }[self.status]
+        if self._only_hard_met:
+            return words.replace("not reached", "every hard task is met, not every soft one")
+        if self.success or self.hard_met:
+            return words
+        return words.replace("not reached", "not reached, not even every hard task")
 
     def _line(self, error: TaskError) -> str:
         if error.met:
             words = words_for_length if error.unit == "m" else words_for_angle
-            return f"{error.label}: error {words(error.value)}, {error.attained}"
+            hard = " (hard)" if error.hard else ""
+            return f"{error.label}{hard}: error {words(error.value)}, {error.attained}"
         limits = self.blocking_limits
         blocked = f": {_listed(limits)} at {_their(limits)}" if limits else ""
         lone = len(self.errors) == 1 and self.status is not Status.TIMED_OUT

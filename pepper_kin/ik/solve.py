@@ -16,6 +16,7 @@ from pepper_kin.ik.certificate import Evidence
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
 from pepper_kin.ik.obstruction import find_status, what_would_help
+from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
 from pepper_kin.ik.search import Budget, search, torque_ratios
@@ -58,10 +59,11 @@ def solve(
 ) -> IKResult:
     """Find joint positions that fulfil tasks, or come closest.
 
-    Minimises sum_i w_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
+    Minimises sum_i s_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
     of a quadratic programme, first from q0 and then from further starts; see `Problem`.  Of several solutions
     it prefers one that touches nothing (with a scene), that the motors can hold, and that is near q0.
-    The same arguments give the same result, unless a timeout cuts in.
+    Where not all tasks can be met, hard ones come first, then positions before their orientations; see
+    `precedence`.  The same arguments give the same result, unless a timeout cuts in.
 
     Args:
         pepper: The robot.
@@ -90,10 +92,12 @@ def solve(
     movable = None if joints is None else movable_joints(pepper, joints)
     _check_scene(scene)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
-    request = Request(pepper, parts, start, movable, scene, budget)
+    request = Request(pepper, balanced(parts), start, movable, scene, budget)
     found = _find_at_once(request) if solver == "fast" else None
     if found is None:
         found = _find(request, solver)
+    if found.status not in (Status.SOLVED, Status.TIMED_OUT) and is_ordered(parts):
+        found = _in_order(request, solver, found)
     hint = "" if movable is None or movable.all() else _hint(found.status, request, solver)
     return IKResult(
         status=found.status,
@@ -113,7 +117,7 @@ class Request(NamedTuple):
 
     Attributes:
         pepper: The robot.
-        tasks: The tasks, groups taken apart.
+        tasks: The tasks, groups taken apart, their weights balanced.
         q0: The start, within the limits, shape (n,).
         movable: Joints that may move, shape (n,); None for all.
         scene: The scene, or None.
@@ -188,6 +192,14 @@ def _find(request: Request, solver: str) -> Found:
     found = search(problem, make_descender(solver, problem), collisions, budget)
     status = find_status(problem, found, solver, budget)
     return Found(read_only(found.best.q), status, found.iterations, found.restarts)
+
+
+def _in_order(request: Request, solver: str, found: Found) -> Found:
+    """Meet better what comes first."""
+    problem, collisions = request.problem(), Collisions(request.pepper, request.scene)
+    q = put_first(problem, Means(solver, collisions, request.budget), found.q)
+    met = problem.is_met(problem.residuals(q)) and collisions.free(q)
+    return found._replace(q=read_only(q), status=Status.SOLVED if met else found.status)
 
 
 def _hint(status: Status, request: Request, solver: str) -> str:

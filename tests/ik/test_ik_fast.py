@@ -17,6 +17,7 @@ from pepper_kin.ik.fast import KINDS, structures_of
 from pepper_kin.ik.fast.box import solve_box
 from pepper_kin.ik.fast.expression import task_function, used_joints
 from pepper_kin.ik.fast.structure import target_of
+from pepper_kin.ik.tasks.task import HARD_WEIGHT
 from pepper_kin.model.shapes import rotation_rpy, transform
 
 PEPPER = pk.load_pepper()
@@ -30,6 +31,15 @@ TASKS = {
     "optical gaze": [pk.ik.LookAt((1.0, 0.2, 0.9), camera="CameraTop_optical_frame")],
     "posture": [pk.ik.JointPosture((0.5, 0.2), joints=("HeadYaw", "KneePitch"), weight=1.5)],
     "whole posture": [pk.ik.JointPosture(np.zeros(15))],
+    "joint": [pk.ik.JointValue("HipPitch", -0.3, weight=2.0, hard=True)],
+    "both hands": list(
+        pk.ik.RelativePose(
+            "LArm_effector", "RArm_effector", transform((0.0, 0.3, 0.0), (0.1, 0.2, 0.3))
+        ).parts
+    ),
+    "centre of mass": [pk.ik.CenterOfMass((0.02, -0.01), weight=3.0)],
+    "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08)],
+    "hard and soft": [pk.ik.HandPosition("left", (0.4, 0.2, 0.9), hard=True), pk.ik.LookAt((1.0, 0.0, 1.0))],
     "several": [
         pk.ik.HandPosition("left", (0.4, 0.2, 0.9)),
         pk.ik.HandPosition("right", (0.4, -0.2, 0.9), weight=3.0),
@@ -58,9 +68,11 @@ def test_expression_is_that_of_the_tasks(name):
     for _ in range(20):
         q = generator.uniform(LOW, HIGH)
         found = np.array(function(q, weights, targets)).ravel()
-        residual = np.concatenate([task.weight * task.residual(PEPPER, q) for task in tasks])
-        jacobian = np.concatenate([task.weight * task.jacobian(PEPPER, q) for task in tasks])
-        assert not np.delete(jacobian, index, axis=1).any()
+        strengths = [(HARD_WEIGHT if task.hard else 1.0) * task.weight for task in tasks]
+        pairs = list(zip(strengths, tasks, strict=True))
+        residual = np.concatenate([s * task.residual(PEPPER, q) for s, task in pairs])
+        jacobian = np.concatenate([s * task.jacobian(PEPPER, q) for s, task in pairs])
+        assert np.abs(np.delete(jacobian, index, axis=1)).max(initial=0.0) < 1e-14
         jacobian = jacobian[:, index]
         wanted = np.concatenate(
             [
@@ -70,7 +82,23 @@ def test_expression_is_that_of_the_tasks(name):
                 (jacobian.T @ jacobian)[np.triu_indices(index.size)],
             ]
         )
-        np.testing.assert_allclose(found, wanted, atol=1e-7)
+        np.testing.assert_allclose(found, wanted, atol=1e-7, rtol=1e-9)
+
+
+def test_expression_of_the_base():
+    planar = pk.load_pepper(base="planar")
+    tasks = pk.ik.BasePlacement((0.3, -0.2), 4.0).parts
+    structures = structures_of(tasks)
+    index = used_joints(planar, structures)
+    assert [planar.joint_names[i] for i in index] == ["BaseX", "BaseY", "BaseYaw"]
+    function = task_function(planar, structures, index)
+    for yaw in np.linspace(-9.0, 9.0, 13):
+        q = planar.neutral()
+        q[index] = 0.5, 0.7, yaw
+        found = np.array(function(q, [1.0, 1.0], [0.3, -0.2, 4.0])).ravel()
+        turn = math.remainder(yaw - 4.0, 2 * math.pi)
+        np.testing.assert_allclose(found[:2], [0.2**2 + 0.9**2, turn**2], atol=1e-12)
+        np.testing.assert_allclose(found[3:6], [0.2, 0.9, turn], atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-5, 0.01, 1.0, 3.0, 3.13, 3.1415, math.pi - 1e-7, math.pi])

@@ -17,6 +17,11 @@ TASK_LISTS = {
     "gaze behind": [pk.ik.LookAt((-1.0, 0.2, 0.9), weight=0.5)],
     "pointing": [pk.ik.Point("left", (0.2, 1.0, 0.3), weight=3.0)],
     "orientation": [pk.ik.FrameOrientation("LArm_effector", rotation_rpy(1.0, 0.5, -0.4))],
+    "centre of mass": [pk.ik.CenterOfMass((0.05, 0.02))],
+    "both hands": list(
+        pk.ik.RelativePose("LArm_effector", "RArm_effector", transform((0.0, 0.3, 0.0))).parts
+    ),
+    "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08)],
     "posture": [pk.ik.JointPosture((0.5, 0.2), joints=("HeadYaw", "KneePitch"), weight=1.5)],
 }
 
@@ -150,3 +155,13 @@ def test_models_do_not_disturb_one_another():
     after = pk.ik.solve(first, task)
     np.testing.assert_array_equal(before.q, after.q)
     assert before.iterations == after.iterations
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_task_that_no_joint_moves(solver):
+    """Two frames of the base: nothing can be done, and that is the answer."""
+    pepper = pk.load_pepper()
+    task = pk.ik.RelativePosition("base_footprint", "base_link", (0.0, 0.0, 1.0))
+    result = pk.ik.solve(pepper, task, solver=solver)
+    assert result.status is pk.ik.Status.CLOSEST_UNREACHABLE
+    np.testing.assert_array_equal(result.q, pepper.neutral())

@@ -23,6 +23,15 @@ TASKS = {
     "look at, optical": pk.ik.LookAt((0.8, 0.3, 0.7), camera="CameraDepth_optical_frame"),
     "look behind": pk.ik.LookAt((-2.0, 0.3, 1.2)),
     "joints": pk.ik.JointPosture((0.1, -0.3), joints=("HeadYaw", "LElbowRoll")),
+    "joint": pk.ik.JointValue("HipRoll", 0.1),
+    "relative position": pk.ik.RelativePosition("LArm_effector", "RArm_effector", (0.1, 0.3, -0.1)),
+    "relative orientation": pk.ik.RelativeOrientation("LArm_effector", "Head", rotation_rpy(0.2, 0.4, -1.0)),
+    "centre of mass": pk.ik.CenterOfMass((0.02, -0.01)),
+    "over the wheels": pk.ik.CenterOfMassOverWheels(0.08),
+}
+BASE_TASKS = {
+    "base position": pk.ik.BasePlacement((0.4, -1.0)).parts[0],
+    "base yaw": pk.ik.BasePlacement(yaw=5.0).parts[0],
 }
 
 
@@ -31,10 +40,12 @@ def random_states(pepper, count, seed):
     return np.random.default_rng(seed).uniform(low, high, (count, pepper.n))
 
 
-@pytest.mark.parametrize("model", MODELS, ids="-".join)
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [(name, model) for name in TASKS for model in MODELS] + [(name, MODELS[1]) for name in BASE_TASKS],
+)
 def test_jacobian_is_the_derivative_of_the_residual(name, model):
-    pepper, task, step = pk.load_pepper(*model), TASKS[name], 1e-6
+    pepper, task, step = pk.load_pepper(*model), (TASKS | BASE_TASKS)[name], 1e-6
     for q in random_states(pepper, 8, 1):
         columns = [
             (task.residual(pepper, q + d) - task.residual(pepper, q - d)) / (2 * step)

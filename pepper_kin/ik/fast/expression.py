@@ -7,11 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin.ik.fast.residuals import direction_residual, rotation_residual, skew
 from pepper_kin.ik.fast.structure import Structure
-from pepper_kin.ik.tasks.direction import sideways_basis
-from pepper_kin.ik.tasks.look_at import NEAREST
+from pepper_kin.ik.fast.task_residuals import (
+    LARGEST_KINDS,
+    MASS_KINDS,
+    Motion,
+    joints_of_relative,
+    task_residual,
+)
+from pepper_kin.ik.tasks.task import HARD_WEIGHT
 from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
 from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.jacobians import jacobian_columns, reduced_rows
 from pepper_kin.symbolic.poses import world_frames
@@ -31,13 +37,18 @@ def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
     import casadi
 
     used = np.zeros(pepper.n, dtype=bool)
-    frames = tuple(dict.fromkeys(task.frame for task in tasks if task.frame))
+    frames = tuple(dict.fromkeys(task.frame for task in tasks if task.frame and not task.reference))
     if frames:
         outputs = _frames_function(pepper, frames)(casadi.SX.sym("q", pepper.n))
-        for jacobian in outputs[1::2] if len(frames) > 0 else ():
+        for jacobian in outputs[1::2]:
             used |= np.array(casadi.DM(jacobian.sparsity(), 1)).any(axis=0)
     for task in tasks:
-        if task.kind == "JointPosture":
+        if task.reference:
+            used |= joints_of_relative(pepper, task)
+        elif task.kind == "CenterOfMass":
+            jacobian = center_of_mass_jacobian(pepper)(casadi.SX.sym("q", pepper.n))
+            used |= np.array(casadi.DM(jacobian[:2, :].sparsity(), 1)).any(axis=0)
+        elif not task.frame:
             used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
     return np.flatnonzero(used)
 
@@ -45,12 +56,13 @@ def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
 def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.ndarray) -> casadi.Function:
     """Return the function (q, weights, targets) -> what one step of a descent needs.
 
-    With r_i the residual of task i, J_i its derivative by the joints of `index`, and w_i^2 the weights,
+    With r_i the residual of task i, J_i its derivative by the joints of `index`, and s_i^2 its weight w_i^2,
+    times HARD_WEIGHT^2 where it is hard,
 
-        errors_i = |r_i|^2,   cost = sum_i w_i^2 |r_i|^2 / 2,
-        gradient = sum_i w_i^2 J_i^T r_i,   matrix = sum_i w_i^2 J_i^T J_i (upper triangle, row by row).
+        errors_i = |r_i|^2,   cost = sum_i s_i^2 |r_i|^2 / 2,
+        gradient = sum_i s_i^2 J_i^T r_i,   matrix = sum_i s_i^2 J_i^T J_i (upper triangle, row by row).
 
-    A posture's error is the largest deviation, squared.
+    The error of a posture, and of the centre of mass over the wheels, is the largest component, squared.
 
     Args:
         pepper: The robot.
@@ -64,9 +76,7 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
 
     q, weights = casadi.SX.sym("q", pepper.n), casadi.SX.sym("weights", len(tasks))
     targets = casadi.SX.sym("targets", sum(task.target_size for task in tasks))
-    frames = tuple(dict.fromkeys(task.frame for task in tasks if task.frame))
-    outputs = _frames_function(pepper, frames)(q) if frames else ()
-    known = {frame: (outputs[2 * k], outputs[2 * k + 1]) for k, frame in enumerate(frames)}
+    motion = _motion(pepper, tasks, q)
     errors, cost = [], casadi.SX(0)
     gradient = casadi.SX(index.size, 1)
     matrix = casadi.SX(index.size, index.size)
@@ -74,16 +84,29 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
     for i, task in enumerate(tasks):
         target = targets[place : place + task.target_size]
         place += task.target_size
-        residual, jacobian = _residual(pepper, task, q, known.get(task.frame), target)
+        residual, jacobian = task_residual(pepper, task, motion, target)
         jacobian = jacobian[:, index.tolist()]
         square = casadi.sumsqr(residual)
-        errors.append(_largest_square(residual) if task.kind == "JointPosture" else square)
-        cost += 0.5 * weights[i] * square
-        gradient += weights[i] * (jacobian.T @ residual)
-        matrix += weights[i] * (jacobian.T @ jacobian)
+        errors.append(_largest_square(residual) if task.kind in LARGEST_KINDS else square)
+        strength = weights[i] * HARD_WEIGHT**2 if task.hard else weights[i]
+        cost += 0.5 * strength * square
+        gradient += strength * (jacobian.T @ residual)
+        matrix += strength * (jacobian.T @ jacobian)
     upper = [matrix[i, j] for i in range(index.size) for j in range(i, index.size)]
     step = casadi.densify(casadi.vertcat(*errors, cost, gradient, *upper))
     return casadi.Function("ik_step", [q, weights, targets], [casadi.cse(step)])
+
+
+def _motion(pepper: PepperModel, tasks: Sequence[Structure], q: Any) -> Motion:
+    """Return all that the tasks' residuals are written in."""
+    named = [name for task in tasks for name in (task.frame, task.reference) if name]
+    frames = tuple(dict.fromkeys(named))
+    outputs = _frames_function(pepper, frames)(q) if frames else ()
+    known = {frame: (outputs[2 * k], outputs[2 * k + 1]) for k, frame in enumerate(frames)}
+    center: tuple[Any, ...] = ()
+    if any(task.kind in MASS_KINDS for task in tasks):
+        center = (center_of_mass(pepper)(q), center_of_mass_jacobian(pepper)(q))
+    return Motion(q, known, center)
 
 
 def _frames_function(pepper: PepperModel, frames: tuple[str, ...]) -> casadi.Function:
@@ -96,37 +119,6 @@ def _frames_function(pepper: PepperModel, frames: tuple[str, ...]) -> casadi.Fun
         outputs[f"pose{k}"] = [(*turn, x) for turn, x in zip(rotation, position, strict=True)]
         outputs[f"jacobian{k}"] = reduced_rows(tree.full_map, jacobian_columns(state, frame)[0])
     return make_function("ik_frames", graph, inputs, outputs)
-
-
-def _residual(
-    pepper: PepperModel, task: Structure, q: Any, motion: tuple[Any, Any] | None, target: Any
-) -> tuple[Any, Any]:
-    """Return r and dr/dq as the task's class defines them."""
-    import casadi
-
-    if motion is None:
-        rows = [pepper.joint_index(name) for name in task.joints or pepper.joint_names]
-        return q[rows] - target, casadi.SX(casadi.sparsify(casadi.DM(np.eye(pepper.n)[rows])))
-    pose, jacobian = motion
-    rotation, origin = pose[:, :3], pose[:, 3]
-    if task.kind == "FramePosition":
-        return origin - target, jacobian[:3, :]
-    if task.kind == "FrameOrientation":
-        wanted = casadi.reshape(target, 3, 3)  # row-major numbers: this is R_t^T
-        residual, inverse = rotation_residual(rotation @ wanted)
-        return residual, inverse @ jacobian[3:, :]
-    axis = np.array(task.axis)
-    basis = sideways_basis(axis)
-    if task.kind == "AxisAlignment":
-        residual, slope = direction_residual(axis, basis, rotation.T @ target)
-        return residual, (slope @ rotation.T @ skew(target)) @ jacobian[3:, :]
-    line = target - origin
-    distance = casadi.fmax(casadi.sqrt(casadi.sumsqr(line)), NEAREST)
-    sight = line / distance
-    residual, slope = direction_residual(axis, basis, rotation.T @ sight)
-    ahead = slope @ rotation.T
-    across = (ahead - (ahead @ sight) @ sight.T) / distance
-    return residual, (ahead @ skew(sight)) @ jacobian[3:, :] - across @ jacobian[:3, :]
 
 
 def _largest_square(residual: Any) -> Any:

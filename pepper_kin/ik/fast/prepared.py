@@ -124,7 +124,7 @@ def _prepare(pepper: PepperModel, tasks: tuple[Structure, ...]) -> Prepared:
 @lru_cache(maxsize=1)
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    for room in ("symbolic", "model", "ik.fast"):
+    for room in ("symbolic", "model", "ik.fast", "ik.tasks"):
         for file in sorted(files(f"pepper_kin.{room}").iterdir(), key=lambda f: f.name):
             if file.name.endswith(".py"):
                 digest.update(file.read_bytes())

@@ -10,15 +10,33 @@ import numpy as np
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks import (
     AxisAlignment,
+    BasePosition,
+    BaseYaw,
+    CenterOfMass,
+    CenterOfMassOverWheels,
     FrameOrientation,
     FramePosition,
     JointPosture,
     LookAt,
+    RelativeOrientation,
+    RelativePosition,
     Task,
 )
 from pepper_kin.ik.tasks.task import Array
 
-KINDS = ("FramePosition", "FrameOrientation", "AxisAlignment", "LookAt", "JointPosture")
+KINDS = (
+    "FramePosition",
+    "FrameOrientation",
+    "AxisAlignment",
+    "LookAt",
+    "JointPosture",
+    "RelativePosition",
+    "RelativeOrientation",
+    "CenterOfMass",
+    "CenterOfMassOverWheels",
+    "BasePosition",
+    "BaseYaw",
+)
 """The tasks that the fast solver knows; everyday names such as `HandPosition` are among them."""
 
 
@@ -31,6 +49,9 @@ class Structure(NamedTuple):
         axis: Axis in the frame, for tasks that have one.
         joints: Names of the joints, for a posture; empty for all.
         target_size: Numbers that describe the target.
+        reference: Name of the frame that `frame` or the centre of mass is seen from; empty for the world.
+        corners: Corners of the polygon of contacts, x and y in turn, for a task that has one.
+        hard: Whether the task is hard.
     """
 
     kind: str
@@ -38,6 +59,9 @@ class Structure(NamedTuple):
     axis: tuple[float, ...]
     joints: tuple[str, ...]
     target_size: int
+    reference: str = ""
+    corners: tuple[float, ...] = ()
+    hard: bool = False
 
 
 def structure_of(task: Task) -> Structure:
@@ -48,7 +72,7 @@ def structure_of(task: Task) -> Structure:
     """
     found: Structure | None = task.__dict__.get("_fast_structure")
     if found is None:
-        found = _structure(task)
+        found = _structure(task)._replace(hard=task.hard)
         object.__setattr__(task, "_fast_structure", found)
     return found
 
@@ -78,6 +102,19 @@ def _structure(task: Task) -> Structure:
         return Structure("LookAt", task.frame, tuple(task.axis.tolist()), (), 3)
     if isinstance(task, JointPosture):
         return Structure("JointPosture", "", (), task.joints or (), task.target.shape[-1])
+    if isinstance(task, RelativePosition):
+        return Structure("RelativePosition", task.frame, (), (), 3, task.reference)
+    if isinstance(task, RelativeOrientation):
+        return Structure("RelativeOrientation", task.frame, (), (), 9, task.reference)
+    if isinstance(task, CenterOfMass):
+        return Structure("CenterOfMass", "", (), (), 2)
+    if isinstance(task, CenterOfMassOverWheels):
+        corners = tuple(task.contacts.ravel().tolist())
+        return Structure("CenterOfMassOverWheels", "", (), (), 1, task.base_frame, corners)
+    if isinstance(task, BasePosition):
+        return Structure("BasePosition", "", (), task.joints, 2)
+    if isinstance(task, BaseYaw):
+        return Structure("BaseYaw", "", (), task.joints, 1)
     raise InvalidValueError(
         "solver",
         "'fast'",

@@ -52,7 +52,7 @@ class PlacoSolver(StepSolver):
         pepper = problem.pepper
         self._robot = robot_of(pepper)
         self._rows = _full_rows(pepper)
-        self._follows: np.ndarray = np.abs(pepper.full_map[:, problem.movable]).max(axis=1) > 0
+        self._follows: np.ndarray = np.abs(pepper.full_map[:, problem.movable]).max(axis=1, initial=0.0) > 0
         self._solver = placo.KinematicsSolver(self._robot)
         self._solver.mask_fbase(True)
         self._solver.enable_joint_limits(True)
@@ -75,9 +75,11 @@ class PlacoSolver(StepSolver):
     ) -> Array | None:
         """Return the step; see `StepSolver`."""
         problem, pepper = self._problem, self._problem.pepper
+        if not problem.movable.any():
+            return np.zeros(pepper.n)
         self._enter(q)
         for place, task, pair in self._linearised:
-            pair.A, pair.b = self._pair(q, task.weight, residuals[place], task.jacobian(pepper, q))
+            pair.A, pair.b = self._pair(q, task.strength, residuals[place], task.jacobian(pepper, q))
         self._posture.set_joints(
             {pepper.joint_names[i]: float(reference[i]) for i in np.flatnonzero(problem.movable)}
         )
@@ -119,12 +121,12 @@ class PlacoSolver(StepSolver):
     def _add(self, place: int, task: Task) -> None:
         pepper, solver = self._problem.pepper, self._solver
         if isinstance(task, FramePosition):
-            solver.add_position_task(task.frame, task.target).configure(task.label, "soft", task.weight**2)
+            solver.add_position_task(task.frame, task.target).configure(task.label, "soft", task.strength**2)
         elif isinstance(task, JointPosture):
             names = [pepper.joint_names[i] for i in task.indices(pepper)]
             own = solver.add_joints_task()
             own.set_joints(dict(zip(names, task.target.tolist(), strict=True)))
-            own.configure(task.label, "soft", task.weight**2)
+            own.configure(task.label, "soft", task.strength**2)
         else:
             pair = solver.add_joint_space_half_spaces_constraint(np.zeros((1, 1)), np.zeros(1))
             pair.configure(f"{task.label} {place}", "soft", 1.0)

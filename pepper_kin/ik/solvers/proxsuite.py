@@ -40,6 +40,8 @@ class ProxsuiteSolver(StepSolver):
     ) -> Array | None:
         """Return the step; see `StepSolver`."""
         problem, index = self._problem, self._index
+        if not index.size:
+            return np.zeros(problem.pepper.n)
         residual, jacobian = problem.stack(residuals), problem.jacobian(q)[:, index]
         hessian = jacobian.T @ jacobian
         hessian[self._diagonal] += damping * problem.scale[index] ** 2 + POSTURE_WEIGHT**2

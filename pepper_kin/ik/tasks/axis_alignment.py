@@ -15,6 +15,7 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
+    checked_hard,
     checked_tolerance,
     checked_weight,
     words_for_angle,
@@ -40,6 +41,7 @@ class AxisAlignment(Task):
         basis: B, two directions across the axis in the frame, shape (2, 3), read-only.
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
+        hard: Whether it is met even where soft tasks suffer from it.
         label: What is turned, in words; the frame's name if left empty.
     """
 
@@ -49,8 +51,10 @@ class AxisAlignment(Task):
     basis: Array
     weight: float
     tolerance: float
+    hard: bool
     label: str
     unit: ClassVar[str] = "rad"
+    aspect: ClassVar[str] = "direction"
     target_name: ClassVar[str] = "direction"
 
     def __init__(
@@ -61,6 +65,8 @@ class AxisAlignment(Task):
         weight: float = 1.0,
         tolerance: float = ANGLE_TOLERANCE,
         label: str = "",
+        *,
+        hard: bool = False,
     ) -> None:
         name = label or str(frame)
         object.__setattr__(self, "frame", frame)
@@ -70,6 +76,7 @@ class AxisAlignment(Task):
         object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
+        object.__setattr__(self, "hard", checked_hard(hard, name))
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the frame."""

@@ -14,9 +14,11 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
+    checked_hard,
     checked_tolerance,
     checked_weight,
     words_for_angle,
+    words_for_turn,
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
@@ -39,6 +41,8 @@ class FrameOrientation(Task):
         target: R_t, the rotation matrix from frame to world, shape (3, 3), read-only.
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
+        hard: Whether it is met even where soft tasks suffer from it.
+        yields: Whether it gives way to the task before it, where not both can be met.
         label: What is turned, in words; the frame's name if left empty.
     """
 
@@ -46,8 +50,11 @@ class FrameOrientation(Task):
     target: Array
     weight: float
     tolerance: float
+    hard: bool
+    yields: bool
     label: str
     unit: ClassVar[str] = "rad"
+    aspect: ClassVar[str] = "orientation"
     target_axes: ClassVar[int] = 2
 
     def __init__(
@@ -57,6 +64,9 @@ class FrameOrientation(Task):
         weight: float = 1.0,
         tolerance: float = ANGLE_TOLERANCE,
         label: str = "",
+        *,
+        hard: bool = False,
+        yields: bool = False,
     ) -> None:
         name = label or str(frame)
         object.__setattr__(self, "frame", frame)
@@ -64,6 +74,8 @@ class FrameOrientation(Task):
         object.__setattr__(self, "target", checked_rotation(target, f"orientation of {name}"))
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
+        object.__setattr__(self, "hard", checked_hard(hard, name))
+        object.__setattr__(self, "yields", yields)
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the frame."""
@@ -93,8 +105,7 @@ class FrameOrientation(Task):
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return the rotation vector that is left to make."""
-        left = ", ".join(f"{np.degrees(value) + 0.0:.1f}" for value in -self.residual(pepper, q))
-        return f"orientation still wants a turn of ({left}) deg about the world's axes"
+        return f"an orientation that still wants a turn of {words_for_turn(-self.residual(pepper, q))}"
 
     def _turn(self, pepper: PepperModel, q: Array) -> Array:
         return frame_pose(pepper, q, self.frame)[:3, :3] @ self.target.T

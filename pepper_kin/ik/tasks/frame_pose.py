@@ -18,6 +18,22 @@ from pepper_kin.model.shapes import read_only
 class FramePose(TaskGroup):
     """A frame has a given position and orientation; the result says which of the two was met.
 
+    Where not both can be met, as with an arm of five joints, the position comes first: it is met if it can
+    be, and the orientation comes as near as it then can.
+
+    Args:
+        frame: A name of `pepper.frame_names`.
+        target: transform_frame_to_world, shape (4, 4).
+        weight: Weight of the position.
+        tolerance: Largest distance of a position that is met [m].
+        orientation_weight: Weight of the orientation.
+        orientation_tolerance: Largest angle of an orientation that is met [rad].
+        label: What is moved, in words; the frame's name if left empty.
+        hard: Whether the position is met even where soft tasks suffer from it.
+        orientation_hard: The same of the orientation; as `hard` if None.
+        position_first: Whether the orientation gives way where not both can be met; otherwise the weights say
+            how the error is shared.
+
     Attributes:
         frame: A name of `pepper.frame_names`.
         target: transform_frame_to_world, shape (4, 4), read-only.
@@ -39,15 +55,18 @@ class FramePose(TaskGroup):
         orientation_weight: float = 1.0,
         orientation_tolerance: float = ANGLE_TOLERANCE,
         label: str = "",
+        *,
+        hard: bool = False,
+        orientation_hard: bool | None = None,
+        position_first: bool = True,
     ) -> None:
         name = label or str(frame)
-        pose = read_only(as_targets(target, f"target of {name}", (4, 4)))
-        if np.abs(pose[..., 3, :] - (0.0, 0.0, 0.0, 1.0)).max(initial=0.0) > 1e-9:
-            raise InvalidValueError(f"target of {name}", pose[..., 3, :].tolist(), "a last row of 0, 0, 0, 1")
-        position = FramePosition(frame, pose[..., :3, 3], weight, tolerance, name)
+        pose = checked_pose(target, f"target of {name}")
+        position = FramePosition(frame, pose[..., :3, 3], weight, tolerance, name, hard=hard)
         orientation = FrameOrientation(
-            frame, pose[..., :3, :3], orientation_weight, orientation_tolerance, name
-        )
+            frame, pose[..., :3, :3], orientation_weight, orientation_tolerance, name,
+            hard=hard if orientation_hard is None else orientation_hard, yields=position_first,
+        )  # fmt: skip
         object.__setattr__(self, "frame", frame)
         object.__setattr__(self, "target", pose)
         object.__setattr__(self, "position", position)
@@ -57,3 +76,15 @@ class FramePose(TaskGroup):
     def parts(self) -> tuple[Task, ...]:
         """Position and orientation."""
         return (self.position, self.orientation)
+
+
+def checked_pose(target: ArrayLike, quantity: str) -> Array:
+    """Return a pose, shape (4, 4), or N of them, shape (N, 4, 4), as a read-only copy.
+
+    Raises:
+        InvalidValueError: for another shape, NaN, infinity, or another last row than 0, 0, 0, 1.
+    """
+    pose = read_only(as_targets(target, quantity, (4, 4)))
+    if np.abs(pose[..., 3, :] - (0.0, 0.0, 0.0, 1.0)).max(initial=0.0) > 1e-9:
+        raise InvalidValueError(quantity, pose[..., 3, :].tolist(), "a last row of 0, 0, 0, 1")
+    return pose

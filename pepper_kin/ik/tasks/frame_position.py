@@ -13,6 +13,7 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
+    checked_hard,
     checked_tolerance,
     checked_weight,
     words_for_length,
@@ -32,6 +33,7 @@ class FramePosition(Task):
         target: The point p in the world [m], shape (3,), read-only.
         weight: Weight in the sum of squares.
         tolerance: Largest distance of a task that is met [m].
+        hard: Whether it is met even where soft tasks suffer from it.
         label: What is moved, in words; the frame's name if left empty.
     """
 
@@ -39,8 +41,10 @@ class FramePosition(Task):
     target: Array
     weight: float
     tolerance: float
+    hard: bool
     label: str
     unit: ClassVar[str] = "m"
+    aspect: ClassVar[str] = "position"
 
     def __init__(
         self,
@@ -49,6 +53,8 @@ class FramePosition(Task):
         weight: float = 1.0,
         tolerance: float = POSITION_TOLERANCE,
         label: str = "",
+        *,
+        hard: bool = False,
     ) -> None:
         name = label or str(frame)
         object.__setattr__(self, "frame", frame)
@@ -56,6 +62,7 @@ class FramePosition(Task):
         object.__setattr__(self, "target", read_only(as_targets(target, f"target of {name}", (3,))))
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "m"))
+        object.__setattr__(self, "hard", checked_hard(hard, name))
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the frame."""

@@ -33,6 +33,7 @@ class HandPosition(FramePosition):
         point: The point in the world [m], shape (3,).
         weight: Weight in the sum of squares.
         tolerance: Largest distance of a task that is met [m].
+        hard: Whether it is met even where soft tasks suffer from it.
 
     Raises:
         UnknownNameError: for another hand.
@@ -40,16 +41,22 @@ class HandPosition(FramePosition):
     """
 
     def __init__(
-        self, hand: str, point: ArrayLike, weight: float = 1.0, tolerance: float = POSITION_TOLERANCE
+        self,
+        hand: str,
+        point: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        *,
+        hard: bool = False,
     ) -> None:
-        super().__init__(hand_frame(hand), point, weight, tolerance, f"{hand} hand")
+        super().__init__(hand_frame(hand), point, weight, tolerance, f"{hand} hand", hard=hard)
 
 
 class HandPose(FramePose):
     """The palm of a hand has a position and an orientation: `FramePose` of its effector.
 
-    An arm has five joints, so without the torso's help it meets a pose only by luck; the result reports the
-    position and the orientation apart.
+    An arm has five joints, so without the torso's help it meets a pose only by luck; then the position is met
+    and the orientation comes as near as it can, and the result reports the two apart.
 
     Args:
         hand: "left" or "right".
@@ -58,6 +65,9 @@ class HandPose(FramePose):
         tolerance: Largest distance of a position that is met [m].
         orientation_weight: Weight of the orientation.
         orientation_tolerance: Largest angle of an orientation that is met [rad].
+        hard: Whether the position is met even where soft tasks suffer from it.
+        orientation_hard: The same of the orientation; as `hard` if None.
+        position_first: Whether the orientation gives way where not both can be met.
 
     Raises:
         UnknownNameError: for another hand.
@@ -72,6 +82,10 @@ class HandPose(FramePose):
         tolerance: float = POSITION_TOLERANCE,
         orientation_weight: float = 1.0,
         orientation_tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
+        orientation_hard: bool | None = None,
+        position_first: bool = True,
     ) -> None:
         super().__init__(
             hand_frame(hand),
@@ -81,6 +95,9 @@ class HandPose(FramePose):
             orientation_weight,
             orientation_tolerance,
             f"{hand} hand",
+            hard=hard,
+            orientation_hard=orientation_hard,
+            position_first=position_first,
         )
 
 
@@ -92,6 +109,7 @@ class Point(AxisAlignment):
         direction: Direction in the world, shape (3,), of any length but zero.
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
+        hard: Whether it is met even where soft tasks suffer from it.
 
     Raises:
         UnknownNameError: for another hand.
@@ -99,6 +117,13 @@ class Point(AxisAlignment):
     """
 
     def __init__(
-        self, hand: str, direction: ArrayLike, weight: float = 1.0, tolerance: float = ANGLE_TOLERANCE
+        self,
+        hand: str,
+        direction: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
     ) -> None:
-        super().__init__(hand_frame(hand), direction, (1.0, 0.0, 0.0), weight, tolerance, f"{hand} hand")
+        frame, axis = hand_frame(hand), (1.0, 0.0, 0.0)
+        super().__init__(frame, direction, axis, weight, tolerance, f"{hand} hand", hard=hard)

@@ -15,6 +15,7 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
+    checked_hard,
     checked_tolerance,
     checked_weight,
 )
@@ -35,6 +36,7 @@ class JointPosture(Task):
         joints: The joints meant; None for all, in the robot's order.
         weight: Weight in the sum of squares.
         tolerance: Largest deviation of a task that is met [rad or m].
+        hard: Whether it is met even where soft tasks suffer from it.
         frame: None: it acts on joints.
         label: The posture, or its joints, in words.
     """
@@ -43,6 +45,7 @@ class JointPosture(Task):
     joints: tuple[str, ...] | None
     weight: float
     tolerance: float
+    hard: bool
     frame: None
     label: str
     unit: ClassVar[str] = "rad"
@@ -53,6 +56,8 @@ class JointPosture(Task):
         joints: Sequence[str] | None = None,
         weight: float = 1.0,
         tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
     ) -> None:
         names = None if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
         if names is not None and (not names or len(set(names)) < len(names)):
@@ -64,6 +69,7 @@ class JointPosture(Task):
         object.__setattr__(self, "label", "posture" if names is None else f"posture of {', '.join(names)}")
         object.__setattr__(self, "weight", checked_weight(weight, "posture"))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, "posture", "rad"))
+        object.__setattr__(self, "hard", checked_hard(hard, "posture"))
 
     def indices(self, pepper: PepperModel) -> list[int]:
         """Return the places of the joints in the robot's joint vector."""
@@ -96,4 +102,12 @@ class JointPosture(Task):
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return the size of the largest deviation."""
-        return f"posture {self.error(pepper, q):.4f} rad (or m) away"
+        unit = self.unit_on(pepper) if self._one_unit(pepper) else "rad (or m)"
+        return f"posture {self.error(pepper, q):.4f} {unit} away"
+
+    def unit_on(self, pepper: PepperModel) -> str:
+        """Return "m" where all its joints slide, else "rad"."""
+        return "m" if all(pepper.joint_units[i] == "m" for i in self.indices(pepper)) else "rad"
+
+    def _one_unit(self, pepper: PepperModel) -> bool:
+        return len({pepper.joint_units[i] for i in self.indices(pepper)}) == 1

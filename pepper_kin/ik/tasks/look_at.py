@@ -14,6 +14,7 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
+    checked_hard,
     checked_tolerance,
     checked_weight,
     words_for_angle,
@@ -43,6 +44,7 @@ class LookAt(Task):
             `_optical_frame` it is z (ROS REP 103).
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
+        hard: Whether it is met even where soft tasks suffer from it.
         axis: The view axis in the frame, shape (3,), read-only.
         basis: Two directions across the axis in the frame, shape (2, 3), read-only.
         label: Whose gaze, in words.
@@ -52,6 +54,7 @@ class LookAt(Task):
     frame: str
     weight: float
     tolerance: float
+    hard: bool
     axis: Array
     basis: Array
     label: str
@@ -63,6 +66,8 @@ class LookAt(Task):
         camera: str = "CameraTop_frame",
         weight: float = 1.0,
         tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
     ) -> None:
         name = f"gaze of {camera}"
         optical = str(camera).endswith("_optical_frame")
@@ -71,6 +76,7 @@ class LookAt(Task):
         object.__setattr__(self, "label", name)
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
+        object.__setattr__(self, "hard", checked_hard(hard, name))
         object.__setattr__(self, "axis", read_only((0.0, 0.0, 1.0) if optical else (1.0, 0.0, 0.0)))
         object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
 

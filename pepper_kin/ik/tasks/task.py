@@ -20,12 +20,16 @@ Array: TypeAlias = NDArray[np.float64]
 POSITION_TOLERANCE = 1e-3
 ANGLE_TOLERANCE = math.radians(0.5)
 
+# W: hard tasks count W times their weight; a soft residual of 1 m shifts them by about 1 / W^2 = 0.1 mm.
+HARD_WEIGHT = 100.0
+
 
 class Task(ABC):
     """Something that a configuration should fulfil: a residual r(q) that should vanish.
 
-    Tasks are frozen values.  A solver minimises sum_i w_i^2 |r_i(q)|^2 over all tasks i, with w_i the weight
-    (metres and radians count alike at equal weights); the task is met where `error` is within `tolerance`.
+    Tasks are frozen values.  A solver minimises sum_i s_i^2 |r_i(q)|^2 over all tasks i (metres and radians
+    count alike at equal weights); the task is met where `error` is within `tolerance`.  The strength s_i is
+    the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.precedence`.
 
     Symbols used in all formulas: (o, R) position and orientation of the frame in the world, J_v and J_w the
     linear and angular rows of its Jacobian in world axes, [a]x the matrix of the cross product with a.
@@ -35,7 +39,10 @@ class Task(ABC):
         label: What the task moves, in words.
         weight: w_i, above zero.
         tolerance: Largest error of a task that is met [unit]; infinite for a mere preference.
-        unit: Unit of `error` and `tolerance`, "m" or "rad".
+        hard: Whether it is met to its tolerance even where soft tasks suffer from it.
+        yields: Whether it gives way to the task before it in a list, as an orientation does to its position.
+        unit: Unit of `error` and `tolerance`, "m" or "rad"; `unit_on` knows the robot as well.
+        aspect: What of `label` the task is about, such as "position"; empty where the label says all.
         target_name: Name of the attribute that may hold N targets, for `solve_batch` only.
         target_axes: Number of axes of one target.
     """
@@ -44,7 +51,10 @@ class Task(ABC):
     label: str
     weight: float
     tolerance: float
+    hard: bool = False
+    yields: bool = False
     unit: ClassVar[str]
+    aspect: ClassVar[str] = ""
     target_name: ClassVar[str] = "target"
     target_axes: ClassVar[int] = 1
 
@@ -53,6 +63,22 @@ class Task(ABC):
         """Number N of targets; None for a single one."""
         targets: Array = getattr(self, self.target_name)
         return None if targets.ndim == self.target_axes else len(targets)
+
+    @property
+    def name(self) -> str:
+        """The task in words, such as "position of left hand"."""
+        return f"{self.aspect} of {self.label}" if self.aspect else self.label
+
+    @property
+    def strength(self) -> float:
+        """s_i: the weight, times HARD_WEIGHT where the task is hard."""
+        return HARD_WEIGHT * self.weight if self.hard else self.weight
+
+    def weighted(self, factor: float) -> Self:
+        """Return the task with its weight multiplied."""
+        other = copy.copy(self)
+        object.__setattr__(other, "weight", factor * self.weight)
+        return other
 
     def at(self, row: int) -> Self:
         """Return the task with one of its N targets; the task itself where it has only one."""
@@ -80,6 +106,17 @@ class Task(ABC):
     @abstractmethod
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return dr/dq, shape (m, n), at joint positions q, shape (n,) [rad or m]."""
+
+    def dependence(self, pepper: PepperModel, q: Array) -> Array:
+        """Return a matrix, shape (k, n), whose column of a joint vanishes where the joint has no influence.
+
+        It is the Jacobian, unless that vanishes wherever the task is met.
+        """
+        return self.jacobian(pepper, q)
+
+    def unit_on(self, pepper: PepperModel) -> str:
+        """Return the unit of `error` and `tolerance` on a robot, "m" or "rad"."""
+        return self.unit
 
     @abstractmethod
     def size(self, residual: Array) -> float:
@@ -129,6 +166,17 @@ def checked_tolerance(tolerance: float, label: str, unit: str) -> float:
     return _number(tolerance, f"tolerance of {label}", allowed, infinite=True)
 
 
+def checked_hard(hard: bool, label: str) -> bool:
+    """Return whether a task is hard.
+
+    Raises:
+        InvalidValueError: unless it is True or False.
+    """
+    if not isinstance(hard, (bool, np.bool_)):
+        raise InvalidValueError(f"hard of {label}", repr(hard), "True or False")
+    return bool(hard)
+
+
 def _number(value: float, quantity: str, allowed: str, infinite: bool) -> float:
     try:
         number = float(value)
@@ -166,3 +214,9 @@ def words_for_angle(value: float) -> str:
 def words_for_vector(vector: Array) -> str:
     """Return "(x, y, z)" with three decimals."""
     return "(" + ", ".join(f"{value + 0.0:.3f}" for value in np.round(vector, 3)) + ")"
+
+
+def words_for_turn(vector: Array, axes: str = "the world's axes") -> str:
+    """Return a rotation vector [rad] as "(1.0, 2.0, 3.0) deg about the world's axes"."""
+    degrees = ", ".join(f"{value + 0.0:.1f}" for value in np.round(np.degrees(vector), 1))
+    return f"({degrees}) deg about {axes}"

@@ -1,0 +1,225 @@
+"""Bring the base to a place of the floor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.task import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Array,
+    Task,
+    TaskGroup,
+    as_targets,
+    checked_hard,
+    checked_tolerance,
+    checked_weight,
+    words_for_angle,
+    words_for_length,
+    words_for_vector,
+)
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+
+BASE_POSITION = ("BaseX", "BaseY")
+BASE_YAW = ("BaseYaw",)
+
+
+class BaseTask(Task):
+    """A task that acts on joints of a planar base."""
+
+    frame: None
+    target: Array
+    joints: ClassVar[tuple[str, ...]]
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot whose base does not move.
+
+        Raises:
+            InvalidValueError: naming the joints that it lacks.
+        """
+        missing = [name for name in self.joints if name not in pepper.joint_names]
+        if missing:
+            raise InvalidValueError(
+                f"robot of {self.name}",
+                f"{pepper.name!r} without {' and '.join(missing)}",
+                "one with a planar base, as load_pepper(base='planar')",
+            )
+
+    def indices(self, pepper: PepperModel) -> list[int]:
+        """Return the places of the joints in the robot's joint vector."""
+        return [pepper.joint_index(name) for name in self.joints]
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the rows of the identity that select the joints."""
+        return np.eye(pepper.n)[self.indices(pepper)]
+
+    def size(self, residual: Array) -> float:
+        """Return |r| [m or rad]."""
+        return float(np.linalg.norm(residual))
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class BasePosition(BaseTask):
+    """The base is at a point p of the floor: r(q) = (BaseX, BaseY) - p, error |r| [m].
+
+    Attributes:
+        target: p, x and y in the world [m], shape (2,), read-only.
+        weight: Weight in the sum of squares.
+        tolerance: Largest distance of a task that is met [m].
+        hard: Whether it is met even where soft tasks suffer from it.
+        frame: None: it acts on joints.
+        label: "base".
+    """
+
+    target: Array
+    weight: float
+    tolerance: float
+    hard: bool
+    frame: None
+    label: str
+    unit: ClassVar[str] = "m"
+    aspect: ClassVar[str] = "position"
+    joints: ClassVar[tuple[str, ...]] = BASE_POSITION
+
+    def __init__(
+        self,
+        point: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        *,
+        hard: bool = False,
+    ) -> None:
+        object.__setattr__(self, "target", read_only(as_targets(point, "position of base", (2,))))
+        object.__setattr__(self, "frame", None)
+        object.__setattr__(self, "label", "base")
+        object.__setattr__(self, "weight", checked_weight(weight, "position of base"))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, "position of base", "m"))
+        object.__setattr__(self, "hard", checked_hard(hard, "position of base"))
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return (BaseX, BaseY) - p [m], shape (2,)."""
+        return np.asarray(q[self.indices(pepper)] - self.target)
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far from the point the base stops."""
+        distance = words_for_length(self.error(pepper, q))
+        return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the point where the base is."""
+        return f"point {words_for_vector(q[self.indices(pepper)])} of the floor"
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class BaseYaw(BaseTask):
+    """The base faces a direction: r(q) = BaseYaw - yaw, full turns left out, in [-pi, pi); error |r| [rad].
+
+    Attributes:
+        target: The yaw wanted [rad], shape (), read-only.
+        weight: Weight in the sum of squares.
+        tolerance: Largest angle of a task that is met [rad].
+        hard: Whether it is met even where soft tasks suffer from it.
+        frame: None: it acts on a joint.
+        label: "base".
+    """
+
+    target: Array
+    weight: float
+    tolerance: float
+    hard: bool
+    frame: None
+    label: str
+    unit: ClassVar[str] = "rad"
+    aspect: ClassVar[str] = "yaw"
+    target_axes: ClassVar[int] = 0
+    joints: ClassVar[tuple[str, ...]] = BASE_YAW
+
+    def __init__(
+        self,
+        yaw: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
+    ) -> None:
+        object.__setattr__(self, "target", read_only(as_targets(yaw, "yaw of base", ())))
+        object.__setattr__(self, "frame", None)
+        object.__setattr__(self, "label", "base")
+        object.__setattr__(self, "weight", checked_weight(weight, "yaw of base"))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, "yaw of base", "rad"))
+        object.__setattr__(self, "hard", checked_hard(hard, "yaw of base"))
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the turn from the yaw wanted, the short way round [rad], shape (1,)."""
+        turn = q[self.indices(pepper)] - self.target
+        return np.asarray(turn - 2 * math.pi * np.floor(turn / (2 * math.pi) + 0.5))
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far the base is turned away."""
+        angle, wanted = words_for_angle(self.error(pepper, q)), math.degrees(float(self.target))
+        return f"{self.label} is turned {angle} away from a yaw of {wanted:.1f} deg"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the base's yaw."""
+        return f"a yaw of {math.degrees(q[self.indices(pepper)[0]]):.1f} deg"
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class BasePlacement(TaskGroup):
+    """A planar base has, or is near, a wished position and yaw; either may be left out.
+
+    Needs a robot of `load_pepper(base="planar")`.  "Near" is a wide tolerance, or an infinite one for a mere
+    preference.
+
+    Args:
+        position: x and y in the world [m], shape (2,); None to leave it out.
+        yaw: Where the base faces, about the world's z axis [rad], a number; None to leave it out.
+        weight: Weight of the position.
+        tolerance: Largest distance of a position that is met [m].
+        yaw_weight: Weight of the yaw.
+        yaw_tolerance: Largest angle of a yaw that is met [rad].
+        hard: Whether the position is met even where soft tasks suffer from it.
+        yaw_hard: The same of the yaw; as `hard` if None.
+
+    Attributes:
+        position: The position's task, None where left out.
+        yaw: The yaw's task, None where left out.
+
+    Raises:
+        InvalidValueError: where both are left out, and for a wrong shape, NaN or infinity.
+    """
+
+    position: BasePosition | None
+    yaw: BaseYaw | None
+
+    def __init__(
+        self,
+        position: ArrayLike | None = None,
+        yaw: ArrayLike | None = None,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        yaw_weight: float = 1.0,
+        yaw_tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
+        yaw_hard: bool | None = None,
+    ) -> None:
+        if position is None and yaw is None:
+            raise InvalidValueError("placement of base", "neither", "a position, a yaw, or both")
+        stands = None if position is None else BasePosition(position, weight, tolerance, hard=hard)
+        firm = hard if yaw_hard is None else yaw_hard
+        faces = None if yaw is None else BaseYaw(yaw, yaw_weight, yaw_tolerance, hard=firm)
+        object.__setattr__(self, "position", stands)
+        object.__setattr__(self, "yaw", faces)
+
+    @property
+    def parts(self) -> tuple[Task, ...]:
+        """Position and yaw, without what was left out."""
+        return tuple(part for part in (self.position, self.yaw) if part is not None)

@@ -1,0 +1,89 @@
+"""Bring the centre of mass over a point of the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.dynamics import center_of_mass, center_of_mass_jacobian
+from pepper_kin.ik.tasks.task import (
+    POSITION_TOLERANCE,
+    Array,
+    Task,
+    as_targets,
+    checked_hard,
+    checked_tolerance,
+    checked_weight,
+    words_for_length,
+    words_for_vector,
+)
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+
+LABEL = "centre of mass"
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class CenterOfMass(Task):
+    """The centre of mass c of the whole robot is over a point p of the floor: r(q) = c_xy(q) - p, error |r|.
+
+    dr/dq = the first two rows of J_c, see `pepper_kin.dynamics.center_of_mass_jacobian`; the height is free.
+
+    Attributes:
+        target: The point p in the world, x and y [m], shape (2,), read-only.
+        weight: Weight in the sum of squares.
+        tolerance: Largest distance on the floor of a task that is met [m].
+        hard: Whether it is met even where soft tasks suffer from it.
+        frame: None: it acts on the whole robot.
+        label: "centre of mass".
+    """
+
+    target: Array
+    weight: float
+    tolerance: float
+    hard: bool
+    frame: None
+    label: str
+    unit: ClassVar[str] = "m"
+
+    def __init__(
+        self,
+        point: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        *,
+        hard: bool = False,
+    ) -> None:
+        object.__setattr__(self, "target", read_only(as_targets(point, f"point of {LABEL}", (2,))))
+        object.__setattr__(self, "frame", None)
+        object.__setattr__(self, "label", LABEL)
+        object.__setattr__(self, "weight", checked_weight(weight, LABEL))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, LABEL, "m"))
+        object.__setattr__(self, "hard", checked_hard(hard, LABEL))
+
+    def check(self, pepper: PepperModel) -> None:
+        """Take any robot."""
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return c_xy - p [m], shape (2,)."""
+        return np.asarray(center_of_mass(pepper, q)[:2] - self.target)
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the rows of x and y of J_c, shape (2, n)."""
+        return center_of_mass_jacobian(pepper, q)[:2]
+
+    def size(self, residual: Array) -> float:
+        """Return the distance on the floor [m]."""
+        return float(np.linalg.norm(residual))
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far from the point the centre of mass stops."""
+        distance = words_for_length(self.error(pepper, q))
+        return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the point of the floor below the centre of mass."""
+        return f"point {words_for_vector(center_of_mass(pepper, q)[:2])} of the floor"

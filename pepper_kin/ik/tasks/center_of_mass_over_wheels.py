@@ -1,0 +1,161 @@
+"""Keep the centre of mass over the wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.dynamics import WHEEL_CONTACTS, center_of_mass, center_of_mass_jacobian
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.center_of_mass import LABEL
+from pepper_kin.ik.tasks.direction import cross_matrix
+from pepper_kin.ik.tasks.task import (
+    POSITION_TOLERANCE,
+    Array,
+    Task,
+    as_targets,
+    checked_hard,
+    checked_tolerance,
+    checked_weight,
+    words_for_length,
+)
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class CenterOfMassOverWheels(Task):
+    """The centre of mass is over the wheels' triangle, at least a margin m away from each side.
+
+    With y the centre of mass on the floor as the base sees it, n_k the inward unit normal of side k and a_k a
+    corner on it,
+
+        r_k(q) = max(0, m - n_k . (y - a_k)),    dr_k/dq = -n_k^T dy/dq where r_k > 0, else 0:
+
+    an inequality, zero and without influence inside.  The error is the largest r_k: m less the margin that
+    `pepper_kin.dynamics.tip_over_margin` gives at rest.
+
+    Attributes:
+        target: The margin m [m], shape (), read-only.
+        contacts: Corners in the base's frame [m], shape (k, 2), read-only.
+        normals: n_k, shape (k, 2), read-only.
+        base_frame: Frame that the contacts move with.
+        weight: Weight in the sum of squares.
+        tolerance: Largest lack of margin of a task that is met [m].
+        hard: Whether it is met even where soft tasks suffer from it.
+        frame: None: it acts on the whole robot.
+        label: "centre of mass".
+    """
+
+    target: Array
+    contacts: Array
+    normals: Array
+    base_frame: str
+    weight: float
+    tolerance: float
+    hard: bool
+    frame: None
+    label: str
+    unit: ClassVar[str] = "m"
+    aspect: ClassVar[str] = "margin"
+    target_axes: ClassVar[int] = 0
+
+    def __init__(
+        self,
+        margin: ArrayLike = 0.02,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        *,
+        hard: bool = False,
+        contacts: ArrayLike = WHEEL_CONTACTS,
+        base_frame: str = "base_footprint",
+    ) -> None:
+        corners = as_finite(contacts, f"contacts of {LABEL}", (None, 2))
+        normals, widest = _inward_normals(corners)
+        margins = as_targets(margin, f"margin of {LABEL}", ())
+        if margins.size and margins.max() > widest:
+            allowed = f"at most {widest:.4f} m, more than any point between the contacts has"
+            raise InvalidValueError(f"margin of {LABEL}", f"{margins.max():.4f} m", allowed)
+        object.__setattr__(self, "target", read_only(margins))
+        object.__setattr__(self, "contacts", read_only(corners))
+        object.__setattr__(self, "normals", read_only(normals))
+        object.__setattr__(self, "base_frame", base_frame)
+        object.__setattr__(self, "frame", None)
+        object.__setattr__(self, "label", LABEL)
+        object.__setattr__(self, "weight", checked_weight(weight, LABEL))
+        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, LABEL, "m"))
+        object.__setattr__(self, "hard", checked_hard(hard, LABEL))
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot without the base's frame."""
+        pepper.frame_id(self.base_frame)
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the lack of margin to each side [m], shape (k,)."""
+        return np.asarray(np.maximum(0.0, self.target - self.distances(pepper, q)))
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return -n_k^T dy/dq where the margin is too small, zero elsewhere, shape (k, n)."""
+        lacking = self.distances(pepper, q) < self.target
+        return np.where(lacking[:, None], self.dependence(pepper, q), 0.0)
+
+    def dependence(self, pepper: PepperModel, q: Array) -> Array:
+        """Return -n_k^T dy/dq of every side, shape (k, n).
+
+        dy/dq = R^T (J_c - J_v + [c - o]x J_w) of the base's frame (o, R).
+        """
+        pose = frame_pose(pepper, q, self.base_frame)
+        jacobian = frame_jacobian(pepper, q, self.base_frame)
+        line = cross_matrix(center_of_mass(pepper, q) - pose[:3, 3])
+        change = pose[:3, :3].T @ (center_of_mass_jacobian(pepper, q) - jacobian[:3] + line @ jacobian[3:])
+        return -self.normals @ change[:2]
+
+    def distances(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the distance to the line of each side, negative outside [m], shape (k,)."""
+        pose = frame_pose(pepper, q, self.base_frame)
+        place = pose[:3, :3].T @ (center_of_mass(pepper, q) - pose[:3, 3])
+        return np.asarray(np.einsum("ki,ki->k", self.normals, place[:2] - self.contacts))
+
+    def size(self, residual: Array) -> float:
+        """Return the largest lack of margin [m]."""
+        return float(residual.max())
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how much of the margin is lacking."""
+        lack, margin = self.error(pepper, q), float(self.target)
+        return f"{self.label} lacks {words_for_length(lack)} of a margin of {_words_for_margin(margin)}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the distance to the nearest side."""
+        distance = float(self.distances(pepper, q).min())
+        if distance < 0:
+            return f"{words_for_length(-distance)} outside the wheels"
+        return f"{words_for_length(distance)} inside the wheels"
+
+
+def _words_for_margin(margin: float) -> str:
+    return words_for_length(margin) if margin >= 0 else f"-{words_for_length(-margin)}"
+
+
+def _inward_normals(corners: Array) -> tuple[Array, float]:
+    """Return the inward unit normals of a convex polygon and a bound on the margin inside: 2 area / girth.
+
+    Raises:
+        InvalidValueError: unless the corners are those of a convex polygon in counter-clockwise order.
+    """
+    sides = np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack([-sides[:, 1], sides[:, 0]])
+    reach = np.einsum("ki,kji->kj", normals, corners[None] - corners[:, None])
+    turns = np.einsum("ki,ki->k", normals, np.roll(sides, -1, axis=0))
+    if len(corners) < 3 or np.any(turns <= 0) or np.any(reach < -1e-12):
+        wanted = "corners of a convex polygon, counter-clockwise, shape (k >= 3, 2)"
+        raise InvalidValueError(f"contacts of {LABEL}", corners.tolist(), wanted)
+    lengths = np.linalg.norm(sides, axis=1)
+    x, y = corners.T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return normals / lengths[:, None], 2 * area / float(lengths.sum())

@@ -1,0 +1,64 @@
+"""Bring one joint to a value."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.joint_posture import JointPosture
+from pepper_kin.ik.tasks.task import (
+    ANGLE_TOLERANCE,
+    Array,
+    as_targets,
+    checked_hard,
+    checked_tolerance,
+    checked_weight,
+)
+from pepper_kin.model import PepperModel
+
+
+class JointValue(JointPosture):
+    """One joint is at a value: `JointPosture` of it alone; the error is |q_i - value| [rad, m if it slides].
+
+    Args:
+        joint: A name of `pepper.joint_names`.
+        value: Where it should be [rad or m], a number.
+        weight: Weight in the sum of squares.
+        tolerance: Largest deviation of a task that is met [rad or m].
+        hard: Whether it is met even where soft tasks suffer from it.
+
+    Raises:
+        InvalidValueError: for a value that is no number, NaN or infinite.
+    """
+
+    def __init__(
+        self,
+        joint: str,
+        value: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
+    ) -> None:
+        if not isinstance(joint, str):
+            raise InvalidValueError("joint", repr(joint), "the name of one joint")
+        values = as_targets(value, f"value of {joint}", ())
+        super().__init__(
+            values[..., None],
+            (joint,),
+            checked_weight(weight, joint),
+            checked_tolerance(tolerance, joint, "rad or m"),
+            hard=checked_hard(hard, joint),
+        )
+        object.__setattr__(self, "label", joint)
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the joint's position."""
+        index = self.indices(pepper)[0]
+        return f"{q[index]:.4f} {pepper.joint_units[index]}"
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return where the joint stops."""
+        unit, target = self.unit_on(pepper), float(np.ravel(self.target)[0])
+        return f"{self.label} stops {self.error(pepper, q):.4f} {unit} short of {target:.4f} {unit}"

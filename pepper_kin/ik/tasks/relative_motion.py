@@ -1,0 +1,31 @@
+"""One frame as seen from another: its pose and how the joints move it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin.ik.tasks.direction import cross_matrix
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+
+
+def relative_pose(pepper: PepperModel, q: Array, frame: str, reference: str) -> tuple[Array, Array]:
+    """Return R_b^T R_a and R_b^T (o_a - o_b), frame a as seen from reference b, shapes (3, 3) and (3,)."""
+    moved, seen_from = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
+    turn = seen_from[:3, :3].T
+    return turn @ moved[:3, :3], turn @ (moved[:3, 3] - seen_from[:3, 3])
+
+
+def relative_jacobian(pepper: PepperModel, q: Array, frame: str, reference: str) -> Array:
+    """Return the Jacobian of frame a as seen from reference b, in b's axes, linear first, shape (6, n).
+
+    With d = o_a - o_b and R_b' = [w_b]x R_b,
+
+        d/dt R_b^T d = R_b^T (v_a - v_b + [d]x w_b),   the turn of a as b sees it: R_b^T (w_a - w_b).
+    """
+    moved, seen_from = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
+    jacobian, other = frame_jacobian(pepper, q, frame), frame_jacobian(pepper, q, reference)
+    turn, line = seen_from[:3, :3].T, moved[:3, 3] - seen_from[:3, 3]
+    linear = jacobian[:3] - other[:3] + cross_matrix(line) @ other[3:]
+    return np.vstack([turn @ linear, turn @ (jacobian[3:] - other[3:])])

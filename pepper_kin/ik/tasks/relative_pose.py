@@ -1,0 +1,117 @@
+"""Bring a frame to a pose relative to another frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.frame_pose import checked_pose
+from pepper_kin.ik.tasks.relative_motion import relative_pose
+from pepper_kin.ik.tasks.relative_orientation import RelativeOrientation
+from pepper_kin.ik.tasks.relative_position import RelativePosition, words_for_pair
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task, TaskGroup
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class RelativePose(TaskGroup):
+    """A frame has a given pose as seen from another: two palms that hold one box.
+
+    The result says which of position and orientation was met; either may be left out.  Where not both can be
+    met, the position comes first.
+
+    Args:
+        frame: A name of `pepper.frame_names`.
+        reference: The frame that it is seen from.
+        target: transform_frame_to_reference, shape (4, 4).
+        weight: Weight of the position.
+        tolerance: Largest distance of a position that is met [m].
+        orientation_weight: Weight of the orientation.
+        orientation_tolerance: Largest angle of an orientation that is met [rad].
+        label: What is moved, in words; both frames' names if left empty.
+        without: "position" or "orientation" to leave that part out; None for both parts.
+        hard: Whether the position is met even where soft tasks suffer from it.
+        orientation_hard: The same of the orientation; as `hard` if None.
+        position_first: Whether the orientation gives way where not both can be met.
+
+    Attributes:
+        frame: A name of `pepper.frame_names`.
+        reference: The frame that it is seen from.
+        target: transform_frame_to_reference, shape (4, 4), read-only.
+        position: The position's task, None where left out.
+        orientation: The orientation's task, None where left out.
+
+    Raises:
+        InvalidValueError: for a target that is no pose, the same frame twice, or another part to leave out.
+    """
+
+    frame: str
+    reference: str
+    target: Array
+    position: RelativePosition | None
+    orientation: RelativeOrientation | None
+
+    def __init__(
+        self,
+        frame: str,
+        reference: str,
+        target: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        orientation_weight: float = 1.0,
+        orientation_tolerance: float = ANGLE_TOLERANCE,
+        label: str = "",
+        *,
+        without: str | None = None,
+        hard: bool = False,
+        orientation_hard: bool | None = None,
+        position_first: bool = True,
+    ) -> None:
+        pair = words_for_pair(frame, reference)
+        name = label or pair
+        if without not in (None, "position", "orientation"):
+            raise InvalidValueError("without", repr(without), "'position', 'orientation' or None")
+        pose = checked_pose(target, f"target of {name}")
+        position = RelativePosition(
+            frame, reference, pose[..., :3, 3], weight, tolerance, name, hard=hard
+        )  # fmt: skip
+        orientation = RelativeOrientation(
+            frame, reference, pose[..., :3, :3], orientation_weight, orientation_tolerance, name,
+            hard=hard if orientation_hard is None else orientation_hard,
+            yields=position_first and without is None,
+        )  # fmt: skip
+        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "reference", reference)
+        object.__setattr__(self, "target", pose)
+        object.__setattr__(self, "position", None if without == "position" else position)
+        object.__setattr__(self, "orientation", None if without == "orientation" else orientation)
+
+    @classmethod
+    def as_at(cls, pepper: PepperModel, q: ArrayLike, frame: str, reference: str, **options: Any) -> Self:
+        """Return the task to keep the relative pose that a configuration has.
+
+        Args:
+            pepper: The robot.
+            q: The configuration [rad or m], shape (n,).
+            frame: A name of `pepper.frame_names`.
+            reference: The frame that it is seen from.
+            options: What the constructor takes beside the target, such as `tolerance` and `hard`.
+
+        Raises:
+            UnknownNameError: for a frame that the robot lacks.
+            InvalidValueError: for a wrong length of q, NaN or infinity.
+        """
+        target = np.eye(4)
+        state = as_finite(q, "q", (pepper.n,))
+        target[:3, :3], target[:3, 3] = relative_pose(pepper, state, frame, reference)
+        return cls(frame, reference, target, **options)
+
+    @property
+    def parts(self) -> tuple[Task, ...]:
+        """Position and orientation, without what was left out."""
+        return tuple(part for part in (self.position, self.orientation) if part is not None)
