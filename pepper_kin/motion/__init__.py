@@ -1,6 +1,18 @@
 """From a goal and a scene to a checked path."""
 
+from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
+from pepper_kin.motion.curves import Arc, Curve, Line
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
 
-__all__ = ["Plan", "PlanStatus", "plan"]
+__all__ = [
+    "Arc",
+    "CartesianPath",
+    "CartesianStatus",
+    "Curve",
+    "Line",
+    "Plan",
+    "PlanStatus",
+    "cartesian_path",
+    "plan",
+]

@@ -1,0 +1,311 @@
+"""A hand along straight lines and arcs, the rest of the body free."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin import ik
+from pepper_kin.collision import Scene, checker_for
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model.shapes import read_only
+from pepper_kin.motion.curves import Curve, Route
+from pepper_kin.motion.ends import fault_of
+
+Array = NDArray[np.float64]
+
+JUMP = 0.35
+"""Largest change of a joint from one stop to the next [rad or m]: more is another posture, not a motion."""
+
+DIRECTION_WEIGHT = 0.3
+"""Of the direction, beside the posture's STAY_WEIGHT; the position is a hard task."""
+
+TURN = 0.1
+"""Largest turn towards the wished direction from one stop to the next [rad]."""
+
+FINER = 32
+"""How much nearer than wished stops may lie where a joint moves fast."""
+
+STAY_WEIGHT = 0.02
+"""Of the posture before: of all ways to move the hand on, the one that moves the joints least."""
+
+
+class CartesianStatus(Enum):
+    """How following ended."""
+
+    DONE = "done"
+    START_INVALID = "start_invalid"
+    OUT_OF_REACH = "out_of_reach"
+    BLOCKED_BY_LIMITS = "blocked_by_limits"
+    IN_COLLISION = "in_collision"
+    TOO_HEAVY = "too_heavy"
+    JUMP = "jump"
+
+    @property
+    def advice(self) -> str:
+        """What to try, in a sentence."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    CartesianStatus.DONE: "Time the path with retime().",
+    CartesianStatus.START_INVALID: "Start from a posture that is free and that the joints can hold.",
+    CartesianStatus.OUT_OF_REACH: "Shorten the way, let more joints move, or move the base.",
+    CartesianStatus.BLOCKED_BY_LIMITS: "Start from another posture, or let more joints move.",
+    CartesianStatus.IN_COLLISION: "Move the way or the obstacle, or plan with plan(), which goes round it.",
+    CartesianStatus.TOO_HEAVY: "Start from another posture, or keep the hand nearer to the body.",
+    CartesianStatus.JUMP: "Start from another posture: from this one the arm has to turn over on the way.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CartesianPath:
+    """How far a hand could follow, and the joint positions on the way.
+
+    Attributes:
+        status: How it ended.
+        message: What happened, in a sentence with names and numbers.
+        fraction: Part of the length that was done, 0 to 1.
+        path: Joint positions at the stops [rad or m], shape (k, n), read-only; the first is the start.
+        distances: Length along the way at each stop [m], shape (k,).
+        position_error: Largest distance of the hand from the curve at the stops [m], recomputed.
+        direction_error: Largest angle between the hand and the wished direction at the stops [rad],
+            recomputed; nan where no direction is wished.
+        clearance: Smallest distance at the stops [m], by coal; inf where nothing can touch.
+        time: Wall time [s].
+    """
+
+    status: CartesianStatus
+    message: str
+    fraction: float
+    path: Array
+    distances: Array
+    position_error: float
+    direction_error: float
+    clearance: float
+    time: float
+
+    @property
+    def success(self) -> bool:
+        """Whether the whole way was done."""
+        return self.status is CartesianStatus.DONE
+
+    @property
+    def advice(self) -> str:
+        """What to try, in a sentence."""
+        return self.status.advice
+
+    def report(self) -> str:
+        """Return the result in plain words."""
+        lines = [self.message]
+        if len(self.path) > 1:
+            lines.append(
+                f"{len(self.path)} stops over {100 * self.distances[-1]:.1f} cm; the hand is at most "
+                f"{1000 * self.position_error:.2f} mm from the curve; "
+                f"clearance {1000 * self.clearance:.1f} mm"
+            )
+        if np.isfinite(self.direction_error):
+            lines.append(f"direction off by at most {np.degrees(self.direction_error):.1f} deg")
+        return "\n".join([*lines, self.advice])
+
+
+def cartesian_path(
+    pepper: PepperModel,
+    start: ArrayLike,
+    hand: str,
+    curves: Curve | Sequence[Curve],
+    scene: Scene | None = None,
+    *,
+    direction: ArrayLike | None = None,
+    joints: str | Sequence[str] | None = None,
+    step: float = 0.005,
+    margin: float = 0.0,
+    tolerance: float = 0.001,
+) -> CartesianPath:
+    """Move a hand along curves: at every stop inverse kinematics from the posture before.
+
+    The position is met at every stop to the tolerance; the direction as far as it can be.  Where the whole
+    body would touch something, the arm tries alone, and then the body, keeping clear.  Between stops the
+    hand leaves the curve by some step^2 / 8 times its curvature in joint space, far below a millimetre.
+
+    Args:
+        pepper: The robot.
+        start: Joint positions to start from [rad or m], shape (n,).
+        hand: "left" or "right".
+        curves: `Line` and `Arc`, the first from where the hand is at `start`.
+        scene: The world around the robot; itself is always looked at.
+        direction: Where the hand should point in the world, shape (3,), not zero; None to leave it open.
+        joints: A group's name, or names of the joints that may move; the others keep `start`.  None for all.
+        step: Largest distance between stops [m]; they lie nearer where a joint moves fast.
+        margin: Distance to keep to the scene [m]; its own parts must not touch.
+        tolerance: Largest distance of the hand from the curve at a stop [m].
+
+    Returns:
+        The path; its `fraction` tells how far it got, its `status` and `message` why it ended.
+
+    Raises:
+        InvalidValueError: for no curve, NaN, or numbers that are none.
+        UnknownNameError: for an unknown hand, joint or group.
+        LimitError: for a start outside the joint limits.
+    """
+    begin = time.perf_counter()
+    q = as_joint_vectors(pepper, start, "start")
+    if q.ndim != 1:
+        raise InvalidValueError("start", f"shape {q.shape}", f"shape ({pepper.n},)")
+    check_within_limits(pepper, q, "start")
+    check_positive("step", step, "[m]")
+    wish = None if direction is None else ik.Point(hand, direction)
+    frame = ik.HandPosition(hand, np.zeros(3)).frame or ""
+    route = Route.of(frame_pose(pepper, q, frame)[:3, 3], _as_curves(curves))
+    follower = _Follower(
+        pepper, hand, frame, None if wish is None else wish.direction, scene, joints, margin,
+        check_positive("tolerance", tolerance, "[m]"), step / FINER,
+    )  # fmt: skip
+    first = np.clip(q, pepper.lower_limits, pepper.upper_limits)
+    path, done, status, message = follower.follow(first, route.stops(step), route)
+    fraction = float(done[-1] / route.length) if route.length else 1.0
+    if status not in (CartesianStatus.DONE, CartesianStatus.START_INVALID):
+        message = f"{hand} hand stops after {100 * done[-1]:.1f} of {100 * route.length:.1f} cm: {message}"
+    hands = frame_pose(pepper, path, frame)[:, :3, 3]
+    return CartesianPath(
+        status=status,
+        message=message,
+        fraction=fraction,
+        path=read_only(path),
+        distances=read_only(done),
+        position_error=float(np.linalg.norm(hands - route.at(done), axis=1).max()),
+        direction_error=float("nan") if wish is None else max(wish.error(pepper, state) for state in path),
+        clearance=float(follower.checker.clearance(path).min()),
+        time=time.perf_counter() - begin,
+    )
+
+
+def _as_curves(curves: Curve | Sequence[Curve]) -> tuple[Curve, ...]:
+    given = (curves,) if isinstance(curves, Curve) else tuple(curves)
+    if not given or not all(isinstance(curve, Curve) for curve in given):
+        raise InvalidValueError("curves", repr(curves)[:80], "one Line or Arc or more")
+    return given
+
+
+class _Follower:
+    """Goes from stop to stop."""
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        hand: str,
+        frame: str,
+        direction: Array | None,
+        scene: Scene | None,
+        joints: str | Sequence[str] | None,
+        margin: float,
+        tolerance: float,
+        least_step: float,
+    ) -> None:
+        self.pepper, self.hand, self.frame, self.direction, self.joints = (
+            pepper,
+            hand,
+            frame,
+            direction,
+            joints,
+        )
+        self.tolerance, self.least_step = tolerance, least_step
+        arm_only = joints is None and f"{hand}_arm" in pepper.group_names
+        # Joints that move, and what they keep clear of: first of nothing, which is quick and looked at later.
+        self.ways: list[tuple[str | Sequence[str] | None, Scene | None]] = [(joints, None)]
+        if arm_only:
+            self.ways.append((f"{hand}_arm", None))
+        self.ways.append((joints, (scene or Scene()).padded(margin)))
+        margin = float(as_finite(margin, "margin", ()))
+        if margin < 0:
+            raise InvalidValueError("margin", margin, "0 or more [m]")
+        self.checker = checker_for(pepper, scene, margin)
+        self.exact = checker_for(pepper, scene)
+
+    def follow(self, q: Array, stops: Array, route: Route) -> tuple[Array, Array, CartesianStatus, str]:
+        """Return the joint positions up to where it ends, shape (k, n), how far they are, and why it ends."""
+        path, done = [q], [0.0]
+        fault = fault_of(self.exact, q, "start")
+        if fault is not None:
+            return np.array(path), np.array(done), CartesianStatus.START_INVALID, fault[1]
+        ahead = list(stops[:0:-1])
+        while ahead:
+            point = route.at(np.array(ahead[-1:]))[0]
+            found = self._step(path[-1], point)
+            if not isinstance(found, tuple):
+                path.append(found)
+                done.append(ahead.pop())
+            elif found[0] is CartesianStatus.JUMP and ahead[-1] - done[-1] > self.least_step:
+                ahead.append((ahead[-1] + done[-1]) / 2)  # fast joints need more stops
+            else:
+                return np.array(path), np.array(done), *found
+        length = 100 * route.length
+        return (
+            np.array(path),
+            np.array(done),
+            CartesianStatus.DONE,
+            f"{self.hand} hand did all {length:.1f} cm.",
+        )
+
+    def _step(self, before: Array, point: Array) -> Array | tuple[CartesianStatus, str]:
+        """Return the joint positions at the next stop, or why there are none."""
+        tasks: list[ik.Task] = [
+            ik.HandPosition(self.hand, point, tolerance=self.tolerance, hard=True),
+            ik.JointPosture(before, weight=STAY_WEIGHT, tolerance=np.inf),
+        ]
+        if self.direction is not None:
+            tasks.append(ik.Point(self.hand, self._turned(before), weight=DIRECTION_WEIGHT, tolerance=np.pi))
+        reason = None
+        for joints, scene in self.ways:
+            result = ik.solve(self.pepper, tasks, q0=before, joints=joints, scene=scene, restarts=0)
+            fault = self._fault(result, before)
+            if fault is None:
+                return result.q
+            reason = reason or fault
+        return cast("tuple[CartesianStatus, str]", reason)
+
+    def _turned(self, before: Array) -> Array:
+        """Return the direction to ask for next: as far towards the wished one as a stop may turn the hand."""
+        now = frame_pose(self.pepper, before, self.frame)[:3, 0]
+        wish = cast("Array", self.direction)
+        angle = float(np.arccos(np.clip(now @ wish, -1.0, 1.0)))
+        if angle <= TURN:
+            return wish
+        across = wish - (now @ wish) * now
+        if np.linalg.norm(across) < 1e-6:  # opposite: any way round will do
+            across = np.cross(now, np.eye(3)[np.argmin(np.abs(now))])
+        return np.asarray(np.cos(TURN) * now + np.sin(TURN) * across / np.linalg.norm(across))
+
+    def _fault(self, result: ik.IKResult, before: Array) -> tuple[CartesianStatus, str] | None:
+        if not result.hard_met:
+            limited = result.status is ik.Status.CLOSEST_LIMITS
+            status = CartesianStatus.BLOCKED_BY_LIMITS if limited else CartesianStatus.OUT_OF_REACH
+            limits = result.blocking_limits
+            return status, result.errors[0].shortfall + (
+                f", {', '.join(limits)} at a limit." if limits else "."
+            )
+        jump = np.abs(result.q - before)
+        worst = int(np.argmax(jump))
+        if jump[worst] > JUMP:
+            name, unit = self.pepper.joint_names[worst], self.pepper.joint_units[worst]
+            return CartesianStatus.JUMP, f"{name} would jump by {jump[worst]:.2f} {unit}."
+        return self._contact(result.q)
+
+    def _contact(self, q: Array) -> tuple[CartesianStatus, str] | None:
+        if self.checker.in_collision(q):
+            fault = fault_of(self.exact, q, "next stop")
+            if fault is not None:
+                return CartesianStatus.IN_COLLISION, fault[1]
+            near = "".join(f": {' and '.join(names)} come too near" for names in self.checker.contacts(q)[:1])
+            return CartesianStatus.IN_COLLISION, f"the margin would not be kept{near}."
+        fault = fault_of(self.exact, q, "next stop")
+        return None if fault is None else (CartesianStatus.TOO_HEAVY, fault[1])
