@@ -135,9 +135,8 @@ def _world(scene: Scene) -> Iterator[Body]:
         if is_empty(item.geometry):
             continue
         placement = pinocchio.SE3(item.transform_object_to_world)
-        geometry = coal_geometry(item.geometry)
+        geometry, half = coal_geometry(item.geometry), isinstance(item.geometry, HalfSpace)
         solid = pinocchio.GeometryObject(f"scene/{item.name}", 0, 0, placement, geometry)
-        half = isinstance(item.geometry, HalfSpace)
         yield Body(item.name, WORLD, None, 0, padding(item.geometry), frozenset(), solid, half)
 
 

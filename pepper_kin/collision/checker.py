@@ -75,6 +75,9 @@ class CollisionChecker:
         normals = {j: _plane_normal(self._bodies[j]) for j in {j for _, j in listed}}
         to_plane = [k for k, (_, j) in enumerate(listed) if normals[j] is not None]
         planes = [normals[listed[k][1]] for k in to_plane]
+        # The broad phase misses what has no bounding box, or a flat one: those pairs are checked one and all.
+        boxed = [_has_box(body) for body in self._bodies]
+        self._without_box = np.flatnonzero([not (boxed[i] and boxed[j]) for i, j in listed])
         self._planes = (np.array(to_plane, dtype=int), np.array(planes).reshape(-1, 3))
         self._local = threading.local()
 
@@ -166,13 +169,28 @@ class CollisionChecker:
         if data is None:
             import pinocchio
 
-            geometry_data = pinocchio.GeometryData(self._model)
-            for request in geometry_data.distanceRequests:
-                request.enable_signed_distance = True
-            for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
-                request.security_margin = float(margin)
-            data = self._local.data = (self.pepper.pinocchio_model.createData(), geometry_data)
+            geometry_data = self._geometry_data()
+            model = self.pepper.pinocchio_model
+            data = self._local.data = (model.createData(), geometry_data)
+            # The broad phase takes over the margins when it is made.
+            broad = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager
+            self._local.broad_phase = broad(model, self._model, geometry_data)
+            self._local.without_box = None
+            if len(self._without_box):
+                self._local.without_box = rest = self._geometry_data()
+                for index in set(range(self.pair_count)) - set(self._without_box.tolist()):
+                    rest.deactivateCollisionPair(index)
         return data
+
+    def _geometry_data(self) -> Any:
+        import pinocchio
+
+        geometry_data = pinocchio.GeometryData(self._model)
+        for request in geometry_data.distanceRequests:
+            request.enable_signed_distance = True
+        for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
+            request.security_margin = float(margin)
+        return geometry_data
 
     def _one(self, q: ArrayLike) -> NDArray[np.float64]:
         state = as_joint_vectors(self.pepper, q, "q")
@@ -185,10 +203,13 @@ class CollisionChecker:
     def _touches(self, q: NDArray[np.float64]) -> bool:
         import pinocchio
 
-        data, geometry_data = self._data
-        model = self.pepper.pinocchio_model
-        return bool(
-            pinocchio.computeCollisions(model, data, self._model, geometry_data, self.pepper.to_full(q), True)
+        data, model = self._data[0], self.pepper.pinocchio_model
+        full = self.pepper.to_full(q)
+        if pinocchio.computeCollisions(model, data, self._local.broad_phase, full, True):
+            return True
+        rest = self._local.without_box
+        return rest is not None and bool(
+            pinocchio.computeCollisions(model, data, self._model, rest, full, True)
         )
 
     def _bounds(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -251,6 +272,10 @@ def _bounding_ball(body: Body) -> tuple[NDArray[np.float64], float]:
         return np.array(shape.n) * shape.d, 0.0
     shape.computeLocalAABB()
     return np.array(shape.aabb_center), float(shape.aabb_radius)
+
+
+def _has_box(body: Body) -> bool:
+    return not body.is_half_space and body.geometry_object.geometry.aabb_local.volume() > 0
 
 
 def _plane_normal(body: Body) -> NDArray[np.float64] | None:
