@@ -122,7 +122,8 @@ def _attached(pepper: PepperModel, scene: Scene) -> Iterator[Body]:
         if is_empty(item.geometry):
             continue
         joint = model.frames[pepper.frame_id(item.frame)].parentJoint
-        held = {s.link for s in pepper.collision_shapes if _joint(pepper, s.link) in _hand(pepper, joint)}
+        hand = _hand(pepper, joint)
+        held = {shape.link for shape in pepper.collision_shapes if _joint(pepper, shape.link) in hand}
         may_touch = frozenset(held | set(item.touch_links))
         pose, name = item.transform_object_to_frame, item.name
         yield _body(pepper, name, name, ATTACHED, item.frame, pose, item.geometry, may_touch)
