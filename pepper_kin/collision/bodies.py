@@ -9,10 +9,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pepper_kin.collision.coal_shapes import coal_geometry, is_empty, padding
+from pepper_kin.collision.coal_shapes import coal_geometry, is_empty
 from pepper_kin.collision.dependent_ranges import REASON
 from pepper_kin.collision.scene import Scene
-from pepper_kin.collision.solids import HalfSpace
+from pepper_kin.collision.solids import HalfSpace, padding
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 

@@ -22,7 +22,7 @@ _SPECK = 1e-7 * np.array([[1.0, 0.0, 0.0], [-0.5, 1.0, 0.0], [-0.5, -1.0, 0.0]])
 
 
 def coal_geometry(geometry: SceneGeometry) -> Any:
-    """Return coal's shape for a geometry, without its padding: see `padding`.
+    """Return coal's shape for a geometry, without its padding.
 
     Raises:
         FileFormatError: for a mesh whose file cannot be read.
@@ -51,16 +51,6 @@ def coal_geometry(geometry: SceneGeometry) -> Any:
             return _tree(corners, np.arange(len(corners)).reshape(-1, 3))
         case Mesh():
             return _mesh_of_file(geometry)
-
-
-def padding(geometry: SceneGeometry) -> float:
-    """Return the distance by which a geometry reaches beyond coal's shape of it [m]."""
-    match geometry:
-        case ConvexMesh() | TriangleMesh():
-            return geometry.padding
-        case PointCloud():
-            return geometry.radius
-    return 0.0
 
 
 def is_empty(geometry: SceneGeometry) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.collision.attachment import attached, released
 from pepper_kin.collision.mesh_file import points_of, triangles_of
 from pepper_kin.collision.scene_object import (
+    PLASTER,
     WOOD,
     AttachedObject,
     Color,
@@ -165,7 +166,7 @@ class Scene:
         if not np.allclose(direction / length, [0, 0, 1], rtol=0, atol=1e-15):
             pose[:3, :3] = rotation_to_axis(direction)
         pose[:3, 3] = direction / length * _number(name, "offset", offset)
-        return self._with(objects={**self.objects, name: SceneObject(name, HalfSpace(), pose)})
+        return self._with(objects={**self.objects, name: SceneObject(name, HalfSpace(), pose, PLASTER)})
 
     def add_convex_mesh(
         self,

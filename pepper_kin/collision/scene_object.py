@@ -14,6 +14,7 @@ from pepper_kin.collision.solids import (
     PointCloud,
     SceneGeometry,
     TriangleMesh,
+    padding,
 )
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
@@ -22,6 +23,8 @@ from pepper_kin.model.shapes import read_only
 
 Color = tuple[float, float, float, float]
 WOOD: Color = (0.72, 0.53, 0.36, 1.0)
+PLASTER: Color = (0.85, 0.86, 0.87, 1.0)
+"""Floors and walls are drawn in it."""
 
 RIGID_TOLERANCE = 1e-6
 
@@ -84,6 +87,20 @@ class AttachedObject:
             raise InvalidValueError(f"touch_links of {self.name!r}", links, "names of links")
         object.__setattr__(self, "touch_links", links)
         object.__setattr__(self, "color", _color(self.name, self.color))
+
+    @property
+    def extent(self) -> float:
+        """Greatest distance of a point of it from the frame's origin, or a little more [m]."""
+        pose, shape = self.transform_object_to_frame, self.geometry
+        if isinstance(shape, Mesh):
+            from pepper_kin.collision.mesh_file import read_mesh
+
+            shape = TriangleMesh(*read_mesh(shape.path, shape.scale))
+        if isinstance(shape, ConvexMesh | TriangleMesh | PointCloud):
+            points = shape.points if isinstance(shape, PointCloud) else shape.vertices
+            reach = np.linalg.norm(points @ pose[:3, :3].T + pose[:3, 3], axis=1).max(initial=0.0)
+            return float(reach) + padding(shape)
+        return float(np.linalg.norm(pose[:3, 3])) + _radius(shape)
 
 
 def grown(geometry: SceneGeometry, margin: float) -> SceneGeometry:
@@ -165,6 +182,20 @@ def _checked(name: str, geometry: SceneGeometry) -> SceneGeometry:
             "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh or PointCloud",
         )
     return replace(geometry, path=Path(geometry.path)) if isinstance(geometry, Mesh) else geometry
+
+
+def _radius(shape: SceneGeometry) -> float:
+    """Return the radius of the ball about its own origin that holds a simple shape [m]."""
+    match shape:
+        case Box():
+            return float(np.linalg.norm(shape.size)) / 2
+        case Sphere():
+            return shape.radius
+        case Capsule():
+            return shape.radius + shape.length / 2
+        case Cylinder():
+            return float(np.hypot(shape.radius, shape.length / 2))
+    return float("inf")
 
 
 def _color(name: str, color: Color) -> Color:

@@ -167,6 +167,16 @@ class PointCloud:
 SceneGeometry: TypeAlias = Geometry | HalfSpace | ConvexMesh | TriangleMesh | PointCloud
 
 
+def padding(geometry: SceneGeometry) -> float:
+    """Return the distance by which a geometry reaches beyond its points, or its hull or surface [m]."""
+    match geometry:
+        case ConvexMesh() | TriangleMesh():
+            return geometry.padding
+        case PointCloud():
+            return geometry.radius
+    return 0.0
+
+
 def not_negative(quantity: str, value: float) -> float:
     """Return a finite length of 0 or more.
 

@@ -295,3 +295,38 @@ def test_an_overlap_at_the_start_is_a_status_of_the_plan():
     found = pk.plan(pepper, q, pepper.posture("StandZero"), scene, seed=0)
     assert not found.success
     assert "dust overlap" in found.message
+
+
+def test_planning_accounts_for_what_is_held():
+    """The farther a held object reaches, the finer a motion is looked at; and it does not hit the post."""
+    from pepper_kin.motion.metric import joint_reaches
+
+    pepper = pk.load_pepper()
+    shoulder = pepper.joint_index("LShoulderPitch")
+    assert joint_reaches(pepper, (("l_gripper", 2.0),))[shoulder] > joint_reaches(pepper)[shoulder] + 1.5
+    q, goal = pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.6, "LShoulderRoll": 0.6})
+    grip = pk.kinematics.frame_pose(pepper, q, "l_gripper")
+    at = grip[:3, 3] + [0.02, 0.02, 0.0]
+    scene = pk.Scene().add_cylinder("cup", 0.02, 0.1, at).attach("cup", "l_gripper", pepper=pepper, q=q)
+    scene = scene.add_sphere("lamp", 0.04, (0.35, 0.25, 0.6))
+    found = pk.plan(pepper, q, goal, scene, seed=0)
+    assert found.success, found.message
+    assert not pk.collision.in_collision(pepper, found.path, scene).any()
+
+
+@pytest.mark.parametrize(
+    ("geometry", "expected"),
+    [
+        (pk.model.Box((0.2, 0.2, 0.2)), 0.5 + 0.1 * np.sqrt(3)),
+        (pk.model.Sphere(0.1), 0.6),
+        (pk.model.Capsule(0.1, 0.4), 0.8),
+        (pk.model.Cylinder(0.3, 0.8), 1.0),
+        (ConvexMesh(CUBE, 0.02), np.linalg.norm([0.6, 0.1, 0.1]) + 0.02),
+        (PointCloud([[0.1, 0, 0], [-0.2, 0, 0]], 0.01), 0.61),
+    ],
+)
+def test_extent_bounds_every_point_of_a_held_object(geometry, expected):
+    pose = np.eye(4)
+    pose[0, 3] = 0.5
+    held = pk.Scene().add("it", geometry).attach("it", "l_gripper", pose).attached["it"]
+    assert held.extent == pytest.approx(expected)
