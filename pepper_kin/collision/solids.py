@@ -155,7 +155,7 @@ class PointCloud:
             raise InvalidValueError("voxel", voxel, f"a length that divides {extent:.3g} m into fewer cubes")
         cell = np.floor((full.points - low) / edge).astype(np.int64)
         key = (cell[:, 0] * int(counts[1]) + cell[:, 1]) * int(counts[2]) + cell[:, 2]
-        order = np.argsort(key, kind="stable")
+        order = np.argsort(key)
         sorted_points, sorted_key = full.points[order], key[order]
         first = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]])
         middle = (np.minimum.reduceat(sorted_points, first) + np.maximum.reduceat(sorted_points, first)) / 2
