@@ -1,19 +1,29 @@
 """Collision of the robot with itself and the world."""
 
-from pepper_kin.collision.checker import ClosestPair, CollisionChecker, checker_for
+from pepper_kin.collision.checker import CollisionChecker, checker_for
+from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.near_pairs import NearPairs, near_pairs
-from pepper_kin.collision.queries import clearance, closest_pair, in_collision
-from pepper_kin.collision.scene import Scene, SceneObject
+from pepper_kin.collision.queries import clearance, closest_pair, contacts, in_collision
+from pepper_kin.collision.scene import Scene
+from pepper_kin.collision.scene_object import AttachedObject, SceneObject
+from pepper_kin.collision.solids import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
 
 __all__ = [
+    "AttachedObject",
     "ClosestPair",
     "CollisionChecker",
+    "Contact",
+    "ConvexMesh",
+    "HalfSpace",
     "NearPairs",
+    "PointCloud",
     "Scene",
     "SceneObject",
+    "TriangleMesh",
     "checker_for",
     "clearance",
     "closest_pair",
+    "contacts",
     "in_collision",
     "near_pairs",
 ]

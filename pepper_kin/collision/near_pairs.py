@@ -80,15 +80,13 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     """Return the pairs nearer than a distance for a checker that is at hand; see `near_pairs`."""
     import pinocchio
 
-    model, full = checker.pepper.pinocchio_model, checker.pepper.to_full(q)
-    data, geometry_data = checker._data
+    full, geometry_data = checker.pepper.to_full(q), checker._data[1]
     tables = _tables_of(checker)
-    pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, full)
     found: list[tuple[float, int, int]] = []
     witnesses: list[tuple[Array, Array, Array]] = []
-    for index in _candidates(checker, geometry_data, distance):
+    for index in np.flatnonzero(checker._bounds(q) < distance).tolist():
         result = pinocchio.computeDistance(checker._model, geometry_data, index)
-        apart = result.min_distance
+        apart = result.min_distance - checker._paddings[index]
         if apart < distance:
             found.append((apart, index, len(witnesses)))
             witnesses.append((result.getNearestPoint1(), result.getNearestPoint2(), result.normal))
@@ -96,7 +94,7 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     pairs = np.array([index for _, index, _ in found], dtype=int)
     order = [place for _, _, place in found]
     a, b = checker._pairs[0][pairs], checker._pairs[1][pairs]
-    owners = checker._owners
+    owners = [body.owner for body in checker._bodies]
     seen = np.array(witnesses).reshape(-1, 3, 3)[order]
     points, normals = seen[:, :2], -seen[:, 2]
     gradients = _gradients(checker, full, tables.bodies[a], tables.bodies[b], points, normals)
@@ -132,7 +130,7 @@ def distances_along(checker: CollisionChecker, path: Array, indices: NDArray[np.
         pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, q)
         for place, index in enumerate(indices.tolist()):
             found[row, place] = pinocchio.computeDistance(checker._model, geometry_data, index).min_distance
-    return found
+    return found - checker._paddings[indices]
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,19 +178,6 @@ def _core(geometry: Any) -> float:
     if isinstance(geometry, coal.Capsule):
         return 2.0 * float(geometry.halfLength)
     return 2.0 * float(geometry.aabb_radius)
-
-
-def _candidates(checker: CollisionChecker, geometry_data: Any, distance: float) -> list[int]:
-    """Return the pairs whose bounding spheres are nearer than a distance."""
-    placements = geometry_data.oMg
-    centers = np.array([m.act(c) for m, c in zip(placements, checker._bounding_centers, strict=True)])
-    if not checker.pair_count:
-        return []
-    first, second = checker._pairs
-    apart = centers[first] - centers[second]
-    reach = checker._bounding_reach + distance
-    near: list[int] = np.flatnonzero(np.einsum("ij,ij->i", apart, apart) < reach * reach).tolist()
-    return near
 
 
 def _gradients(

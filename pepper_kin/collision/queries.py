@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision.checker import ClosestPair, checker_for
+from pepper_kin.collision.bodies import Looks
+from pepper_kin.collision.checker import checker_for
+from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
 
@@ -61,3 +63,33 @@ def closest_pair(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) 
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
     return checker_for(pepper, scene).closest_pair(q)
+
+
+def contacts(
+    pepper: PepperModel,
+    q: ArrayLike,
+    scene: Scene | None = None,
+    *,
+    within: float = 0.0,
+    looks: Looks = "collision",
+) -> tuple[Contact, ...]:
+    """Return where things touch at one configuration, the deepest first.
+
+    Each pair of links or objects is listed once, where it is nearest.  A pair of neighbouring links that a
+    table of joint ranges decides comes last, without points.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (n,).
+        scene: The world around it, with what the robot holds; None for the robot against itself only.
+        within: Pairs nearer than this are listed as well [m].
+        looks: "collision" for the shapes that contain the bodies; "visual" for the surfaces that are drawn,
+            which are the vendor's where the robot was loaded with its meshes.
+
+    Returns:
+        The contacts.
+
+    Raises:
+        InvalidValueError: for a q of wrong length, or with NaN or infinity; for `within` below 0.
+    """
+    return checker_for(pepper, scene, looks=looks).contact_points(q, within)

@@ -1,38 +1,46 @@
-"""The world around the robot: named obstacles."""
+"""The world around the robot: named obstacles, and objects that the robot holds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.collision.attachment import attached, released
+from pepper_kin.collision.mesh_file import points_of, triangles_of
+from pepper_kin.collision.scene_object import (
+    PLASTER,
+    WOOD,
+    AttachedObject,
+    Color,
+    SceneObject,
+    grown,
+    same_item,
+)
+from pepper_kin.collision.solids import (
+    ConvexMesh,
+    HalfSpace,
+    PointCloud,
+    SceneGeometry,
+    TriangleMesh,
+    not_negative,
+)
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Sphere, read_only, transform
+from pepper_kin.model.shapes import rotation_to_axis, transform
 
-
-@dataclass(frozen=True, eq=False)
-class SceneObject:
-    """One obstacle.
-
-    Attributes:
-        name: Unique name in its scene.
-        geometry: Its shape.
-        transform_object_to_world: (4, 4), read-only.
-        color: Red, green, blue and opacity, 0 to 1.
-    """
-
-    name: str
-    geometry: Geometry
-    transform_object_to_world: NDArray[np.float64]
-    color: tuple[float, float, float, float] = (0.72, 0.53, 0.36, 1.0)
+VOXEL = 0.02
+"""Edge of the cubes to which clouds are thinned unless told otherwise [m]."""
 
 
 class Scene:
-    """Named obstacles, fixed in the world.
+    """Named obstacles, fixed in the world, and objects that hang on the robot.
 
     A scene never changes: every method returns a new one, so a planner that holds a scene cannot see a
     half-changed world.
@@ -40,29 +48,57 @@ class Scene:
         scene = Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
 
     Attributes:
-        objects: Name -> `SceneObject`, read-only, in the order of addition.
+        objects: Name -> `SceneObject`, what is fixed in the world, read-only, in the order of addition.
+        attached: Name -> `AttachedObject`, what moves with the robot, read-only.
+        allowed: Sorted pairs of names that may touch: two objects, or an object and a link of the robot.
     """
 
     objects: Mapping[str, SceneObject]
+    attached: Mapping[str, AttachedObject]
+    allowed: frozenset[tuple[str, str]]
 
-    def __init__(self, objects: Mapping[str, SceneObject] | None = None) -> None:
-        object.__setattr__(self, "objects", MappingProxyType(dict(objects or {})))
+    def __init__(
+        self,
+        objects: Mapping[str, SceneObject] | None = None,
+        attached: Mapping[str, AttachedObject] | None = None,
+        allowed: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        standing, hanging = dict(objects or {}), dict(attached or {})
+        for names, kind in ((standing, SceneObject), (hanging, AttachedObject)):
+            for name, item in names.items():
+                if not isinstance(item, kind) or item.name != name:
+                    raise InvalidValueError(
+                        f"object {name!r}", repr(item)[:60], f"a {kind.__name__} so named"
+                    )
+        for name in standing.keys() & hanging.keys():
+            raise InvalidValueError("object name", repr(name), "a name used once, in the world or attached")
+        pairs = frozenset(_sorted_pair(a, b) for a, b in allowed)
+        object.__setattr__(self, "objects", MappingProxyType(standing))
+        object.__setattr__(self, "attached", MappingProxyType(hanging))
+        object.__setattr__(self, "allowed", pairs)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError("a Scene is frozen: its methods return a new one")
 
-    def __reduce__(self) -> tuple[type[Scene], tuple[dict[str, SceneObject]]]:
-        return (Scene, (dict(self.objects),))
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Scene, (dict(self.objects), dict(self.attached), sorted(self.allowed)))
 
     def __repr__(self) -> str:
-        return f"Scene({', '.join(self.objects) or 'empty'})"
+        hanging = [f"{name} on {item.frame}" for name, item in self.attached.items()]
+        return f"Scene({', '.join([*self.objects, *hanging]) or 'empty'})"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all objects, those in the world first."""
+        return (*self.objects, *self.attached)
 
     def add(
         self,
         name: str,
-        geometry: Geometry,
+        geometry: SceneGeometry,
         position: ArrayLike = (0.0, 0.0, 0.0),
         rpy: ArrayLike = (0.0, 0.0, 0.0),
+        color: Color = WOOD,
     ) -> Scene:
         """Return a scene with one more obstacle.
 
@@ -71,18 +107,16 @@ class Scene:
             geometry: Its shape.
             position: Position of its centre in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
+            color: Red, green, blue and opacity, 0 to 1.
 
         Raises:
             InvalidValueError: for a name that is taken, or a pose with NaN or of wrong length.
         """
-        if not isinstance(name, str) or not name or name in self.objects:
-            raise InvalidValueError(
-                "object name", repr(name), f"a new name; taken: {', '.join(self.objects)}"
-            )
+        self._check_new(name)
         pose = transform(
             as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
         )
-        return Scene({**self.objects, name: SceneObject(name, geometry, read_only(pose))})
+        return self._with(objects={**self.objects, name: SceneObject(name, geometry, pose, color)})
 
     def add_box(
         self, name: str, size: ArrayLike, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
@@ -93,41 +127,161 @@ class Scene:
 
     def add_sphere(self, name: str, radius: float, position: ArrayLike) -> Scene:
         """Return a scene with a sphere [m] more; see `add`."""
-        return self.add(name, Sphere(float(radius)), position)
+        return self.add(name, Sphere(_number(name, "radius", radius)), position)
 
     def add_cylinder(
         self, name: str, radius: float, length: float, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Scene:
         """Return a scene with a cylinder along its z axis [m] more; see `add`."""
-        return self.add(name, Cylinder(float(radius), float(length)), position, rpy)
+        shape = Cylinder(_number(name, "radius", radius), _number(name, "length", length))
+        return self.add(name, shape, position, rpy)
 
     def add_capsule(
         self, name: str, radius: float, length: float, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Scene:
         """Return a scene with a capsule along its z axis [m] more; `length` is that of the straight part."""
-        return self.add(name, Capsule(float(radius), float(length)), position, rpy)
+        shape = Capsule(_number(name, "radius", radius), _number(name, "length", length))
+        return self.add(name, shape, position, rpy)
 
-    def remove(self, name: str) -> Scene:
-        """Return a scene without one obstacle.
+    def add_half_space(self, name: str, normal: ArrayLike, offset: float = 0.0) -> Scene:
+        """Return a scene in which all points x with normal . x <= offset are solid as well.
+
+        A floor is `add_half_space("floor", (0, 0, 1))`; the parts of the robot that stand on it have to be
+        allowed to touch it, see `allow`.
+
+        Args:
+            name: A name that the scene does not have yet.
+            normal: Direction out of the solid, shape (3,); its length does not matter.
+            offset: Distance of the plane from the origin along the normal [m].
 
         Raises:
-            UnknownNameError: listing the obstacles.
+            InvalidValueError: for a name that is taken, a normal of no length, NaN or wrong shape.
         """
-        self._known(name)
-        return Scene({k: v for k, v in self.objects.items() if k != name})
+        self._check_new(name)
+        direction = as_finite(normal, f"normal of {name!r}", (3,))
+        length = float(np.linalg.norm(direction))
+        if not (np.isfinite(length) and length > 1e-12):
+            raise InvalidValueError(f"normal of {name!r}", direction, "a direction: not all zeros")
+        pose = np.eye(4)
+        if not np.allclose(direction / length, [0, 0, 1], rtol=0, atol=1e-15):
+            pose[:3, :3] = rotation_to_axis(direction)
+        pose[:3, 3] = direction / length * _number(name, "offset", offset)
+        return self._with(objects={**self.objects, name: SceneObject(name, HalfSpace(), pose, PLASTER)})
+
+    def add_convex_mesh(
+        self,
+        name: str,
+        vertices: ArrayLike | str | os.PathLike[str],
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        scale: ArrayLike = 1.0,
+    ) -> Scene:
+        """Return a scene with the convex hull of points, solid inside, more; see `add`.
+
+        Args:
+            name: A name that the scene does not have yet.
+            vertices: Points [m], shape (k, 3), or a mesh file (STL, OBJ) whose vertices are taken.
+            position: Position of the points' origin in the world [m], shape (3,).
+            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
+            scale: Factor from the unit of the points, or of the file, to metres.
+
+        Raises:
+            InvalidValueError: for points in a plane, NaN, a taken name; see `add`.
+            FileFormatError: naming the file and what is wrong with it.
+        """
+        return self.add(name, ConvexMesh(points_of(name, vertices, scale)), position, rpy)
+
+    def add_mesh(
+        self,
+        name: str,
+        vertices: ArrayLike | str | os.PathLike[str],
+        faces: ArrayLike | None = None,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        scale: ArrayLike = 1.0,
+    ) -> Scene:
+        """Return a scene with a surface of triangles more; see `add`.
+
+        The surface is solid, not what it encloses: for a body that must not be entered, even in one step,
+        take `add_convex_mesh`, of several parts where it is not convex.
+
+        Args:
+            name: A name that the scene does not have yet.
+            vertices: Points [m], shape (k, 3), or a mesh file (STL, OBJ, what coal reads).
+            faces: Indices of each triangle's vertices, shape (f, 3); None with a file.
+            position: Position of the points' origin in the world [m], shape (3,).
+            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
+            scale: Factor from the unit of the points, or of the file, to metres.
+
+        Raises:
+            InvalidValueError: for a face that names no vertex, no triangle with an area, NaN, a taken name.
+            FileFormatError: naming the file and what is wrong with it.
+        """
+        points, triangles = triangles_of(name, vertices, faces, scale)
+        return self.add(name, TriangleMesh(points, triangles), position, rpy)
+
+    def add_point_cloud(
+        self,
+        name: str,
+        points: ArrayLike,
+        radius: float,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        voxel: float | None = VOXEL,
+    ) -> Scene:
+        """Return a scene with balls around points more; see `add`.
+
+        Args:
+            name: A name that the scene does not have yet.
+            points: Points [m], shape (k, 3); none is fine.
+            radius: Radius of the ball around each [m], 0 or more.
+            position: Position of the points' origin, say of the camera, in the world [m], shape (3,).
+            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
+            voxel: Edge of the cubes of which each keeps one point [m]; the balls grow so that they cover
+                those of all points, see `PointCloud.thinned`.  None keeps all points.
+
+        Raises:
+            InvalidValueError: for NaN (drop such pixels first), a radius below 0, a voxel of 0, a taken name.
+        """
+        if voxel is None:
+            return self.add(name, PointCloud(np.asarray(points), radius), position, rpy)
+        return self.add(name, PointCloud.thinned(points, radius, voxel), position, rpy)
+
+    def remove(self, name: str) -> Scene:
+        """Return a scene without one object, and without what was allowed for it.
+
+        Raises:
+            UnknownNameError: listing the objects.
+        """
+        self._check_known(name)
+        return self._with(
+            objects={k: v for k, v in self.objects.items() if k != name},
+            attached={k: v for k, v in self.attached.items() if k != name},
+            allowed=[pair for pair in self.allowed if name not in pair],
+        )
 
     def move(self, name: str, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Scene:
         """Return a scene with one obstacle elsewhere; see `add`.
 
         Raises:
             UnknownNameError: listing the obstacles.
+            InvalidValueError: for an object that hangs on the robot.
         """
-        moved = self._known(name)
-        rest = Scene({k: v for k, v in self.objects.items() if k != name})
-        return rest.add(name, moved.geometry, position, rpy)
+        self._check_standing(name)
+        pose = transform(
+            as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
+        )
+        moved = replace(self.objects[name], transform_object_to_world=pose)
+        return self._with(objects={**self.objects, name: moved})
 
     def padded(self, margin: float) -> Scene:
-        """Return a scene whose obstacles are larger by a margin on every side; meshes stay as they are.
+        """Return a scene whose obstacles are larger by a margin on every side.
+
+        Objects that hang on the robot stay as they are: they are part of it, and only one of two things that
+        keep a distance has to grow.
 
         Args:
             margin: Distance added to every side [m].
@@ -135,29 +289,155 @@ class Scene:
         Raises:
             InvalidValueError: for a margin that is not a finite number of 0 or more.
         """
-        if not (np.isfinite(margin) and margin >= 0):
-            raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-        return Scene(
-            {
-                name: replace(item, geometry=_grown(item.geometry, float(margin)))
-                for name, item in self.objects.items()
-            }
+        by = not_negative("margin", margin)
+        items = self.objects.items()
+        return self._with(
+            objects={name: replace(item, geometry=grown(item.geometry, by)) for name, item in items}
         )
 
-    def _known(self, name: str) -> SceneObject:
-        if name not in self.objects:
-            raise UnknownNameError("scene object", name, self.objects)
-        return self.objects[name]
+    def allow(self, name: str, *others: str) -> Scene:
+        """Return a scene in which an object may touch others, or links of the robot.
+
+            scene.allow("floor", "Tibia", "WheelB_link", "WheelFL_link", "WheelFR_link")
+
+        Args:
+            name: An object of the scene.
+            others: Links of the robot, or objects.  A name that is neither is refused by the checker, which
+                knows the robot.
+
+        Raises:
+            UnknownNameError: listing the objects.
+            InvalidValueError: for a pair of an object with itself, or a name that is no text.
+        """
+        self._check_known(name)
+        for other in others:
+            if not isinstance(other, str) or other == name:
+                raise InvalidValueError(
+                    f"pair allowed for {name!r}", repr(other), "the name of another thing"
+                )
+        return self._with(allowed=[*self.allowed, *(_sorted_pair(name, other) for other in others)])
+
+    def disallow(self, name: str, *others: str) -> Scene:
+        """Return a scene in which an object may no longer touch others; without others, nothing at all.
+
+        Raises:
+            UnknownNameError: listing the objects, or the pairs that are allowed.
+        """
+        self._check_known(name)
+        mine = {next((n for n in pair if n != name), name): pair for pair in self.allowed if name in pair}
+        for other in others:
+            if other not in mine:
+                raise UnknownNameError(f"pair allowed for {name!r} with", other, mine)
+        gone = {mine[other] for other in (others or mine)}
+        return self._with(allowed=self.allowed - gone)
+
+    def attach(
+        self,
+        name: str,
+        frame: str,
+        transform_object_to_frame: ArrayLike | None = None,
+        *,
+        pepper: PepperModel | None = None,
+        q: ArrayLike | None = None,
+        touch_links: Iterable[str] = (),
+    ) -> Scene:
+        """Return a scene in which an obstacle hangs on the robot and moves with it.
+
+            scene.attach("cup", "l_gripper", pepper=pepper, q=q)      # where it stands, seen from the hand
+            scene.attach("cup", "l_gripper", transform)               # at a given place in the hand
+
+        Args:
+            name: An obstacle of the scene.
+            frame: The link or frame that it hangs on.
+            transform_object_to_frame: Its pose in the frame, shape (4, 4) [m]; or, in its place,
+            pepper: the robot that grasps it where it stands,
+            q: at these joint positions, shape (n,) [rad or m].
+            touch_links: Links that it may touch, besides those that move with the frame and, on a hand, its
+                fingers.
+
+        Raises:
+            UnknownNameError: for an unknown obstacle, frame or link (the last two where a robot is given;
+                else by the checker).
+            InvalidValueError: for a half-space, neither or both of transform and robot, a transform that is
+                not rigid, or a bad q.
+        """
+        self._check_standing(name)
+        hanging = attached(self.objects[name], frame, transform_object_to_frame, pepper, q, touch_links)
+        return self._with(
+            objects={k: v for k, v in self.objects.items() if k != name},
+            attached={**self.attached, name: hanging},
+        )
+
+    def release(self, name: str, pepper: PepperModel, q: ArrayLike) -> Scene:
+        """Return a scene in which an attached object stands where the robot has it at q, shape (n,).
+
+        Raises:
+            UnknownNameError: listing the attached objects.
+            InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        """
+        if name not in self.attached:
+            raise UnknownNameError("attached object", name, self.attached)
+        return self._with(
+            objects={**self.objects, name: released(self.attached[name], pepper, q)},
+            attached={k: v for k, v in self.attached.items() if k != name},
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the scene as a JSON file, whole or not at all; see `pepper_kin.collision.scene_file`."""
+        from pepper_kin.collision.scene_file import save_scene
+
+        save_scene(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Scene:
+        """Read a scene that `save` wrote.
+
+        Raises:
+            FileFormatError: naming the file, the place in it and what is wrong.
+        """
+        from pepper_kin.collision.scene_file import load_scene
+
+        return load_scene(path)
+
+    def equals(self, other: Scene) -> bool:
+        """Whether two scenes hold the same, to the last bit and in the same order.
+
+        `==` asks whether they are one and the same value, by which checkers are kept.
+        """
+        mine, theirs = self._items(), other._items()
+        return (
+            len(mine) == len(theirs)
+            and self.allowed == other.allowed
+            and all(same_item(a, b) for a, b in zip(mine, theirs, strict=True))
+        )
+
+    def _items(self) -> list[SceneObject | AttachedObject]:
+        return [*self.objects.values(), *self.attached.values()]
+
+    def _with(self, **changed: Any) -> Scene:
+        parts = {"objects": self.objects, "attached": self.attached, "allowed": self.allowed}
+        return Scene(**{**parts, **changed})
+
+    def _check_new(self, name: str) -> None:
+        if not isinstance(name, str) or not name or name in self.names:
+            raise InvalidValueError("object name", repr(name), f"a new name; taken: {', '.join(self.names)}")
+
+    def _check_known(self, name: str) -> None:
+        if name not in self.objects and name not in self.attached:
+            raise UnknownNameError("scene object", name, self.names)
+
+    def _check_standing(self, name: str) -> None:
+        self._check_known(name)
+        if name in self.attached:
+            frame = self.attached[name].frame
+            raise InvalidValueError(
+                "object", repr(name), f"one that stands in the world; this one hangs on {frame}: release it"
+            )
 
 
-def _grown(geometry: Geometry, margin: float) -> Geometry:
-    if isinstance(geometry, Box):
-        x, y, z = (length + 2 * margin for length in geometry.size)
-        return Box((x, y, z))
-    if isinstance(geometry, Sphere):
-        return Sphere(geometry.radius + margin)
-    if isinstance(geometry, Cylinder):
-        return Cylinder(geometry.radius + margin, geometry.length + 2 * margin)
-    if isinstance(geometry, Capsule):
-        return Capsule(geometry.radius + margin, geometry.length)
-    return geometry
+def _sorted_pair(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a <= b else (b, a)
+
+
+def _number(name: str, what: str, value: float) -> float:
+    return float(as_finite(value, f"{what} of {name!r}", ()))

@@ -101,17 +101,17 @@ class Fence:
             return
         normal = (pair.points[0] - pair.points[1]) / pair.distance
         first, second = (
-            _point_jacobian(pepper, q, name, point)
-            for name, point in zip(pair.names, pair.points, strict=True)
+            _point_jacobian(pepper, q, link, point)
+            for link, point in zip(pair.links, pair.points, strict=True)
         )
         growth = normal @ (first - second)
         self._cuts.append((growth, MARGIN - pair.distance + float(growth @ q)))
 
 
-def _point_jacobian(pepper: PepperModel, q: Array, name: str, point: Array) -> Array:
+def _point_jacobian(pepper: PepperModel, q: Array, link: str | None, point: Array) -> Array:
     """Return the Jacobian of a point fixed to a link, J_v + J_w x (p - o), shape (3, n); 0 in the world."""
-    if name not in pepper.frame_names:
+    if link is None:
         return np.zeros((3, pepper.n))
-    jacobian = frame_jacobian(pepper, q, name)
-    arm = point - frame_pose(pepper, q, name)[:3, 3]
+    jacobian = frame_jacobian(pepper, q, link)
+    arm = point - frame_pose(pepper, q, link)[:3, 3]
     return jacobian[:3] + np.cross(jacobian[3:], arm, axisa=0, axisc=0)

@@ -15,7 +15,7 @@ _SAMPLES = 48
 
 
 @lru_cache(maxsize=16)
-def joint_reaches(pepper: PepperModel) -> NDArray[np.float64]:
+def joint_reaches(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ()) -> NDArray[np.float64]:
     """Return how far each joint can move a point of the body, per radian or metre.
 
     r_j = max over sampled configurations and over the links' collision shapes of |dp/dq_j| + the shape's
@@ -23,6 +23,8 @@ def joint_reaches(pepper: PepperModel) -> NDArray[np.float64]:
 
     Args:
         pepper: The robot.
+        held: For each object that hangs on the robot, its frame and the greatest distance of a point of it
+            from the frame's origin [m].
 
     Returns:
         r, shape (n,) [m/rad, or 1 for a prismatic joint], above zero.
@@ -35,6 +37,8 @@ def joint_reaches(pepper: PepperModel) -> NDArray[np.float64]:
     for shape in pepper.collision_shapes:
         extent = float(np.linalg.norm(shape.transform_shape_to_link[:3, 3])) + _radius(shape.geometry)
         extents[shape.link] = max(extent, extents.get(shape.link, 0.0))
+    for frame, extent in held:
+        extents[frame] = max(extent, extents.get(frame, 0.0))
     reach = np.full(pepper.n, 1e-3)
     revolute = np.array([unit == "rad" for unit in pepper.joint_units])
     for link, extent in extents.items():

@@ -172,6 +172,7 @@ def _problem(
     free: NDArray[np.int64],
 ) -> planners.Problem:
     pepper = checker.pepper
+    held = tuple((item.frame, item.extent) for item in checker.scene.attached.values())
     ends = np.vstack([start, goals])
     spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, ends.min(axis=0) - spare)
@@ -182,7 +183,7 @@ def _problem(
         start=np.clip(start, lower, upper)[free],
         goals=np.clip(goals, lower, upper)[:, free],
         oracle=validity(checker, start, free),
-        weights=joint_reaches(pepper)[free],
+        weights=joint_reaches(pepper, held)[free],
         resolution=RESOLUTION,
         labels=tuple(pepper.joint_names[j] for j in free),
     )

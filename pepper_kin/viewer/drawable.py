@@ -8,9 +8,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import Geometry, Shape, Sphere, read_only
+from pepper_kin.model.shapes import Shape, Sphere, read_only
 
 Color: TypeAlias = tuple[float, float, float, float]
 
@@ -33,16 +34,16 @@ class Drawable:
 
     name: str
     link: str | None
-    geometry: Geometry
+    geometry: SceneGeometry
     transform_shape_to_link: NDArray[np.float64]
     color: Color
 
     def __post_init__(self) -> None:
-        if not isinstance(self.geometry, Geometry):
+        if not isinstance(self.geometry, SceneGeometry):
             raise InvalidValueError(
                 f"geometry of {self.name!r}",
                 type(self.geometry).__name__,
-                "Box, Sphere, Cylinder, Capsule or Mesh",
+                "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh or PointCloud",
             )
         quantity = f"transform_shape_to_link of {self.name!r}"
         pose = rigid_transforms(quantity, self.transform_shape_to_link, (4, 4))

@@ -13,9 +13,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.solids import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.viewer.drawable import Color, Drawable
-from pepper_kin.viewer.surface import Surface, capsule_surface, read_stl
+from pepper_kin.viewer.surface import (
+    CREASE_ANGLE,
+    Surface,
+    balls_surface,
+    capsule_surface,
+    read_stl,
+    split_at_creases,
+)
 
 if TYPE_CHECKING:
     import meshcat.geometry
@@ -23,6 +31,11 @@ if TYPE_CHECKING:
 
 LINK_ROOT = "links"
 WORLD_ROOT = "world"
+
+PLATE = (4.0, 4.0, 0.01)
+"""Lengths of the plate that is drawn for a half-space [m]; its upper face lies in the plane."""
+LEAST_BALL = 0.002
+"""Points of a cloud are drawn at least this large [m]."""
 
 # three.js draws cylinders along y, the robot's description along z.
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -87,6 +100,16 @@ def _geometry(
             surface = surfaces[path]
             scale = np.diag([*np.broadcast_to(np.asarray(shape.scale, dtype=float), 3), 1.0])
             return mg.TriangularMeshGeometry(surface.vertices, surface.faces), scale
+        case HalfSpace():
+            plate = np.eye(4)
+            plate[2, 3] = shape.offset - PLATE[2] / 2
+            return mg.Box(list(PLATE)), plate
+        case ConvexMesh() | TriangleMesh():
+            surface = split_at_creases(shape.vertices, shape.faces, CREASE_ANGLE)
+            return mg.TriangularMeshGeometry(surface.vertices, surface.faces), np.eye(4)
+        case PointCloud():
+            surface = balls_surface(shape.points, max(shape.radius, LEAST_BALL))
+            return mg.TriangularMeshGeometry(surface.vertices, surface.faces), np.eye(4)
     raise AssertionError("Drawable accepts no other geometry")
 
 

@@ -153,3 +153,24 @@ def capsule_surface(radius: float, length: float, segments: int = 24, rings: int
         faces.append(np.stack([first + here, first + segments + after, first + segments + here], axis=1))
     faces.append(np.stack([np.full(segments, north), last + here, last + after], axis=1))
     return Surface(np.concatenate([ring, poles]), np.concatenate(faces))
+
+
+def balls_surface(points: NDArray, radius: float, most: int = 40_000) -> Surface:
+    """Make a little octahedron for each of many balls.
+
+    Args:
+        points: Centres, shape (k, 3) [m].
+        radius: Distance of the corners from the centre [m].
+        most: Balls drawn at most; of more, every second, third, ... is drawn.
+
+    Returns:
+        One surface; without balls, a single point that shows nothing.
+    """
+    if not len(points):
+        return Surface(np.zeros((3, 3), dtype=np.float32), np.array([[0, 1, 2]], dtype=np.uint32))
+    centers = np.asarray(points)[:: -(-len(points) // most)]
+    corners = radius * np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    vertices = (centers[:, None, :] + corners).reshape(-1, 3).astype(np.float32)
+    indices = (np.arange(len(centers))[:, None, None] * 6 + faces).reshape(-1, 3).astype(np.uint32)
+    return Surface(vertices, indices)

@@ -84,13 +84,26 @@ class Viewer:
     def add_scene(self, scene: Scene) -> Viewer:
         """Draw a scene's objects; an object of the same name is replaced.
 
+        What hangs on the robot moves with it.  Half-spaces are drawn as plates, clouds as little balls;
+        paddings are not drawn.
+
         Returns:
             The viewer itself, so that calls can be chained.
+
+        Raises:
+            UnknownNameError: An object hangs on a frame that the robot lacks.
         """
         for name, thing in scene.objects.items():
             self._surroundings[name] = Drawable(
                 name, None, thing.geometry, thing.transform_object_to_world, thing.color
             )
+        for name, held in scene.attached.items():
+            self._pepper.frame_id(held.frame)
+            self._surroundings[name] = Drawable(
+                name, held.frame, held.geometry, held.transform_object_to_frame, held.color
+            )
+        links = [thing.link for thing in (*self._robot, *self._surroundings.values())]
+        self._drawn_links = tuple(dict.fromkeys(link for link in links if link is not None))
         self._redraw()
         return self
 

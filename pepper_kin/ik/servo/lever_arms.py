@@ -17,7 +17,7 @@ def lever_arms(pepper: PepperModel) -> Array:
     """
     import pinocchio
 
-    from pepper_kin.collision.checker import coal_geometry
+    from pepper_kin.collision.coal_shapes import coal_geometry
 
     model = pepper.pinocchio_model
     longest = np.zeros(model.njoints)

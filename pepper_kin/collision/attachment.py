@@ -1,0 +1,64 @@
+"""Taking an obstacle into a hand, and putting it back into the world."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision.scene_object import AttachedObject, SceneObject, as_rigid
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors
+
+
+def attached(
+    item: SceneObject,
+    frame: str,
+    transform_object_to_frame: ArrayLike | None,
+    pepper: PepperModel | None,
+    q: ArrayLike | None,
+    touch_links: Iterable[str],
+) -> AttachedObject:
+    """Return an obstacle as an object that hangs on a frame; see `Scene.attach`.
+
+    Raises:
+        UnknownNameError: for a frame or link that a given robot lacks.
+        InvalidValueError: for neither or both of transform and robot, or a bad one.
+    """
+    links = (touch_links,) if isinstance(touch_links, str) else tuple(touch_links)
+    given = transform_object_to_frame is not None
+    if given == (pepper is not None) or (pepper is None) != (q is None):
+        raise InvalidValueError(
+            f"place of {item.name!r} on the robot",
+            "both or neither of two ways, or half of one",
+            "either transform_object_to_frame, or pepper and q",
+        )
+    if pepper is None or q is None:
+        quantity = f"transform_object_to_frame of {item.name!r}"
+        pose = as_rigid(np.asarray(transform_object_to_frame), quantity)
+    else:
+        pose = np.linalg.inv(_frame_pose(pepper, q, frame)) @ item.transform_object_to_world
+        for link in links:
+            pepper.frame_id(link)
+    return AttachedObject(item.name, item.geometry, frame, pose, links, item.color)
+
+
+def released(item: AttachedObject, pepper: PepperModel, q: ArrayLike) -> SceneObject:
+    """Return an attached object as an obstacle where the robot has it at q, shape (n,) [rad or m].
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+    """
+    pose = _frame_pose(pepper, q, item.frame) @ item.transform_object_to_frame
+    return SceneObject(item.name, item.geometry, pose, item.color)
+
+
+def _frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
+    state = as_joint_vectors(pepper, q, "q")
+    if state.ndim != 1:
+        raise InvalidValueError("q", f"shape {state.shape}", f"one configuration, shape ({pepper.n},)")
+    return frame_pose(pepper, state, frame)

@@ -1,0 +1,53 @@
+"""Where two things touch or nearly do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class ClosestPair:
+    """The two things that are nearest to one another.
+
+    Attributes:
+        names: Names of the two: links of the robot, or a link and a scene object.
+        distance: Distance [m]; below zero, how deep they overlap.
+        points: (2, 3) the nearest points, one on each, in the world [m].
+        links: The link or frame that each moves with; None for what stands in the world.
+    """
+
+    names: tuple[str, str]
+    distance: float
+    points: NDArray[np.float64]
+    links: tuple[str | None, str | None] = (None, None)
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A pair of things that touch, or that are nearer than was asked for.
+
+    The two links of a dependent range (`pepper_kin.collision.dependent_ranges`) are known to touch but not
+    where: their distance, points and normal are None.
+
+    Attributes:
+        names: Names of the two: links of the robot or objects.
+        distance: Distance [m]; below zero, how deep they overlap.
+        points: (2, 3) the nearest points, or where they overlap the deepest, one on each, in the world [m].
+        normal: (3,) unit vector from the first to the second, along which moving the second away by the depth
+            ends the overlap.
+        links: The link or frame that each moves with; None for what stands in the world.
+    """
+
+    names: tuple[str, str]
+    distance: float | None
+    points: NDArray[np.float64] | None
+    normal: NDArray[np.float64] | None
+    links: tuple[str | None, str | None]
+
+    @property
+    def depth(self) -> float | None:
+        """How deep the two overlap [m], 0 where they do not; None where it is not known."""
+        return None if self.distance is None else max(-self.distance, 0.0)

@@ -1,0 +1,176 @@
+"""Triangles of a mesh file: STL (binary or text) and OBJ by own readers, other formats by coal's loader."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite
+
+_HEADER = 84
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def read_mesh(
+    path: str | os.PathLike[str], scale: ArrayLike = (1.0, 1.0, 1.0)
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Read the vertices and triangles of a mesh.
+
+    Args:
+        path: The file; its suffix tells the format.
+        scale: Factors along x, y and z, shape (3,), or one for all, from the file's unit to metres.
+
+    Returns:
+        Vertices, shape (k, 3) [m], and faces, shape (f, 3), indices of vertices.
+
+    Raises:
+        FileFormatError: naming the file, and the line in a text, with what is wrong.
+        InvalidValueError: for a scale that is not finite.
+    """
+    file = Path(path)
+    factors = np.broadcast_to(as_finite(scale, "scale", np.shape(scale)), 3)
+    suffix = file.suffix.lower()
+    if suffix not in (".stl", ".obj"):
+        vertices, faces = _by_coal(file)
+        return vertices * factors, faces
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise FileFormatError(file, f"cannot be read as a mesh: {error.strerror or error}") from error
+    if suffix == ".obj":
+        vertices, faces = _obj(file, content)
+    else:
+        vertices, faces = _stl(file, content)
+    if not len(faces):
+        raise FileFormatError(file, "the mesh holds no triangle")
+    if not np.isfinite(vertices).all():
+        raise FileFormatError(file, "a vertex of the mesh is NaN or infinite")
+    return vertices * factors, faces
+
+
+def points_of(
+    name: str, vertices: ArrayLike | str | os.PathLike[str], scale: ArrayLike
+) -> NDArray[np.float64]:
+    """Return points, shape (k, 3) [m], given as an array or as a mesh file; see `read_mesh`.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN or infinity.
+        FileFormatError: naming the file.
+    """
+    if isinstance(vertices, str | os.PathLike):
+        return read_mesh(vertices, scale)[0]
+    factors = as_finite(scale, f"scale of {name!r}", np.shape(scale))
+    return as_finite(vertices, f"vertices of {name!r}", (None, 3)) * np.broadcast_to(factors, 3)
+
+
+def triangles_of(
+    name: str, vertices: ArrayLike | str | os.PathLike[str], faces: ArrayLike | None, scale: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[Any]]:
+    """Return points, shape (k, 3) [m], and faces, shape (f, 3), given as arrays or as a mesh file.
+
+    Raises:
+        InvalidValueError: for missing faces, faces beside a file, a wrong shape, NaN or infinity.
+        FileFormatError: naming the file.
+    """
+    from_file = isinstance(vertices, str | os.PathLike)
+    if from_file != (faces is None):
+        wanted = "None where a file is given" if from_file else "indices of vertices, shape (f, 3)"
+        raise InvalidValueError(f"faces of {name!r}", type(faces).__name__, wanted)
+    if isinstance(vertices, str | os.PathLike):
+        return read_mesh(vertices, scale)
+    return points_of(name, vertices, scale), np.asarray(faces)
+
+
+def _stl(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    count = int.from_bytes(content[80:_HEADER], "little")
+    if len(content) >= _HEADER and len(content) == _HEADER + count * _TRIANGLE.itemsize:
+        corners = np.frombuffer(content, _TRIANGLE, count, _HEADER)["corners"].astype(float).reshape(-1, 3)
+    elif content.lstrip()[:5].lower() == b"solid":
+        corners = _text_stl(file, content)
+    else:
+        raise FileFormatError(
+            file, f"not an STL file: {len(content)} bytes do not hold the {count} triangles announced"
+        )
+    if not len(corners):
+        return corners, np.empty((0, 3), dtype=np.int64)
+    vertices, indices = np.unique(corners, axis=0, return_inverse=True)
+    return vertices, indices.reshape(-1, 3).astype(np.int64)
+
+
+def _text_stl(file: Path, content: bytes) -> NDArray[np.float64]:
+    corners = []
+    for number, line in enumerate(_lines(file, content), 1):
+        words = line.split()
+        if words and words[0].lower() == "vertex":
+            corners.append(_numbers(file, words[1:], number))
+    if len(corners) % 3:
+        raise FileFormatError(file, f"{len(corners)} vertices do not make whole triangles")
+    return np.array(corners).reshape(-1, 3)
+
+
+def _obj(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    vertices: list[list[float]] = []
+    faces: list[list[int]] = []
+    for number, line in enumerate(_lines(file, content), 1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        if words[0] == "v":
+            vertices.append(_numbers(file, words[1:4], number))
+        elif words[0] == "f":
+            corners = [_obj_index(file, word, len(vertices), number) for word in words[1:]]
+            if len(corners) < 3:
+                raise FileFormatError(file, f"a face of {len(corners)} corners", number)
+            faces += [[corners[0], *corners[k : k + 2]] for k in range(1, len(corners) - 1)]
+    return np.array(vertices, dtype=float).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
+
+
+def _obj_index(file: Path, word: str, count: int, line: int) -> int:
+    """Return the place of a face's corner; OBJ counts from 1, or backwards from -1."""
+    try:
+        index = int(word.split("/", 1)[0])
+    except ValueError:
+        raise FileFormatError(file, f"face corner {word!r} is not a whole number", line) from None
+    place = index - 1 if index > 0 else count + index
+    if index == 0 or not 0 <= place < count:
+        raise FileFormatError(file, f"face corner {index} names none of the {count} vertices so far", line)
+    return place
+
+
+def _lines(file: Path, content: bytes) -> list[str]:
+    try:
+        return content.decode("utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise FileFormatError(file, f"is not text: {error.reason} at byte {error.start}") from None
+
+
+def _numbers(file: Path, words: list[str], line: int) -> list[float]:
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3:
+        raise FileFormatError(file, f"a vertex is {' '.join(words)!r}, not three numbers", line)
+    return numbers
+
+
+def _by_coal(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    import coal
+
+    # The loader may end the process over a missing file of some formats: look first.
+    if not file.is_file():
+        raise FileFormatError(file, "cannot be read as a mesh: there is no such file")
+    try:
+        model = coal.MeshLoader().load(str(file), np.ones(3))
+    except (RuntimeError, ValueError) as error:
+        raise FileFormatError(file, f"cannot be read as a mesh: {error}") from error
+    faces = [list(model.tri_indices(k)) for k in range(model.num_tris)]
+    vertices = np.array([model.vertex(k) for k in range(model.num_vertices)])
+    if not faces or not np.isfinite(vertices).all():
+        raise FileFormatError(file, "the mesh holds no triangle, or a vertex that is NaN or infinite")
+    return vertices.reshape(-1, 3), np.array(faces, dtype=np.int64)

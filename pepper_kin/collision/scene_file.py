@@ -1,0 +1,279 @@
+"""Scenes as JSON files: one file holds all of a scene, numbers round-trip to the last bit.
+
+    {
+      "format": "pepper_kin scene",
+      "version": 1,
+      "units": "m; rpy in rad; rotation maps object to world (or to the frame of an attached object)",
+      "objects": [
+        {"name": "table", "kind": "box", "size": [0.6, 1.0, 0.04], "position": [0.55, 0, 0.7], ...}
+      ],
+      "attached": [...],
+      "allowed": [["floor", "Tibia"]]
+    }
+
+An object's orientation is a 3 x 3 `rotation`, or `rpy`, which is easier to write by hand; neither is none.
+Meshes and clouds are lists of numbers in the same file: a scene in two files could be half replaced.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pepper_kin import atomic_file
+from pepper_kin.collision.scene import Scene
+from pepper_kin.collision.scene_object import WOOD, AttachedObject, SceneObject
+from pepper_kin.collision.solids import (
+    ConvexMesh,
+    HalfSpace,
+    PointCloud,
+    SceneGeometry,
+    TriangleMesh,
+)
+from pepper_kin.exceptions import FileFormatError, PepperKinError
+from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import transform
+
+FORMAT = "pepper_kin scene"
+VERSION = 1
+UNITS = "m; rpy in rad; rotation maps object to world (or to the frame of an attached object)"
+
+_KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
+    "box": (Box, ("size",), ()),
+    "sphere": (Sphere, ("radius",), ()),
+    "cylinder": (Cylinder, ("radius", "length"), ()),
+    "capsule": (Capsule, ("radius", "length"), ()),
+    "half-space": (HalfSpace, (), ("offset",)),
+    "convex mesh": (ConvexMesh, ("vertices",), ("padding",)),
+    "triangle mesh": (TriangleMesh, ("vertices", "faces"), ("padding",)),
+    "point cloud": (PointCloud, ("points", "radius"), ()),
+    "mesh file": (Mesh, ("path", "scale"), ()),
+}
+"""Kind -> class, the fields that it must have, and those that it may leave out."""
+_ARRAYS = ("vertices", "points")
+_PLACE = ("name", "kind", "position", "rotation", "rpy", "color")
+
+
+class _FaultError(Exception):
+    """What is wrong with a part of the file, to be named with its place."""
+
+
+def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
+    """Write a scene as a JSON file, whole or not at all.
+
+    Args:
+        scene: The scene.
+        path: The file; its folder must exist.
+
+    Returns:
+        The path.
+
+    Raises:
+        FileFormatError: naming the path and why it cannot be written.
+    """
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "units": UNITS,
+        "objects": [_described(item, item.transform_object_to_world, {}) for item in scene.objects.values()],
+        "attached": [
+            _described(
+                item,
+                item.transform_object_to_frame,
+                {"frame": item.frame, "touch_links": list(item.touch_links)},
+            )
+            for item in scene.attached.values()
+        ],
+        "allowed": [list(pair) for pair in sorted(scene.allowed)],
+    }
+    return atomic_file.write_text(path, _written(content) + "\n")
+
+
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read a scene from a JSON file.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The scene.
+
+    Raises:
+        FileFormatError: for a file that cannot be read, is no JSON (with the line), is no scene or one of
+            another version, or holds a wrong object (naming it and what is wrong).
+    """
+    file = Path(path)
+    try:
+        text = file.read_bytes().decode("utf-8")
+        content = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_unique)
+    except OSError as error:
+        raise FileFormatError(file, f"cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise FileFormatError(file, f"is not text: {error.reason} at byte {error.start}") from None
+    except json.JSONDecodeError as error:
+        raise FileFormatError(file, f"is not JSON: {error.msg}", error.lineno) from None
+    except _FaultError as fault:
+        raise FileFormatError(file, str(fault)) from None
+    except (RecursionError, ValueError) as error:
+        raise FileFormatError(file, f"is not JSON that can be read: {error}") from None
+    try:
+        return _scene_of(content)
+    except _FaultError as fault:
+        raise FileFormatError(file, str(fault)) from None
+
+
+def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, Any]:
+    """Return an object as a dictionary of plain values."""
+    kind = next(name for name, (cls, _, _) in _KINDS.items() if type(item.geometry) is cls)
+    _, needed, optional = _KINDS[kind]
+    result: dict[str, Any] = {"name": item.name, "kind": kind, **more}
+    for name in (*needed, *optional):
+        value = getattr(item.geometry, name)
+        result[name] = str(value) if isinstance(value, Path) else np.asarray(value).tolist()
+    result["position"] = pose[:3, 3].tolist()
+    if not np.array_equal(pose[:3, :3], np.eye(3)):
+        result["rotation"] = pose[:3, :3].tolist()
+    return {**result, "color": list(item.color)}
+
+
+def _written(value: Any, indent: str = "") -> str:
+    """Return JSON with one field a line; lists of numbers and of texts stay on theirs."""
+    deeper = indent + "  "
+    if isinstance(value, dict):
+        fields = [f"{deeper}{json.dumps(k)}: {_written(v, deeper)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(fields) + f"\n{indent}}}"
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return "[\n" + ",\n".join(deeper + _written(v, deeper) for v in value) + f"\n{indent}]"
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _scene_of(content: Any) -> Scene:
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise _FaultError(f'is not a scene: it lacks "format": "{FORMAT}"')
+    if content.get("version") != VERSION or isinstance(content.get("version"), bool):
+        raise _FaultError(
+            f"is a scene of version {content.get('version')!r}; this library reads version {VERSION}"
+        )
+    _check_fields(content, ("objects",), ("format", "version", "units", "attached", "allowed"), "the scene")
+    objects: dict[str, SceneObject] = {}
+    attached: dict[str, AttachedObject] = {}
+    for key in ("objects", "attached"):
+        parts = content.get(key, [])
+        if not isinstance(parts, list):
+            raise _FaultError(f"{key} is {type(parts).__name__}, not a list")
+        for number, part in enumerate(parts):
+            place = f"{key}[{number}]"
+            if not isinstance(part, dict) or not isinstance(part.get("name"), str) or not part["name"]:
+                raise _FaultError(f"{place} is not an object with a name")
+            name = part["name"]
+            place += f" ({name!r})"
+            if name in objects or name in attached:
+                raise _FaultError(f"{place}: the name is taken")
+            if key == "objects":
+                objects[name] = _built(_standing, part, place)
+            else:
+                attached[name] = _built(_hanging, part, place)
+    allowed = content.get("allowed", [])
+    named = {*objects, *attached}
+    for number, pair in enumerate(allowed if isinstance(allowed, list) else [allowed]):
+        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(n, str) for n in pair)):
+            raise _FaultError(f"allowed[{number}] is {pair!r}, not two names")
+        if not named & set(pair) or pair[0] == pair[1]:
+            raise _FaultError(
+                f"allowed[{number}] is {pair!r}, but one must be an object of the scene, not both the same"
+            )
+    return Scene(objects, attached, [(a, b) for a, b in allowed])
+
+
+def _built(build: Callable[[dict[str, Any], str], Any], part: dict[str, Any], place: str) -> Any:
+    try:
+        return build(part, place)
+    except PepperKinError as error:
+        raise _FaultError(f"{place}: {error}") from None
+
+
+def _standing(part: dict[str, Any], place: str) -> SceneObject:
+    geometry = _geometry(part, (), (), place)
+    return SceneObject(part["name"], geometry, _pose(part, place), part.get("color", WOOD))
+
+
+def _hanging(part: dict[str, Any], place: str) -> AttachedObject:
+    geometry = _geometry(part, ("frame",), ("touch_links",), place)
+    links = part.get("touch_links", [])
+    if not isinstance(links, list):
+        raise _FaultError(f"{place}: touch_links is {links!r}, not a list of links")
+    return AttachedObject(
+        part["name"], geometry, part["frame"], _pose(part, place), tuple(links), part.get("color", WOOD)
+    )
+
+
+def _geometry(
+    part: dict[str, Any], needed: tuple[str, ...], optional: tuple[str, ...], place: str
+) -> SceneGeometry:
+    kind = part.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise _FaultError(f"{place}: kind is {kind!r}, not one of {', '.join(_KINDS)}")
+    cls, must, may = _KINDS[kind]
+    _check_fields(part, (*must, *needed), (*may, *optional, *_PLACE), place)
+    values: dict[str, Any] = {name: part[name] for name in (*must, *may) if name in part}
+    for name, value in values.items():
+        if name == "path":
+            if not isinstance(value, str):
+                raise _FaultError(f"{place}: path is {value!r}, not a text")
+            values[name] = Path(value)
+        elif name == "faces":
+            values[name] = _whole_numbers(value, place)
+        elif name in _ARRAYS:
+            values[name] = as_finite(value if value else np.empty((0, 3)), name, (None, 3))
+        elif name in ("size", "scale"):
+            values[name] = tuple(as_finite(value, name, (3,)).tolist())
+        else:
+            values[name] = float(as_finite(value, name, ()))
+    return cls(**values)
+
+
+def _whole_numbers(value: Any, place: str) -> Any:
+    try:
+        return np.array(value, dtype=np.int64) if value else np.empty((0, 3), dtype=np.int64)
+    except (TypeError, ValueError, OverflowError):
+        raise _FaultError(f"{place}: faces are not rows of three whole numbers") from None
+
+
+def _pose(part: dict[str, Any], place: str) -> np.ndarray:
+    if "rotation" in part and "rpy" in part:
+        raise _FaultError(f"{place}: has both a rotation and an rpy")
+    pose = transform(rpy=as_finite(part.get("rpy", (0.0, 0.0, 0.0)), "rpy", (3,)))
+    if "rotation" in part:
+        pose[:3, :3] = as_finite(part["rotation"], "rotation", (3, 3))
+    pose[:3, 3] = as_finite(part.get("position", (0.0, 0.0, 0.0)), "position", (3,))
+    return pose
+
+
+def _check_fields(part: dict[str, Any], needed: tuple[str, ...], known: tuple[str, ...], place: str) -> None:
+    for name in needed:
+        if name not in part:
+            raise _FaultError(f"{place}: lacks {name!r}")
+    for name in part:
+        if name not in needed and name not in known:
+            raise _FaultError(
+                f"{place}: has a field {name!r} that is not known; known: {', '.join((*needed, *known))}"
+            )
+
+
+def _no_constant(word: str) -> float:
+    raise _FaultError(f"holds {word}, which is not a finite number")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in result:
+            raise _FaultError(f"has the field {name!r} twice in one object")
+        result[name] = value
+    return result

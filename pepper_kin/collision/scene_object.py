@@ -1,0 +1,206 @@
+"""What a scene holds: obstacles that stand in the world and objects that hang on the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision.solids import (
+    ConvexMesh,
+    HalfSpace,
+    PointCloud,
+    SceneGeometry,
+    TriangleMesh,
+    padding,
+)
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+Color = tuple[float, float, float, float]
+WOOD: Color = (0.72, 0.53, 0.36, 1.0)
+PLASTER: Color = (0.85, 0.86, 0.87, 1.0)
+"""Floors and walls are drawn in it."""
+
+RIGID_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """One obstacle.
+
+    Attributes:
+        name: Unique name in its scene.
+        geometry: Its shape.
+        transform_object_to_world: (4, 4), read-only.
+        color: Red, green, blue and opacity, 0 to 1.
+    """
+
+    name: str
+    geometry: SceneGeometry
+    transform_object_to_world: NDArray[np.float64]
+    color: Color = WOOD
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "geometry", _checked(self.name, self.geometry))
+        pose = as_rigid(self.transform_object_to_world, f"transform_object_to_world of {self.name!r}")
+        object.__setattr__(self, "transform_object_to_world", pose)
+        object.__setattr__(self, "color", _color(self.name, self.color))
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedObject:
+    """An object that moves with the robot, such as a cup in a hand.
+
+    Attributes:
+        name: Unique name in its scene.
+        geometry: Its shape.
+        frame: The link or frame of the robot that it hangs on.
+        transform_object_to_frame: (4, 4), read-only.
+        touch_links: Links that it may touch, besides those that move with the frame and the fingers beyond.
+        color: Red, green, blue and opacity, 0 to 1.
+    """
+
+    name: str
+    geometry: SceneGeometry
+    frame: str
+    transform_object_to_frame: NDArray[np.float64]
+    touch_links: tuple[str, ...] = ()
+    color: Color = WOOD
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "geometry", _checked(self.name, self.geometry))
+        if isinstance(self.geometry, HalfSpace):
+            raise InvalidValueError(
+                f"geometry of {self.name!r}", "HalfSpace", "a bounded shape where it is attached to the robot"
+            )
+        if not isinstance(self.frame, str):
+            raise InvalidValueError(f"frame of {self.name!r}", repr(self.frame), "the name of a frame")
+        pose = as_rigid(self.transform_object_to_frame, f"transform_object_to_frame of {self.name!r}")
+        object.__setattr__(self, "transform_object_to_frame", pose)
+        links = (self.touch_links,) if isinstance(self.touch_links, str) else tuple(self.touch_links)
+        if not all(isinstance(link, str) for link in links):
+            raise InvalidValueError(f"touch_links of {self.name!r}", links, "names of links")
+        object.__setattr__(self, "touch_links", links)
+        object.__setattr__(self, "color", _color(self.name, self.color))
+
+    @property
+    def extent(self) -> float:
+        """Greatest distance of a point of it from the frame's origin, or a little more [m]."""
+        pose, shape = self.transform_object_to_frame, self.geometry
+        if isinstance(shape, Mesh):
+            from pepper_kin.collision.mesh_file import read_mesh
+
+            shape = TriangleMesh(*read_mesh(shape.path, shape.scale))
+        if isinstance(shape, ConvexMesh | TriangleMesh | PointCloud):
+            points = shape.points if isinstance(shape, PointCloud) else shape.vertices
+            reach = np.linalg.norm(points @ pose[:3, :3].T + pose[:3, 3], axis=1).max(initial=0.0)
+            return float(reach) + padding(shape)
+        return float(np.linalg.norm(pose[:3, 3])) + _radius(shape)
+
+
+def grown(geometry: SceneGeometry, margin: float) -> SceneGeometry:
+    """Return a shape that holds all points within `margin` [m] of a given one.
+
+    Boxes and cylinders keep their sharp edges, so they grow by more there; meshes get a padding.
+    """
+    match geometry:
+        case Box():
+            x, y, z = (length + 2 * margin for length in geometry.size)
+            return Box((x, y, z))
+        case Sphere():
+            return Sphere(geometry.radius + margin)
+        case Cylinder():
+            return Cylinder(geometry.radius + margin, geometry.length + 2 * margin)
+        case Capsule():
+            return Capsule(geometry.radius + margin, geometry.length)
+        case HalfSpace():
+            return HalfSpace(geometry.offset + margin)
+        case PointCloud():
+            return PointCloud(geometry.points, geometry.radius + margin)
+        case ConvexMesh():
+            return ConvexMesh(geometry.vertices, geometry.padding + margin)
+        case TriangleMesh():
+            return TriangleMesh(geometry.vertices, geometry.faces, geometry.padding + margin)
+        case Mesh():
+            from pepper_kin.collision.mesh_file import read_mesh
+
+            return TriangleMesh(*read_mesh(geometry.path, geometry.scale), margin)
+
+
+def same_item(a: SceneObject | AttachedObject, b: SceneObject | AttachedObject) -> bool:
+    """Whether two objects are equal to the last bit."""
+    if (a.name, a.color) != (b.name, b.color) or not same_geometry(a.geometry, b.geometry):
+        return False
+    if isinstance(a, SceneObject) and isinstance(b, SceneObject):
+        return np.array_equal(a.transform_object_to_world, b.transform_object_to_world)
+    if isinstance(a, AttachedObject) and isinstance(b, AttachedObject):
+        same = (a.frame, a.touch_links) == (b.frame, b.touch_links)
+        return same and np.array_equal(a.transform_object_to_frame, b.transform_object_to_frame)
+    return False
+
+
+def same_geometry(a: SceneGeometry, b: SceneGeometry) -> bool:
+    """Whether two shapes are equal to the last bit."""
+    if isinstance(a, ConvexMesh) and isinstance(b, ConvexMesh):
+        return a.padding == b.padding and np.array_equal(a.vertices, b.vertices)
+    if isinstance(a, TriangleMesh) and isinstance(b, TriangleMesh):
+        same = np.array_equal(a.vertices, b.vertices) and np.array_equal(a.faces, b.faces)
+        return same and a.padding == b.padding
+    if isinstance(a, PointCloud) and isinstance(b, PointCloud):
+        return a.radius == b.radius and np.array_equal(a.points, b.points)
+    return bool(a == b)
+
+
+def as_rigid(value: ArrayLike, quantity: str) -> NDArray[np.float64]:
+    """Copy a transform, shape (4, 4), read-only.
+
+    Raises:
+        InvalidValueError: for NaN, a wrong shape, or what is not a rotation and a translation.
+    """
+    pose = as_finite(value, quantity, (4, 4))
+    rotation = pose[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        rigid = off < RIGID_TOLERANCE and np.linalg.det(rotation) > 0
+    if not rigid or np.abs(pose[3] - [0, 0, 0, 1]).max() > RIGID_TOLERANCE:
+        raise InvalidValueError(
+            quantity, "a matrix that is not rigid", "a rotation, a translation and the row 0 0 0 1"
+        )
+    return read_only(pose)
+
+
+def _checked(name: str, geometry: SceneGeometry) -> SceneGeometry:
+    if not isinstance(geometry, SceneGeometry):
+        raise InvalidValueError(
+            f"geometry of {name!r}",
+            type(geometry).__name__,
+            "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh or PointCloud",
+        )
+    return replace(geometry, path=Path(geometry.path)) if isinstance(geometry, Mesh) else geometry
+
+
+def _radius(shape: SceneGeometry) -> float:
+    """Return the radius of the ball about its own origin that holds a simple shape [m]."""
+    match shape:
+        case Box():
+            return float(np.linalg.norm(shape.size)) / 2
+        case Sphere():
+            return shape.radius
+        case Capsule():
+            return shape.radius + shape.length / 2
+        case Cylinder():
+            return float(np.hypot(shape.radius, shape.length / 2))
+    return float("inf")
+
+
+def _color(name: str, color: Color) -> Color:
+    numbers = as_finite(color, f"color of {name!r}", (4,))
+    if not ((numbers >= 0) & (numbers <= 1)).all():
+        raise InvalidValueError(f"color of {name!r}", color, "numbers in [0, 1]: r, g, b, opacity")
+    red, green, blue, opacity = numbers.tolist()
+    return (red, green, blue, opacity)

@@ -1,0 +1,225 @@
+"""Shapes of a scene beyond those that links have: half-spaces, meshes as arrays and point clouds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import Geometry
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+FLAT = 1e-9
+"""A body whose least extent is smaller than this is flat [m]; so is a triangle by its height."""
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """All points with z <= offset in its own frame: a floor, a wall, the far side of a plane.
+
+    Attributes:
+        offset: Height of the plane [m].
+    """
+
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        offset = as_finite(self.offset, "offset of a half-space", ())
+        object.__setattr__(self, "offset", float(offset))
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexMesh:
+    """The convex hull of points; everything inside it is solid.
+
+    Attributes:
+        vertices: (k, 3) corners of the hull [m], read-only; points given inside of it are dropped.
+        faces: (f, 3) their indices, counter-clockwise seen from outside, read-only.
+        padding: Points nearer than this to the hull belong to it too [m].
+    """
+
+    vertices: NDArray[np.float64]
+    padding: float = 0.0
+    faces: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        points = as_finite(self.vertices, "vertices of a convex mesh", (None, 3))
+        allowed = "points of which four or more span a volume"
+        if len(points) < 4 or not _spans_volume(points):
+            raise InvalidValueError("vertices of a convex mesh", f"{len(points)} points in a plane", allowed)
+        try:
+            hull = ConvexHull(points)
+        except QhullError as error:
+            raise InvalidValueError(
+                "vertices of a convex mesh", f"{len(points)} points without a hull", allowed
+            ) from error
+        # Corners keep the order in which they were given, so that a hull of a hull is the same hull.
+        corners = np.sort(hull.vertices)
+        place = np.zeros(len(points), dtype=np.int64)
+        place[corners] = np.arange(len(corners))
+        faces = place[hull.simplices]
+        vertices = points[corners]
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+        faces[inward] = faces[inward][:, ::-1]
+        object.__setattr__(self, "vertices", read_only(vertices))
+        object.__setattr__(self, "faces", _read_only_indices(faces))
+        object.__setattr__(self, "padding", not_negative("padding of a convex mesh", self.padding))
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """A surface of triangles, closed or not.  It is the surface that is solid, not what it encloses.
+
+    Attributes:
+        vertices: (k, 3) [m], read-only.
+        faces: (f, 3) indices of each triangle's vertices, read-only; triangles without area are dropped.
+        padding: Points nearer than this to the surface belong to it too [m].
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    padding: float = 0.0
+
+    def __post_init__(self) -> None:
+        vertices = as_finite(self.vertices, "vertices of a mesh", (None, 3))
+        faces = _indices(self.faces, len(vertices))
+        corners = vertices[faces]
+        sides = np.roll(corners, -1, axis=1) - corners
+        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
+        real = area > FLAT * longest
+        if not real.any():
+            raise InvalidValueError(
+                "faces of a mesh",
+                f"{len(faces)} triangles, none of which has an area",
+                "at least one triangle with an area",
+            )
+        object.__setattr__(self, "vertices", read_only(vertices))
+        object.__setattr__(self, "faces", _read_only_indices(faces[real]))
+        object.__setattr__(self, "padding", not_negative("padding of a mesh", self.padding))
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Balls of one radius around points, such as a depth camera gives; there may be none.
+
+    Attributes:
+        points: (k, 3) [m], read-only.
+        radius: Radius of each ball [m].
+    """
+
+    points: NDArray[np.float64]
+    radius: float
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points)
+        if points.size == 0:
+            points = np.empty((0, 3))
+        object.__setattr__(self, "points", read_only(as_finite(points, "points of a cloud", (None, 3))))
+        object.__setattr__(self, "radius", not_negative("point radius", self.radius))
+
+    @classmethod
+    def thinned(cls, points: ArrayLike, radius: float, voxel: float) -> PointCloud:
+        """Return a cloud of at most one point per cube of a grid, which covers all balls of the given one.
+
+        The points of a cube are replaced by the middle of their bounding box, and the radius grows by the
+        largest distance from a point to its middle, at most sqrt(3) / 2 of the cube's edge.
+
+        Args:
+            points: (k, 3) [m].
+            radius: Radius of the ball around each point [m].
+            voxel: Edge of the grid's cubes [m].
+
+        Raises:
+            InvalidValueError: for NaN, a wrong shape, a radius below 0, a voxel of 0 or less, or points so
+                far apart that their cubes cannot be counted.
+        """
+        full = cls(np.asarray(points), radius)
+        edge = float(as_finite(voxel, "voxel", ()))
+        if edge <= 0:
+            raise InvalidValueError("voxel", voxel, "a finite length above 0 [m]")
+        if not len(full.points):
+            return full
+        low = full.points.min(axis=0)
+        counts = np.floor((full.points.max(axis=0) - low) / edge) + 1
+        if counts.prod() > 2.0**62:
+            extent = float((full.points.max(axis=0) - low).max())
+            raise InvalidValueError("voxel", voxel, f"a length that divides {extent:.3g} m into fewer cubes")
+        cell = np.floor((full.points - low) / edge).astype(np.int64)
+        key = (cell[:, 0] * int(counts[1]) + cell[:, 1]) * int(counts[2]) + cell[:, 2]
+        order = np.argsort(key)
+        sorted_points, sorted_key = full.points[order], key[order]
+        first = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]])
+        middle = (np.minimum.reduceat(sorted_points, first) + np.maximum.reduceat(sorted_points, first)) / 2
+        sizes = np.diff(np.r_[first, len(key)])
+        off = np.linalg.norm(sorted_points - np.repeat(middle, sizes, axis=0), axis=1).max()
+        return cls(middle, full.radius + float(off))
+
+
+SceneGeometry: TypeAlias = Geometry | HalfSpace | ConvexMesh | TriangleMesh | PointCloud
+
+
+def padding(geometry: SceneGeometry) -> float:
+    """Return the distance by which a geometry reaches beyond its points, or its hull or surface [m]."""
+    match geometry:
+        case ConvexMesh() | TriangleMesh():
+            return geometry.padding
+        case PointCloud():
+            return geometry.radius
+    return 0.0
+
+
+def not_negative(quantity: str, value: float) -> float:
+    """Return a finite length of 0 or more.
+
+    Raises:
+        InvalidValueError: naming the quantity.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not (math.isfinite(number) and number >= 0):
+        raise InvalidValueError(quantity, value, "a finite distance of 0 or more [m]")
+    return number
+
+
+def _spans_volume(points: NDArray[np.float64]) -> bool:
+    """Whether the least extent, that along the last principal axis, is more than nothing."""
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2]
+    return bool(np.ptp(centred @ axes.T, axis=0).min() > FLAT)
+
+
+def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
+    array = np.asarray(faces)
+    whole = array.dtype.kind in "iu" or (
+        array.dtype.kind == "f" and bool((np.isfinite(array) & (array == np.floor(array))).all())
+    )
+    if array.ndim != 2 or array.shape[1] != 3 or not len(array) or not whole:
+        raise InvalidValueError(
+            "faces of a mesh", f"{array.dtype} of shape {array.shape}", "whole numbers of shape (f, 3), f > 0"
+        )
+    outside = (array < 0) | (array >= count)
+    if outside.any():
+        row = int(np.argwhere(outside)[0][0])
+        raise InvalidValueError(
+            "faces of a mesh",
+            f"vertex {int(array[outside][0])} in face {row}",
+            f"indices from 0 to {count - 1}, one for each of {count} vertices",
+        )
+    return array.astype(np.int64)
+
+
+def _read_only_indices(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    copy = np.array(faces, dtype=np.int64)
+    copy.setflags(write=False)
+    return copy
