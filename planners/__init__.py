@@ -7,7 +7,9 @@ if result.success:
 """
 
 from .certificate import Certificate, certify
+from .compiled_validity import CompiledValidity
 from .deadline import Deadline
+from .goal_source import GoalSampler
 from .metric import Metric
 from .oracle import Advance, Oracle, StateValidity
 from .path import Path
@@ -21,7 +23,9 @@ from .smooth_path import SmoothPath
 __all__ = [
     "Advance",
     "Certificate",
+    "CompiledValidity",
     "Deadline",
+    "GoalSampler",
     "Metric",
     "Oracle",
     "Path",

@@ -35,6 +35,11 @@ class Deadline:
         return perf_counter() - self._started
 
     @property
+    def left(self) -> float:
+        """Seconds that are left; none or less once the budget is used up."""
+        return self.timeout - self.elapsed
+
+    @property
     def expired(self) -> bool:
         """Whether the budget is used up."""
         return self.elapsed >= self.timeout

@@ -14,6 +14,7 @@ class Status(Enum):
     SOLVED = "solved"
     START_INVALID = "start_invalid"
     GOAL_INVALID = "goal_invalid"
+    NO_GOAL = "no_goal"
     NO_PATH_IN_TIME = "no_path_in_time"
     OUT_OF_ITERATIONS = "out_of_iterations"
 
@@ -27,6 +28,10 @@ _ADVICE = {
     Status.SOLVED: "A path was found; shorten it with shortcut() and round its corners with smooth().",
     Status.START_INVALID: "The oracle refuses the start state; begin at a valid state or reduce the margin.",
     Status.GOAL_INVALID: "The oracle refuses every goal state; give other goals or reduce the margin.",
+    Status.NO_GOAL: (
+        "The sampler of goals drew none that the oracle accepts; raise the timeout, reduce the margin, "
+        "or check that the sampler can succeed."
+    ),
     Status.NO_PATH_IN_TIME: (
         "No path was found within the time budget; raise the timeout, try another seed, "
         "or check that the goal can be reached at all."
@@ -45,11 +50,12 @@ class Result:
     Attributes:
         status: How it ended.
         path: The path from the start to one of the goals; None unless solved.
-        goal_index: Which of the goals was reached; None unless solved.
+        goal_index: Which of the goals was reached, of those drawn if they are drawn; None unless solved.
         cost: Length of the path [length unit of the metric]; infinite unless solved.
         iterations: Number of samples drawn.
-        states_checked: Number of states that the oracle was asked about.
-        oracle_calls: Number of batches in which it was asked.
+        states_checked: Number of states that the oracle was asked about; of machine code, those up to the
+            first invalid one of each call.
+        oracle_calls: Number of batches, or of pieces of edges, in which it was asked.
         time: Wall time [s].
         seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
     """

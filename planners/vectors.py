@@ -88,6 +88,23 @@ def finite_points(
     return read_only(points)
 
 
+def require_inside(
+    quantity: str,
+    state: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    labels: Sequence[str] | None = None,
+) -> None:
+    """Refuse a state outside a box.
+
+    Raises:
+        InvalidValueError: A coordinate is outside its bounds; the message names it.
+    """
+    for i in np.flatnonzero((state < lower) | (state > upper)):
+        name = coordinate_name(quantity, int(i), labels)
+        raise InvalidValueError(name, state[i], f"a value within the bounds [{lower[i]:g}, {upper[i]:g}]")
+
+
 def positive_number(quantity: str, value: float) -> float:
     """Return a finite number above zero as a float.
 
