@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from . import native_connect as native
@@ -12,7 +10,7 @@ from .deadline import Deadline
 from .found import Found
 from .goal_source import BETWEEN_DRAWS, GoalSource
 from .native import CLOCK, stream_key
-from .native_tree import LANES, empty_lanes
+from .native_tree import LANES
 from .problem import Problem
 from .result import Status
 from .vectors import FloatArray
@@ -41,6 +39,7 @@ class Trees:
         self._oracle, self._memory = oracle, oracle.fresh_memory()
         self._resolution = problem.spacing
         self._stride = max(1, int(step / self._resolution))
+        self._diagonal = problem.diagonal
         self._start = problem.start.copy()
         self._box = box_of(problem)
         self._key = stream_key(seed, 0)
@@ -59,7 +58,7 @@ class Trees:
         order = np.zeros(len(goals), dtype=np.int64)
         if len(goals) > 1:
             weighted = (goals - self._start) * self._box[native.WEIGHTS]
-            order = np.argsort(np.einsum("ij,ij->i", weighted, weighted), kind="stable")
+            order = np.argsort((weighted * weighted).sum(axis=1), kind="stable")
         return native.plant(
             self._oracle.address, CLOCK, deadline.left, self._resolution, self._box, self._start,
             goals, order, first, self.states, self._lanes, self.parents, self.counters, self._rows,
@@ -76,8 +75,7 @@ class Trees:
             )  # fmt: skip
             if ended != native.FULL:
                 return ended
-            diagonal = math.sqrt(float(np.sum((self._box[native.EXTENT] * self._box[native.WEIGHTS]) ** 2)))
-            spare = int(diagonal / self._resolution) // self._stride + 4
+            spare = int(self._diagonal / self._resolution) // self._stride + 4
             self._reserve(2 * self.states.shape[1] + spare)
 
     def found(self) -> Found:
@@ -107,8 +105,9 @@ class Trees:
         capacity = -(-capacity // LANES) * LANES
         old, n = self.states.shape[1], self._box.shape[1]
         states, parents = np.empty((2, capacity, n)), np.empty((2, capacity), dtype=np.int64)
-        lanes = empty_lanes(2 * capacity, n).reshape(2, capacity // LANES, n, LANES)
-        states[:, :old], parents[:, :old], lanes[:, : old // LANES] = self.states, self.parents, self._lanes
+        lanes = np.empty((2, capacity // LANES, n, LANES))
+        if old:
+            states[:, :old], parents[:, :old], lanes[:, : old // LANES] = self.states, self.parents, self._lanes
         self.states, self.parents, self._lanes = states, parents, lanes
 
 

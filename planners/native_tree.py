@@ -60,14 +60,13 @@ def _eight_square_distances(typing_context: Any, block: Any, query: Any, n: Any,
 eight_square_distances: Any = intrinsic(_eight_square_distances)
 
 
-def empty_lanes(nodes: int, n: int) -> FloatArray:
-    """Return room for the scaled states of some nodes, shape (nodes / 8, n, 8), infinitely far away."""
-    return np.full((-(-nodes // LANES), n, LANES), math.inf)
-
-
 @njit(nogil=True, cache=True, error_model="numpy")
 def set_lane(lanes: FloatArray, node: int, state: FloatArray, weights: FloatArray) -> None:
-    """Write the scaled state of a node."""
+    """Write the scaled state of a new node; the rest of its lanes, if it is the first, is infinitely far."""
+    if node % LANES == 0:
+        for i in range(state.size):
+            for lane in range(1, LANES):
+                lanes[node // LANES, i, lane] = math.inf
     for i in range(state.size):
         lanes[node // LANES, i, node % LANES] = state[i] * weights[i]
 

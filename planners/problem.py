@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,8 +82,9 @@ class Problem:
         sampler = self.goals if callable(self.goals) else None
         if sampler is None:
             goals = finite_points("goals", _one_or_many(self.goals), n, labels)
-            for k in np.flatnonzero(np.any((goals < lower) | (goals > upper), axis=1)):
-                require_inside(f"goals[{k}]", goals[k], lower, upper, labels)
+            if not ((goals >= lower) & (goals <= upper)).all():
+                for k, goal in enumerate(goals):
+                    require_inside(f"goals[{k}]", goal, lower, upper, labels)
         else:
             goals = read_only(np.empty((0, n)))
         _require_oracle(self.oracle, n)
@@ -105,7 +107,7 @@ class Problem:
         """The resolution, which is a number once the problem is made [length unit of the metric]."""
         return float(self.resolution)  # type: ignore[arg-type]
 
-    @property
+    @cached_property
     def diagonal(self) -> float:
         """Length of the box's diagonal [length unit of the metric]."""
         return float(self.metric.distance(self.lower, self.upper))
@@ -148,18 +150,19 @@ def _checked_bounds(
     for quantity, value in (("lower", lower), ("upper", upper)):
         bounds = np.asarray(value)
         if bounds.dtype.kind == "f" and bounds.ndim == 1 and (labels is None or len(labels) == bounds.size):
-            for i in np.flatnonzero(np.isinf(bounds)):
-                name = coordinate_name(quantity, int(i), labels)
+            infinite = np.isinf(bounds)
+            if infinite.any():
+                i = int(np.argmax(infinite))
+                name = coordinate_name(quantity, i, labels)
                 raise InvalidValueError(
                     name, bounds[i], "a finite bound: give an unbounded coordinate a finite sampling range"
                 )
     low = finite_vector("lower", lower, n, labels)
     high = finite_vector("upper", upper, low.size, labels)
-    for i in np.flatnonzero(low > high):
-        raise InvalidValueError(
-            coordinate_name("upper", int(i), labels), high[i], f"at least lower, {low[i]:g}"
-        )
-    if not np.any(high > low):
+    if not (low <= high).all():
+        i = int(np.argmax(low > high))
+        raise InvalidValueError(coordinate_name("upper", i, labels), high[i], f"at least lower, {low[i]:g}")
+    if not (high > low).any():
         raise InvalidValueError("upper", high, "one coordinate or more with upper > lower")
     return low, high
 

@@ -80,7 +80,7 @@ def rrt_connect(
         found = search_compiled(problem, problem.oracle, deadline, seed, max_iterations, step)
     else:
         found = _search(problem, deadline, seed, max_iterations, step)
-    path = None if found.points is None else Path(found.points, problem.weights)
+    path = None if found.points is None else Path.trusted(found.points, problem.metric)
     return Result(
         status=found.status,
         path=path,
