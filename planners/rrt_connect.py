@@ -71,13 +71,14 @@ def rrt_connect(
     Raises:
         InvalidValueError: An option is not allowed, or the oracle answers in a wrong shape.
     """
+    code = problem.oracle if isinstance(problem.oracle, CompiledValidity) else None
+    if code is not None:
+        from .compiled_connect import search_compiled  # loads machine code, which is not the search's time
     deadline = Deadline(timeout)
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     step = _STEP * problem.diagonal if step is None else positive_number("step", step)
-    if isinstance(problem.oracle, CompiledValidity):
-        from .compiled_connect import search_compiled  # loads Numba, which takes a moment
-
-        found = search_compiled(problem, problem.oracle, deadline, seed, max_iterations, step)
+    if code is not None:
+        found = search_compiled(problem, code, deadline, seed, max_iterations, step)
     else:
         found = _search(problem, deadline, seed, max_iterations, step)
     path = None if found.points is None else Path.trusted(found.points, problem.metric)

@@ -1,0 +1,47 @@
+"""Short-cutting in machine code, seen from Python."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import native_shortcut as native
+from .compiled_validity import CompiledValidity
+from .deadline import Deadline
+from .native import CLOCK, stream_key
+from .problem import Problem
+from .vectors import FloatArray
+
+LEAST_GAIN = 1e-9
+"""Of the length: less is not worth asking the oracle for."""
+
+FLAT = 1e-9
+"""Of the length: a way-point this near to the chord of its neighbours is dropped."""
+
+_STREAM = 1
+_SPARE = 32
+
+
+def shorten_compiled(
+    problem: Problem,
+    oracle: CompiledValidity,
+    points: FloatArray,
+    deadline: Deadline,
+    seed: int,
+    iterations: int,
+    resolution: float,
+) -> FloatArray:
+    """Return a shorter polyline; see `shortcut` for the method and the arguments."""
+    memory, weights, n = oracle.fresh_memory(), problem.metric.weights.copy(), problem.n
+    key, counters = stream_key(seed, _STREAM), np.zeros(native.COUNTERS, dtype=np.int64)
+    counters[native.SIZE] = len(points)
+    ended, rows = native.FULL, np.empty((2, n))
+    while ended == native.FULL:
+        size = int(counters[native.SIZE])
+        room = np.empty((size + max(size, _SPARE), n))
+        room[:size] = points[:size]
+        points = room
+        ended = native.shorten(
+            oracle.address, CLOCK, deadline.left, resolution, LEAST_GAIN, FLAT, weights, key, iterations, points,
+            np.empty_like(points), np.empty((2, len(points))), rows, counters, memory,
+        )  # fmt: skip
+    return points[: counters[native.SIZE]].copy()
