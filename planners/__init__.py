@@ -10,12 +10,14 @@ from .certificate import Certificate, certify
 from .compiled_validity import CompiledValidity
 from .deadline import Deadline
 from .goal_source import GoalSampler
+from .improve import improve
 from .metric import Metric
 from .oracle import Advance, Oracle, StateValidity
 from .path import Path
 from .problem import Problem
-from .result import Result, Status
+from .result import Improvement, Result, Status
 from .rrt_connect import rrt_connect
+from .rrt_star import rrt_star
 from .shortcut import shortcut
 from .smooth import smooth
 from .smooth_path import SmoothPath
@@ -26,6 +28,7 @@ __all__ = [
     "CompiledValidity",
     "Deadline",
     "GoalSampler",
+    "Improvement",
     "Metric",
     "Oracle",
     "Path",
@@ -35,7 +38,9 @@ __all__ = [
     "StateValidity",
     "Status",
     "certify",
+    "improve",
     "rrt_connect",
+    "rrt_star",
     "shortcut",
     "smooth",
 ]

@@ -8,6 +8,7 @@ from types import TracebackType
 import numpy as np
 
 from .compiled_validity import CompiledValidity
+from .deadline import Deadline
 from .oracle import Oracle
 from .problem import Problem
 from .vectors import FloatArray
@@ -25,7 +26,6 @@ class Callback:
 
     Attributes:
         compiled: The validity function that asks the oracle.
-        states: States asked about so far, for a Python oracle.
     """
 
     def __init__(self, oracle: Oracle, n: int) -> None:
@@ -81,8 +81,16 @@ class _MachineCode:
         return None
 
 
-def machine_code_of(problem: Problem) -> Callback | _MachineCode:
-    """Return a context whose value is the problem's oracle as a C function."""
+def machine_code_of(
+    problem: Problem, deadline: Deadline, resolution: float | None = None
+) -> Callback | _MachineCode:
+    """Return a context whose value is the problem's oracle as a C function.
+
+    Args:
+        problem: The problem.
+        deadline: Time budget of a Python oracle; what it has not checked in time counts as not valid.
+        resolution: See `Problem.counting_oracle`.
+    """
     if isinstance(problem.oracle, CompiledValidity):
         return _MachineCode(problem.oracle)
-    return Callback(problem.counting_oracle(), problem.n)
+    return Callback(problem.counting_oracle(deadline, resolution), problem.n)

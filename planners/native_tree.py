@@ -89,3 +89,47 @@ def nearest(lanes: FloatArray, size: int, query: FloatArray, room: FloatArray) -
                 if room[lane] < best:
                     best, found = room[lane], block * LANES + lane
     return found
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def k_nearest(
+    lanes: FloatArray,
+    size: int,
+    query: FloatArray,
+    wanted: int,
+    found: np.ndarray,
+    squares: FloatArray,
+    room: FloatArray,
+) -> int:
+    """Write the nodes nearest to a scaled state and the squares of their distances, nearest first.
+
+    Args:
+        lanes: Scaled states, shape (blocks, n, 8).
+        size: Number of nodes.
+        query: Scaled state, shape (n,).
+        wanted: How many are wanted, 1 or more.
+        found: Room for them.
+        squares: Room for the squares of their distances.
+        room: Eight numbers.
+
+    Returns:
+        How many were found: `wanted`, or all.
+    """
+    n, count, limit = query.size, 0, math.inf
+    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, room.ctypes.data
+    for block in range((size + LANES - 1) // LANES):
+        if eight_square_distances(base + block * stride, asked, n, place) >= limit:
+            continue
+        for lane in range(LANES):
+            square = room[lane]
+            if square >= limit or block * LANES + lane >= size:
+                continue
+            k = count if count < wanted else wanted - 1
+            while k > 0 and squares[k - 1] > square:
+                squares[k], found[k] = squares[k - 1], found[k - 1]
+                k -= 1
+            squares[k], found[k] = square, block * LANES + lane
+            count = min(count + 1, wanted)
+            if count == wanted:
+                limit = squares[wanted - 1]
+    return count

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from .path import Path
 
@@ -43,6 +44,20 @@ _ADVICE = {
 }
 
 
+class Improvement(NamedTuple):
+    """A moment at which a planner had a better path.
+
+    Attributes:
+        time: Since the planner was called [s].
+        cost: Length of the path [length unit of the metric].
+        iteration: Number of samples drawn until then.
+    """
+
+    time: float
+    cost: float
+    iteration: int
+
+
 @dataclass(frozen=True, eq=False)
 class Result:
     """The outcome of one run of a planner.
@@ -58,6 +73,7 @@ class Result:
         oracle_calls: Number of batches, or of pieces of edges, in which it was asked.
         time: Wall time [s].
         seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
+        history: Falling costs, of planners that improve a path; the first entry is the path they began with.
     """
 
     status: Status
@@ -69,6 +85,7 @@ class Result:
     oracle_calls: int
     time: float
     seed: int
+    history: tuple[Improvement, ...] = ()
 
     @property
     def success(self) -> bool:

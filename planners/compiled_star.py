@@ -1,0 +1,118 @@
+"""Informed RRT* in machine code, seen from Python."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import compiled_connect, compiled_shortcut  # noqa: F401  (loaded here, before any time budget begins)
+from . import native_star as native
+from .callback import machine_code_of
+from .compiled_connect import box_of
+from .deadline import Deadline
+from .native import CLOCK, stream_key
+from .native_tree import LANES
+from .problem import Problem
+from .result import Improvement
+from .vectors import FloatArray
+
+REACH = 0.2
+"""Greatest length of an extension, as a part of the box's diagonal."""
+
+MOST_NODES = 200_000
+"""At which the improvement ends: the time of an iteration grows with the number of nodes."""
+
+_STREAM = 2
+_FIRST_CAPACITY = 1024
+_RECORDS = 2048
+
+
+class Improved(NamedTuple):
+    """What an improvement came to.
+
+    Attributes:
+        points: Way-points, shape (k, n).
+        goal: Place of the goal among those given.
+        iterations: Samples drawn.
+        states: States that the oracle was asked about.
+        calls: Calls of the oracle.
+        history: Better and better paths, the first one included.
+    """
+
+    points: FloatArray
+    goal: int
+    iterations: int
+    states: int
+    calls: int
+    history: tuple[Improvement, ...]
+
+
+class _Room:
+    """The arrays of a tree, which grow."""
+
+    def __init__(self, n: int, goals: int, capacity: int) -> None:
+        self.capacity = 0
+        self.states, self.lanes = np.empty((0, n)), np.empty((0, n, LANES))
+        self.links, self.costs = np.empty((native.LINKS, 0), dtype=np.int64), np.empty((2, 0))
+        self.branch = np.empty(0, dtype=np.int64)
+        self.goal_nodes = np.full(goals, -1, dtype=np.int64)
+        self.rows, self.history = np.empty((6, n)), np.empty((_RECORDS, 3))
+        self.counters = np.zeros(native.COUNTERS, dtype=np.int64)
+        self.reserve(capacity)
+
+    def reserve(self, capacity: int) -> None:
+        """Make room for a number of nodes."""
+        capacity = -(-capacity // LANES) * LANES
+        old, n = self.capacity, self.states.shape[1]
+        states, lanes = np.empty((capacity, n)), np.empty((capacity // LANES, n, LANES))
+        links, costs = np.empty((native.LINKS, capacity), dtype=np.int64), np.empty((2, capacity))
+        branch = np.empty(capacity, dtype=np.int64)
+        states[:old], lanes[: old // LANES], branch[:old] = self.states, self.lanes, self.branch
+        links[:, :old], costs[:, :old] = self.links, self.costs
+        self.states, self.lanes, self.links, self.costs, self.branch = states, lanes, links, costs, branch
+        self.capacity = capacity
+
+    def path(self, goals: FloatArray) -> tuple[FloatArray, int]:
+        """Return the best path and its goal."""
+        goal = int(self.counters[native.GOAL])
+        nodes = []
+        node = int(self.goal_nodes[goal])
+        while node >= 0:
+            nodes.append(node)
+            node = int(self.links[native.PARENT, node])
+        points = self.states[nodes[::-1]]
+        points[-1] = goals[goal]
+        return points, goal
+
+
+def improve_compiled(
+    problem: Problem,
+    points: FloatArray,
+    goals: FloatArray,
+    goal: int,
+    deadline: Deadline,
+    seed: int,
+    iterations: int,
+    target: float,
+    resolution: float,
+) -> Improved:
+    """Improve a path that ends at one of some goals; see `improve` for the method and the arguments."""
+    room = _Room(problem.n, len(goals), max(_FIRST_CAPACITY, len(points) + len(goals) + LANES))
+    reach = REACH * problem.diagonal
+    ended, box, key = native.FULL, box_of(problem), stream_key(seed, _STREAM)
+    with machine_code_of(problem, deadline, resolution) as oracle:
+        memory = oracle.fresh_memory()
+        while ended == native.FULL and room.capacity < MOST_NODES:
+            if room.counters[native.SIZE]:
+                room.reserve(2 * room.capacity)
+            ended = native.improve_tree(
+                oracle.address, CLOCK, deadline.left, deadline.elapsed, resolution, reach, target, box, key,
+                iterations, points, goal, goals, room.goal_nodes, room.states, room.lanes, room.links,
+                room.costs, room.branch, room.rows, room.history, room.counters, memory,
+            )  # fmt: skip
+    path, reached = room.path(goals)
+    states, calls, drawn = room.counters[:3].tolist()
+    records = room.history[: room.counters[native.RECORDS]].tolist()
+    history = tuple(Improvement(time, cost, int(iteration)) for time, cost, iteration in records)
+    return Improved(path, reached, drawn, states, calls, history)
