@@ -16,6 +16,7 @@ from .oracle import Advance, Oracle, StateValidity
 from .path import Path
 from .problem import Problem
 from .result import Improvement, Result, Status
+from .roadmap import Roadmap
 from .rrt_connect import rrt_connect
 from .rrt_star import rrt_star
 from .shortcut import shortcut
@@ -34,6 +35,7 @@ __all__ = [
     "Path",
     "Problem",
     "Result",
+    "Roadmap",
     "SmoothPath",
     "StateValidity",
     "Status",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,7 +59,7 @@ class Problem:
     lower: FloatArray
     upper: FloatArray
     start: FloatArray
-    goals: FloatArray
+    goals: Any  # given as states or as a sampler; an array once the problem is made
     oracle: StateValidity
     weights: FloatArray | None = None
     resolution: float | None = None
