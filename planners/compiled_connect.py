@@ -107,7 +107,11 @@ class Trees:
         states, parents = np.empty((2, capacity, n)), np.empty((2, capacity), dtype=np.int64)
         lanes = np.empty((2, capacity // LANES, n, LANES))
         if old:
-            states[:, :old], parents[:, :old], lanes[:, : old // LANES] = self.states, self.parents, self._lanes
+            states[:, :old], parents[:, :old], lanes[:, : old // LANES] = (
+                self.states,
+                self.parents,
+                self._lanes,
+            )
         self.states, self.parents, self._lanes = states, parents, lanes
 
 
@@ -121,7 +125,12 @@ def box_of(problem: Problem) -> FloatArray:
 
 
 def search_compiled(
-    problem: Problem, oracle: CompiledValidity, deadline: Deadline, seed: int, max_iterations: int, step: float
+    problem: Problem,
+    oracle: CompiledValidity,
+    deadline: Deadline,
+    seed: int,
+    max_iterations: int,
+    step: float,
 ) -> Found:
     """Run RRT-Connect in machine code; see `rrt_connect` for the method and the arguments."""
     source = GoalSource(problem, seed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from . import native_roadmap as native
@@ -12,6 +14,9 @@ from .native import CLOCK, stream_key
 from .native_tree import LANES
 from .problem import Problem
 from .vectors import BoolArray, FloatArray
+
+_scatter: Any = native.scatter
+_connect: Any = native.connect
 
 _STREAM = 3
 _FIRST_NODES, _EDGES_PER_NODE = 512, 24
@@ -45,11 +50,18 @@ class Chart:
 
     def scatter(self, wanted: int, deadline: Deadline) -> int:
         """Add valid samples until there are as many nodes as wanted; return how it ended."""
-        with machine_code_of(self._problem, Deadline()) as oracle:
+        with machine_code_of(self._problem, Deadline(), None, self.counters) as oracle:
             memory = oracle.fresh_memory()
             while True:
-                ended = native.scatter(
-                    oracle.address, CLOCK, deadline.left, self._box, self._key, wanted, *self._arrays(), memory
+                ended = _scatter(
+                    oracle.address,
+                    CLOCK,
+                    deadline.left,
+                    self._box,
+                    self._key,
+                    wanted,
+                    *self._arrays(),
+                    memory,
                 )
                 if ended != native.FULL:
                     return ended
@@ -58,10 +70,10 @@ class Chart:
     def connect(self, start: FloatArray, goals: FloatArray, ends: np.ndarray, deadline: Deadline) -> int:
         """Find the shortest path between valid ends; return how it ended."""
         try:
-            with machine_code_of(self._problem, Deadline(), self._resolution) as oracle:
+            with machine_code_of(self._problem, Deadline(), self._resolution, self.counters) as oracle:
                 memory = oracle.fresh_memory()
                 while True:
-                    ended = native.connect(
+                    ended = _connect(
                         oracle.address, CLOCK, deadline.left, self._resolution, self._box, start, goals, ends,
                         *self._arrays(), memory,
                     )  # fmt: skip
@@ -95,7 +107,7 @@ class Chart:
         """Return the number of edges of which this is known."""
         return int(np.count_nonzero(self._findings[: self.counters[native.EDGES]] == finding))
 
-    def _arrays(self) -> tuple[np.ndarray, ...]:
+    def _arrays(self) -> Any:
         return (
             self._states, self._lanes, self._nodes, self._costs, self._arcs, self._lengths, self._findings,
             self._keys, self._heap, self._rows, self.counters,

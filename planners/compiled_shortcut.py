@@ -41,7 +41,7 @@ def shorten_compiled(
         room[:size] = points[:size]
         points = room
         ended = native.shorten(
-            oracle.address, CLOCK, deadline.left, resolution, LEAST_GAIN, FLAT, weights, key, iterations, points,
-            np.empty_like(points), np.empty((2, len(points))), rows, counters, memory,
+            oracle.address, CLOCK, deadline.left, resolution, LEAST_GAIN, FLAT, weights, key, iterations,
+            points, np.empty_like(points), np.empty((2, len(points))), rows, counters, memory,
         )  # fmt: skip
     return points[: counters[native.SIZE]].copy()

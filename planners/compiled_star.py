@@ -101,7 +101,7 @@ def improve_compiled(
     room = _Room(problem.n, len(goals), max(_FIRST_CAPACITY, len(points) + len(goals) + LANES))
     reach = REACH * problem.diagonal
     ended, box, key = native.FULL, box_of(problem), stream_key(seed, _STREAM)
-    with machine_code_of(problem, deadline, resolution) as oracle:
+    with machine_code_of(problem, deadline, resolution, room.counters) as oracle:
         memory = oracle.fresh_memory()
         while ended == native.FULL and room.capacity < MOST_NODES:
             if room.counters[native.SIZE]:
@@ -112,7 +112,7 @@ def improve_compiled(
                 room.costs, room.branch, room.rows, room.history, room.counters, memory,
             )  # fmt: skip
     path, reached = room.path(goals)
-    states, calls, drawn = room.counters[:3].tolist()
+    states, calls, _, drawn = room.counters[:4].tolist()
     records = room.history[: room.counters[native.RECORDS]].tolist()
     history = tuple(Improvement(time, cost, int(iteration)) for time, cost, iteration in records)
     return Improved(path, reached, drawn, states, calls, history)

@@ -19,7 +19,7 @@ _STREAM = 0x60A1
 
 
 class GoalSampler(Protocol):
-    """What a user supplies instead of goals: a callable that draws a goal state, or says that it has none now.
+    """What a user supplies instead of goals: a callable that draws a goal, or says that it has none now.
 
     It is called between pieces of the search: until the first valid goal is there, and now and then
     afterwards.  A state that it returns lies inside the box; whether it is valid is the oracle's business.

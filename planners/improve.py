@@ -32,9 +32,9 @@ def improve(
     The path is the first branch of a tree that is grown by informed RRT*.  A sample is drawn where a path
     through it can be shorter than the best one, half of the time near that path; the tree is extended towards
     it, the new node takes the parent through which it is nearest to the start, its neighbours are led through
-    it where that is shorter, and each goal is reached for straight away.  Now and then a node of the best path
-    is led straight to one of its ancestors.  With time, the cost tends to that of the shortest path, not only
-    of those around obstacles in the same way.
+    it where that is shorter, and each goal is reached for straight away.  Now and then a node of the best
+    path is led straight to one of its ancestors.  With time, the cost tends to that of the shortest path, not
+    only of those around obstacles in the same way.
 
     Source: S. Karaman and E. Frazzoli, Sampling-based algorithms for optimal motion planning, Int. J. of
     Robotics Research 30(7), 2011; J. D. Gammell, S. S. Srinivasa and T. D. Barfoot, Informed RRT*, IROS 2014.

@@ -11,15 +11,15 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from .vectors import FloatArray
-
 _WORD = 2**64 - 1
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
 
 
-def _call_by_address(typing_context: Any, address: Any, first: Any, second: Any, steps: Any, memory: Any) -> Any:
+def _call_by_address(
+    typing_context: Any, address: Any, first: Any, second: Any, steps: Any, memory: Any
+) -> Any:
     """Call `int64 f(const double*, const double*, int64, double*)` at an address; all are integers.
 
     An address that is an argument, unlike a ctypes function that is a global, lets the caller be cached.
@@ -78,17 +78,17 @@ def uniform(key: np.uint64, number: int) -> float:
 
 def stream_key(seed: int, stream: int) -> np.uint64:
     """Return the key of one of several streams of a seed, so that neighbouring seeds share no numbers."""
-    value = stream + 1
+    value = _mixed(stream + 1)
     while True:  # a seed may have any number of 64-bit words
-        value = (value + (seed & _WORD)) * 0xD1342543DE82EF95 & _WORD
-        value ^= value >> 32
-        value = value * 0xAEF17502108EF2D9 & _WORD
-        value ^= value >> 29
+        value = _mixed(value + (seed & _WORD))
         seed >>= 64
         if not seed:
             return np.uint64(value)
 
 
-def row(count: int) -> FloatArray:
-    """Return uninitialised room for some numbers."""
-    return np.empty(count)
+def _mixed(value: int) -> int:
+    """Spread every bit of a number over all 64 bits of another."""
+    value = (value + int(_GAMMA)) & _WORD
+    value = (value ^ (value >> 30)) * int(_FIRST) & _WORD
+    value = (value ^ (value >> 27)) * int(_SECOND) & _WORD
+    return value ^ (value >> 31)

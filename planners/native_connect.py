@@ -77,7 +77,7 @@ def _extend(
     rows: FloatArray,
     room: FloatArray,
 ) -> tuple[int, bool]:
-    """Grow a tree straight towards a target as far as valid; return the last node, or -1, and if it got there.
+    """Grow a tree straight towards a target as far as valid; return the last node or -1, and if it got there.
 
     Nodes are set every `stride` steps on the way.
     """
@@ -196,12 +196,10 @@ def grow(
     rows: FloatArray,
     memory: FloatArray,
 ) -> int:
-    """Grow both trees until they meet; see `rrt_connect` for the method and `plant` for the arguments.
+    """Grow both trees until they meet; see `rrt_connect` for the method and `plant` for most arguments.
 
-    Args:
-        stride: Steps between neighbouring nodes of a long extension.
-        key: Of the stream of random numbers.
-        iterations: Samples in all, those of earlier calls included.
+    `stride` is the number of steps between neighbouring nodes of a long extension, `key` that of the stream
+    of random numbers, `iterations` the number of samples in all, those of earlier calls included.
 
     Returns:
         FOUND (the trees meet at counters[START_NODE] and counters[GOAL_NODE]), GOING_ON if the iterations are

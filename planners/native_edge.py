@@ -31,7 +31,8 @@ def prefix(
         a: Start of the edge, shape (n,).
         b: End of the edge, shape (n,).
         steps: Number of states.
-        counters: Its first entry counts states, its second one calls.
+        counters: Its first entry counts states, its second one calls; the third one, of planners that serve
+            Python oracles too, is a sign to stop (see `Callback`).
     """
     count = call_valid_prefix(address, a.ctypes.data, b.ctypes.data, steps, memory.ctypes.data)
     counters[0] += min(count + 1, steps)
@@ -80,9 +81,7 @@ def edge_valid(
     return True
 
 
-@njit(
-    "void(int64, float64[::1], float64[:, ::1], boolean[::1])", nogil=True, cache=True, error_model="numpy"
-)
+@njit("void(int64, float64[::1], float64[:, ::1], boolean[::1])", nogil=True, cache=True, error_model="numpy")
 def check_states(address: int, memory: FloatArray, states: FloatArray, answers: np.ndarray) -> None:
     """Write which states, shape (m, n), are valid into `answers`, shape (m,)."""
     for j in range(states.shape[0]):

@@ -17,8 +17,8 @@ from .vectors import FloatArray
 DONE, TIME_UP, FULL, NO_PATH = 0, 1, 2, 3
 
 # Places in `counters`; those of the oracle come first.
-STATES, CALLS, DRAWN, NODES, EDGES, QUERY, REACHED = range(7)
-COUNTERS = 7
+STATES, CALLS, STOP, DRAWN, NODES, EDGES, QUERY, REACHED = range(8)
+COUNTERS = 8
 
 # Rows of `nodes`: first arc, arc from the parent, last query that closed it, last query that has it as goal.
 HEAD, FROM, CLOSED, IS_GOAL = range(4)
@@ -105,7 +105,7 @@ def _add(chart: Map, state: FloatArray, weights: FloatArray, tolerance: float) -
     if size > 0:
         for i in range(n):
             chart.rows[2, i] = state[i] * weights[i]
-        wanted = int(math.ceil(math.e * (1.0 + 1.0 / n) * math.log(size + 1.0)))
+        wanted = math.ceil(math.e * (1.0 + 1.0 / n) * math.log(size + 1.0))
         wanted = min(max(wanted, 1), min(size, MOST_NEIGHBOURS))
         count = k_nearest(chart.lanes, size, chart.rows[2], wanted, near, squares, room)
         if squares[0] <= tolerance:
@@ -151,7 +151,9 @@ def _pop(chart: Map, size: int) -> int:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _close(chart: Map, node: int, arc: int, cost: float, goals: FloatArray, weights: FloatArray, size: int) -> int:
+def _close(
+    chart: Map, node: int, arc: int, cost: float, goals: FloatArray, weights: FloatArray, size: int
+) -> int:
     """Settle the cost of a node and put the arcs that leave it on the heap; return the heap's size."""
     query = chart.counters[QUERY]
     chart.nodes[CLOSED, node], chart.nodes[FROM, node], chart.costs[node] = query, arc, cost
@@ -168,8 +170,8 @@ def _close(chart: Map, node: int, arc: int, cost: float, goals: FloatArray, weig
 
 
 _MAP = (
-    "float64[:, ::1], float64[:, :, ::1], int64[:, ::1], float64[::1], int64[:, ::1], float64[::1], int64[::1],"
-    " float64[::1], int64[::1], float64[:, ::1], int64[::1], float64[::1])"
+    "float64[:, ::1], float64[:, :, ::1], int64[:, ::1], float64[::1], int64[:, ::1], float64[::1],"
+    " int64[::1], float64[::1], int64[::1], float64[:, ::1], int64[::1], float64[::1])"
 )
 
 
@@ -210,7 +212,7 @@ def scatter(
     end = seconds_now(clock, place) + seconds
     tolerance = _SAME * _distance(lower, lower + extent, weights) ** 2
     while counters[NODES] < wanted:
-        if seconds_now(clock, place) >= end:
+        if counters[STOP] != 0 or seconds_now(clock, place) >= end:
             return TIME_UP
         if counters[NODES] >= states.shape[0] or counters[EDGES] + MOST_NEIGHBOURS > lengths.size:
             return FULL
@@ -223,7 +225,8 @@ def scatter(
 
 
 @njit(
-    f"int64(int64, int64, float64, float64, float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], {_MAP}",
+    "int64(int64, int64, float64, float64, float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], "
+    + _MAP,
     nogil=True,
     cache=True,
     error_model="numpy",
@@ -284,7 +287,7 @@ def connect(
     while nodes[IS_GOAL, counters[REACHED]] != query:
         if size == 0:
             return NO_PATH
-        if seconds_now(clock, place) >= end:
+        if counters[STOP] != 0 or seconds_now(clock, place) >= end:
             return TIME_UP
         arc = heap[0]
         size = _pop(chart, size)

@@ -15,7 +15,10 @@ _LARGEST, _HALVINGS = 0.5, 10.0  # of the shifts off a path: from half its lengt
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _normal(key: np.uint64, place: int) -> float:
-    """Return a normally distributed number made of two of the stream (G. E. P. Box and M. E. Muller, 1958)."""
+    """Return a normally distributed number made of two of the stream.
+
+    Source: G. E. P. Box and M. E. Muller, A note on the generation of random normal deviates, 1958.
+    """
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(key, place)))
     return radius * math.cos(2.0 * math.pi * uniform(key, place + 1))
 
@@ -71,13 +74,10 @@ def within_ellipsoid(
     """Write an even sample of the states through which a path from start to goal is no longer than a length.
 
     They form an ellipsoid whose foci are start and goal.  A sample of the unit ball is stretched along the
-    first axis, which a Householder reflection then turns into the direction of the goal.  2 n + 3 numbers are
-    drawn.
+    first axis, which a Householder reflection then turns into the direction of the goal.  2 n + 1 numbers are
+    drawn; `axis` is room, shape (n,).
 
     Source: J. D. Gammell, S. S. Srinivasa and T. D. Barfoot, Informed RRT*, IROS 2014.
-
-    Args:
-        axis: Room, shape (n,).
 
     Returns:
         Whether the sample is inside the box.

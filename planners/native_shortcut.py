@@ -112,7 +112,9 @@ def _state_at(points: FloatArray, lengths: FloatArray, size: int, s: float, stat
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _straighten(piece: FloatArray, count: int, lengths: FloatArray, coordinate: int, weights: FloatArray) -> None:
+def _straighten(
+    piece: FloatArray, count: int, lengths: FloatArray, coordinate: int, weights: FloatArray
+) -> None:
     """Let one coordinate of a polyline run straight from its first to its last point."""
     _measure(piece, count, weights, lengths)
     change, whole = piece[count - 1, coordinate] - piece[0, coordinate], lengths[count - 1]

@@ -18,8 +18,8 @@ from .vectors import FloatArray
 DONE, TIME_UP, FULL = 0, 1, 2
 
 # Places in `counters`; those of the oracle come first.
-STATES, CALLS, ITERATIONS, SIZE, GOAL, RECORDS, BRANCH, DRAWN = range(8)
-COUNTERS = 8
+STATES, CALLS, STOP, ITERATIONS, SIZE, GOAL, RECORDS, BRANCH, DRAWN = range(9)
+COUNTERS = 9
 
 # Rows of `links` and of `costs`.
 PARENT, CHILD, NEXT, BEFORE, STACK = range(5)
@@ -29,6 +29,7 @@ COST, EDGE = 0, 1
 MOST_NEIGHBOURS = 128
 _HISTORY_STEP = 1e-4  # part of the cost: smaller gains share an entry of the history
 _SHORT_CUTS, _NEAR_PATH = 0.1, 0.5  # shares of the iterations
+_SHORTER = 1.0 - 1e-12  # factor below which a cost is lower for other reasons than rounding
 _SAME = 1e-9  # of the greatest extension: nearer states are one
 
 
@@ -170,9 +171,27 @@ def _neighbours(world: World, graph: Graph, state: FloatArray) -> int:
     scaled = graph.rows[2]
     for i in range(n):
         scaled[i] = state[i] * world.weights[i]
-    wanted = int(math.ceil(math.e * (1.0 + 1.0 / n) * math.log(size + 1.0)))
+    wanted = math.ceil(math.e * (1.0 + 1.0 / n) * math.log(size + 1.0))
     wanted = min(max(wanted, 1), min(size, MOST_NEIGHBOURS))
     return k_nearest(graph.lanes, size, scaled, wanted, graph.near, graph.squares[0], graph.room)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _join_branch(world: World, graph: Graph, state: FloatArray, count: int) -> int:
+    """Add the nodes of the best path to a state's neighbours; return how many there are then.
+
+    Near the best path samples are so dense that its own nodes are not among the nearest.
+    """
+    nearest = count
+    for j in range(graph.counters[BRANCH]):
+        node, known = graph.branch[j], False
+        for k in range(nearest):
+            known = known or graph.near[k] == node
+        if not known and count < MOST_NEIGHBOURS:
+            graph.near[count] = node
+            graph.squares[0, count] = distance(state, graph.states[node], world.weights) ** 2
+            count += 1
+    return count
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -188,9 +207,8 @@ def _still_to_go(world: World, graph: Graph, state: FloatArray) -> float:
 def _best_parent(world: World, graph: Graph, state: FloatArray, count: int, limit: float, known: int) -> int:
     """Return the place among the neighbours of the best parent that can be reached; -1 if there is none.
 
-    Args:
-        limit: Cost at which a node is of no use.
-        known: Place of a neighbour whose edge is valid; -1 if none is known.
+    `limit` is a cost at which a node is of no use, `known` the place of a neighbour whose edge is valid (-1:
+    none is known).
     """
     through = graph.squares[1]
     for k in range(count):
@@ -214,9 +232,9 @@ def _rewire(world: World, graph: Graph, node: int, count: int) -> None:
     """Lead neighbours through a new node where that is shorter."""
     for k in range(count):
         other, length = graph.near[k], math.sqrt(graph.squares[0, k])
-        if graph.costs[COST, node] + length < graph.costs[COST, other] * (1.0 - 1e-12):
-            if _free(world, graph, graph.states[node], graph.states[other], length):
-                _relink(graph, other, node, length)
+        shorter = graph.costs[COST, node] + length < graph.costs[COST, other] * _SHORTER
+        if shorter and _free(world, graph, graph.states[node], graph.states[other], length):
+            _relink(graph, other, node, length)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -263,9 +281,9 @@ def _cut_branch(world: World, graph: Graph, key: np.uint64) -> None:
     graph.counters[DRAWN] += 2
     node, above = graph.branch[lower], graph.branch[min(upper, count - 1)]
     length = distance(graph.states[node], graph.states[above], world.weights)
-    if graph.costs[COST, above] + length < graph.costs[COST, node] * (1.0 - 1e-12):
-        if _free(world, graph, graph.states[above], graph.states[node], length):
-            _relink(graph, node, above, length)
+    shorter = graph.costs[COST, above] + length < graph.costs[COST, node] * _SHORTER
+    if shorter and _free(world, graph, graph.states[above], graph.states[node], length):
+        _relink(graph, node, above, length)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -325,6 +343,7 @@ def _step(world: World, graph: Graph, best: float) -> None:
         for k in range(count):
             if graph.near[k] == near:
                 known = k
+    count = _join_branch(world, graph, new, count)
     limit = best - _still_to_go(world, graph, new)
     parent = _best_parent(world, graph, new, count, limit, known)
     if parent >= 0 and graph.squares[0, 0] > (world.reach * _SAME) ** 2:
@@ -357,8 +376,9 @@ def _record(graph: Graph, history: FloatArray, seconds: float, cost: float) -> N
 
 @njit(
     "int64(int64, int64, float64, float64, float64, float64, float64, float64[:, ::1], uint64, int64,"
-    " float64[:, ::1], int64, float64[:, ::1], int64[::1], float64[:, ::1], float64[:, :, ::1], int64[:, ::1], float64[:, ::1],"
-    " int64[::1], float64[:, ::1], float64[:, ::1], int64[::1], float64[::1])",
+    " float64[:, ::1], int64, float64[:, ::1], int64[::1], float64[:, ::1], float64[:, :, ::1],"
+    " int64[:, ::1], float64[:, ::1], int64[::1], float64[:, ::1], float64[:, ::1], int64[::1],"
+    " float64[::1])",
     nogil=True,
     cache=True,
     error_model="numpy",
@@ -404,8 +424,15 @@ def improve_tree(
         path: A valid path, shape (k, n): the first branch.
         goal: Which of the goals it ends at.
         goals: Shape (g, n).
-        goal_nodes: See `Graph`, as are the following ones.
+        goal_nodes: See `Graph`.
+        states: See `Graph`.
+        lanes: See `Graph`.
+        links: See `Graph`.
+        costs: See `Graph`.
+        branch: See `Graph`.
+        rows: See `Graph`.
         history: Room for times, costs and iterations, shape (h, 3).
+        counters: See the places above.
         memory: Of the validity function.
 
     Returns:
@@ -426,7 +453,7 @@ def improve_tree(
         _record(graph, history, begun, best)
     while counters[ITERATIONS] < iterations and best > target:
         now = seconds_now(clock, place)
-        if now >= entered + seconds:
+        if counters[STOP] != 0 or now >= entered + seconds:
             return TIME_UP
         if counters[SIZE] + 1 + goals.shape[0] > states.shape[0]:
             return FULL

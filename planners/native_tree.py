@@ -42,7 +42,9 @@ def _eight_square_distances(typing_context: Any, block: Any, query: Any, n: Any,
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
         spread = builder.shuffle_vector(lane, ir.Constant(vector, ir.Undefined), zeros)
         difference = builder.fsub(builder.load(builder.gep(states, [i]), align=8), spread)
-        summed = builder.fadd(total, builder.fmul(difference, difference, flags=["contract"]), flags=["contract"])
+        summed = builder.fadd(
+            total, builder.fmul(difference, difference, flags=["contract"]), flags=["contract"]
+        )
         following = builder.add(i, word(1))
         i.add_incoming(following, body)
         total.add_incoming(summed, body)
@@ -76,7 +78,7 @@ def nearest(lanes: FloatArray, size: int, query: FloatArray, room: FloatArray) -
     """Return the node nearest to a scaled state; the first of equally near ones.
 
     Args:
-        lanes: Scaled states, shape (blocks, n, 8).
+        lanes: Scaled states, shape (blocks, n, 8); those of the last block that are no nodes are infinite.
         size: Number of nodes.
         query: Scaled state, shape (n,).
         room: Eight numbers.

@@ -192,7 +192,7 @@ class Oracle:
         return Advance(self.prefix(a, b, steps), steps)
 
     def prefix(self, a: FloatArray, b: FloatArray, steps: int) -> int:
-        """Return how many of the states ``a + (b - a) j / steps``, j = 1 .. steps, are valid from the first on.
+        """Return how many states ``a + (b - a) j / steps``, j = 1 .. steps, are valid from the first on.
 
         Args:
             a: Start of the edge, shape (n,).

@@ -26,7 +26,9 @@ class Status(Enum):
 
 
 _ADVICE = {
-    Status.SOLVED: "A path was found; shorten it with shortcut() or improve(), and round its corners with smooth().",
+    Status.SOLVED: (
+        "A path was found; shorten it with shortcut() or improve(), and round its corners with smooth()."
+    ),
     Status.START_INVALID: "The oracle refuses the start state; begin at a valid state or reduce the margin.",
     Status.GOAL_INVALID: "The oracle refuses every goal state; give other goals or reduce the margin.",
     Status.NO_GOAL: (

@@ -50,8 +50,8 @@ def rrt_connect(
     The path is valid at the problem's resolution (see `Oracle` for what that promises), is in no way short,
     and its length is not bounded: pass it to `shortcut`.  The planner cannot prove that there is no path.
 
-    If the problem's oracle is machine code (`CompiledValidity`), so is the whole search, which then takes some
-    tenths of a millisecond where it would take some hundred in Python; loading it takes a moment, once.
+    If the problem's oracle is machine code (`CompiledValidity`), so is the whole search; loading it takes a
+    moment, once, which is not counted as time of the search.
 
     If goals are drawn by a sampler, it is called until one is valid, and then after 32, 64, 128, ...
     iterations.
@@ -133,7 +133,7 @@ class _Search:
         return None if goal is None else self._plant(goal, first)
 
     def _plant(self, goals: FloatArray, first: int) -> Found | None:
-        """Make valid goals roots and try the straight edges, nearest goal first; None if the search goes on."""
+        """Make valid goals roots and try the straight edges, nearest goal first; None if neither ends it."""
         start = self._problem.start
         valid = self._valid(goals)
         if valid is None:

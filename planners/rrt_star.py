@@ -33,11 +33,11 @@ def rrt_star(
         seed: Seed of all random choices.
         timeout: Time budget [s]; all of it is used unless the path is as short as the target, or as the
             straight line to the nearest goal.
-        max_iterations: Greatest number of samples of the search, and again of the improvement.  Without it the
-            time budget decides, and the result depends on the speed of the machine.
+        max_iterations: Greatest number of samples of the search, and again of the improvement.  Without it
+            the time budget decides, and the result depends on the speed of the machine.
         target: Length that is good enough [length unit of the metric].
-        resolution: Greatest distance between checked states of short-cuts and improvements [length unit of the
-            metric]; the problem's if omitted.
+        resolution: Greatest distance between checked states of short-cuts and improvements [length unit of
+            the metric]; the problem's if omitted.
 
     Returns:
         The result, with the history of costs; without a path its status tells why.
