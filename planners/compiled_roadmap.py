@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from . import native_roadmap as native
 from .callback import machine_code_of
-from .compiled_connect import box_of
+from .compiled_world import world_of
 from .deadline import Deadline
 from .native import CLOCK, stream_key
 from .native_tree import LANES
+from .native_world import CALLS, STATES
 from .problem import Problem
 from .vectors import BoolArray, FloatArray
-
-_scatter: Any = native.scatter
-_connect: Any = native.connect
 
 _STREAM = 3
 _FIRST_NODES, _EDGES_PER_NODE = 512, 24
@@ -38,7 +34,7 @@ class Chart:
             resolution: Greatest distance between checked states of an edge [length unit of the metric].
         """
         n = problem.n
-        self._problem, self._resolution, self._box = problem, resolution, box_of(problem)
+        self._problem, self._resolution = problem, resolution
         self._key = stream_key(seed, _STREAM)
         self._states, self._lanes = np.empty((0, n)), np.empty((0, n, LANES))
         self._nodes, self._costs = np.empty((native.NODE_ROWS, 0), dtype=np.int64), np.empty(0)
@@ -51,18 +47,9 @@ class Chart:
     def scatter(self, wanted: int, deadline: Deadline) -> int:
         """Add valid samples until there are as many nodes as wanted; return how it ended."""
         with machine_code_of(self._problem, Deadline(), None, self.counters) as oracle:
-            memory = oracle.fresh_memory()
+            world = world_of(self._problem, oracle, self._resolution)
             while True:
-                ended = _scatter(
-                    oracle.address,
-                    CLOCK,
-                    deadline.left,
-                    self._box,
-                    self._key,
-                    wanted,
-                    *self._arrays(),
-                    memory,
-                )
+                ended = native.scatter(world, self._map(), CLOCK, deadline.left, self._key, wanted)
                 if ended != native.FULL:
                     return ended
                 self._reserve(2 * len(self._states), 2 * len(self._lengths))
@@ -71,12 +58,9 @@ class Chart:
         """Find the shortest path between valid ends; return how it ended."""
         try:
             with machine_code_of(self._problem, Deadline(), self._resolution, self.counters) as oracle:
-                memory = oracle.fresh_memory()
+                world = world_of(self._problem, oracle, self._resolution)
                 while True:
-                    ended = _connect(
-                        oracle.address, CLOCK, deadline.left, self._resolution, self._box, start, goals, ends,
-                        *self._arrays(), memory,
-                    )  # fmt: skip
+                    ended = native.connect(world, self._map(), CLOCK, deadline.left, start, goals, ends)
                     if ended != native.FULL:
                         return ended
                     new = len(ends)
@@ -91,8 +75,8 @@ class Chart:
     def valid(self, states: FloatArray) -> BoolArray:
         """Return which states, shape (m, n), are valid."""
         answers = self._problem.counting_oracle().states_valid(states)
-        self.counters[native.STATES] += len(states)
-        self.counters[native.CALLS] += 1
+        self.counters[STATES] += len(states)
+        self.counters[CALLS] += 1
         return answers
 
     def path(self) -> tuple[FloatArray, int]:
@@ -107,8 +91,8 @@ class Chart:
         """Return the number of edges of which this is known."""
         return int(np.count_nonzero(self._findings[: self.counters[native.EDGES]] == finding))
 
-    def _arrays(self) -> Any:
-        return (
+    def _map(self) -> native.Map:
+        return native.Map(
             self._states, self._lanes, self._nodes, self._costs, self._arcs, self._lengths, self._findings,
             self._keys, self._heap, self._rows, self.counters,
         )  # fmt: skip

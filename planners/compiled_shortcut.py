@@ -6,16 +6,15 @@ import numpy as np
 
 from . import native_shortcut as native
 from .compiled_validity import CompiledValidity
+from .compiled_world import world_of
 from .deadline import Deadline
 from .native import CLOCK, stream_key
 from .problem import Problem
+from .shortcut import FLAT
 from .vectors import FloatArray
 
-LEAST_GAIN = 1e-9
+LEAST_GAIN = 1e-5
 """Of the length: less is not worth asking the oracle for."""
-
-FLAT = 1e-9
-"""Of the length: a way-point this near to the chord of its neighbours is dropped."""
 
 _STREAM = 1
 _SPARE = 32
@@ -31,7 +30,7 @@ def shorten_compiled(
     resolution: float,
 ) -> FloatArray:
     """Return a shorter polyline; see `shortcut` for the method and the arguments."""
-    memory, weights, n = oracle.fresh_memory(), problem.metric.weights.copy(), problem.n
+    world, n = world_of(problem, oracle, resolution), problem.n
     key, counters = stream_key(seed, _STREAM), np.zeros(native.COUNTERS, dtype=np.int64)
     counters[native.SIZE] = len(points)
     ended, rows = native.FULL, np.empty((2, n))
@@ -41,7 +40,7 @@ def shorten_compiled(
         room[:size] = points[:size]
         points = room
         ended = native.shorten(
-            oracle.address, CLOCK, deadline.left, resolution, LEAST_GAIN, FLAT, weights, key, iterations,
-            points, np.empty_like(points), np.empty((2, len(points))), rows, counters, memory,
+            world, CLOCK, deadline.left, LEAST_GAIN, FLAT, key, iterations, points, np.empty_like(points),
+            np.empty((2, len(points))), rows, counters,
         )  # fmt: skip
     return points[: counters[native.SIZE]].copy()

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import compiled_connect, compiled_shortcut  # noqa: F401  (loaded here, before any time budget begins)
-from . import native_star as native
+from . import compiled_connect, compiled_shortcut, native_graph, native_star  # noqa: F401  (loaded here, before any time budget begins)
 from .callback import machine_code_of
-from .compiled_connect import box_of
+from .compiled_world import world_of
 from .deadline import Deadline
 from .native import CLOCK, stream_key
 from .native_tree import LANES
@@ -54,11 +53,13 @@ class _Room:
     def __init__(self, n: int, goals: int, capacity: int) -> None:
         self.capacity = 0
         self.states, self.lanes = np.empty((0, n)), np.empty((0, n, LANES))
-        self.links, self.costs = np.empty((native.LINKS, 0), dtype=np.int64), np.empty((2, 0))
+        self.family, self.costs = np.empty((native_graph.FAMILY, 0), dtype=np.int64), np.empty((2, 0))
         self.branch = np.empty(0, dtype=np.int64)
         self.goal_nodes = np.full(goals, -1, dtype=np.int64)
-        self.rows, self.history = np.empty((6, n)), np.empty((_RECORDS, 3))
-        self.counters = np.zeros(native.COUNTERS, dtype=np.int64)
+        self._rows, self.history = np.empty((6, n)), np.empty((_RECORDS, 3))
+        self._near = np.empty(native_graph.MOST_NEIGHBOURS, dtype=np.int64)
+        self._squares, self._eight = np.empty((2, native_graph.MOST_NEIGHBOURS)), np.empty(LANES)
+        self.counters = np.zeros(native_graph.COUNTERS, dtype=np.int64)
         self.reserve(capacity)
 
     def reserve(self, capacity: int) -> None:
@@ -66,21 +67,28 @@ class _Room:
         capacity = -(-capacity // LANES) * LANES
         old, n = self.capacity, self.states.shape[1]
         states, lanes = np.empty((capacity, n)), np.empty((capacity // LANES, n, LANES))
-        links, costs = np.empty((native.LINKS, capacity), dtype=np.int64), np.empty((2, capacity))
+        family, costs = np.empty((native_graph.FAMILY, capacity), dtype=np.int64), np.empty((2, capacity))
         branch = np.empty(capacity, dtype=np.int64)
         states[:old], lanes[: old // LANES], branch[:old] = self.states, self.lanes, self.branch
-        links[:, :old], costs[:, :old] = self.links, self.costs
-        self.states, self.lanes, self.links, self.costs, self.branch = states, lanes, links, costs, branch
+        family[:, :old], costs[:, :old] = self.family, self.costs
+        self.states, self.lanes, self.family, self.costs, self.branch = states, lanes, family, costs, branch
         self.capacity = capacity
+
+    def graph(self, goals: FloatArray) -> native_graph.Graph:
+        """Return the arrays as the machine code takes them."""
+        return native_graph.Graph(
+            self.states, self.lanes, self.family, self.costs, goals, self.goal_nodes, self.branch, self._near,
+            self._squares, self._rows, self._eight, self.counters,
+        )  # fmt: skip
 
     def path(self, goals: FloatArray) -> tuple[FloatArray, int]:
         """Return the best path and its goal."""
-        goal = int(self.counters[native.GOAL])
+        goal = int(self.counters[native_graph.GOAL])
         nodes = []
         node = int(self.goal_nodes[goal])
         while node >= 0:
             nodes.append(node)
-            node = int(self.links[native.PARENT, node])
+            node = int(self.family[native_graph.PARENT, node])
         points = self.states[nodes[::-1]]
         points[-1] = goals[goal]
         return points, goal
@@ -99,20 +107,18 @@ def improve_compiled(
 ) -> Improved:
     """Improve a path that ends at one of some goals; see `improve` for the method and the arguments."""
     room = _Room(problem.n, len(goals), max(_FIRST_CAPACITY, len(points) + len(goals) + LANES))
-    reach = REACH * problem.diagonal
-    ended, box, key = native.FULL, box_of(problem), stream_key(seed, _STREAM)
+    ended, key = native_star.FULL, stream_key(seed, _STREAM)
     with machine_code_of(problem, deadline, resolution, room.counters) as oracle:
-        memory = oracle.fresh_memory()
-        while ended == native.FULL and room.capacity < MOST_NODES:
-            if room.counters[native.SIZE]:
+        world = world_of(problem, oracle, resolution, REACH * problem.diagonal)
+        while ended == native_star.FULL and room.capacity < MOST_NODES:
+            if room.counters[native_graph.SIZE]:
                 room.reserve(2 * room.capacity)
-            ended = native.improve_tree(
-                oracle.address, CLOCK, deadline.left, deadline.elapsed, resolution, reach, target, box, key,
-                iterations, points, goal, goals, room.goal_nodes, room.states, room.lanes, room.links,
-                room.costs, room.branch, room.rows, room.history, room.counters, memory,
+            ended = native_star.improve_tree(
+                world, room.graph(goals), CLOCK, deadline.left, deadline.elapsed, target, key, iterations,
+                points, goal, room.history,
             )  # fmt: skip
     path, reached = room.path(goals)
     states, calls, _, drawn = room.counters[:4].tolist()
-    records = room.history[: room.counters[native.RECORDS]].tolist()
+    records = room.history[: room.counters[native_graph.RECORDS]].tolist()
     history = tuple(Improvement(time, cost, int(iteration)) for time, cost, iteration in records)
     return Improved(path, reached, drawn, states, calls, history)

@@ -61,7 +61,7 @@ def improve(
     Raises:
         InvalidValueError: The path has another number of coordinates, or an option is not allowed.
     """
-    from .compiled_star import improve_compiled  # loads machine code, which is not this run's time
+    from . import compiled_star  # noqa: F401  (loads machine code, which is not this run's time)
 
     deadline = Deadline(timeout)
     if path.n != problem.n:
@@ -70,29 +70,38 @@ def improve(
         )
     seed = whole_number("seed", seed)
     iterations = _UNLIMITED if max_iterations is None else whole_number("max_iterations", max_iterations)
+    return _improved(problem, path, deadline, seed, iterations, target, resolution)
+
+
+def _improved(
+    problem: Problem,
+    path: Path,
+    deadline: Deadline,
+    seed: int,
+    iterations: int,
+    target: float,
+    resolution: float | None,
+) -> Result:
+    from .compiled_star import improve_compiled
+
     goals, goal = _goals_of(problem, path)
-    improved = improve_compiled(
-        problem,
-        path.points.copy(),
-        goals,
-        goal,
-        deadline,
-        seed,
-        iterations,
-        _least_length(problem, path, goals, target),
-        problem.counting_oracle(resolution=resolution).resolution,
+    least = _least_length(problem, path, goals, target)
+    spacing = problem.counting_oracle(resolution=resolution).resolution
+    found = improve_compiled(
+        problem, path.points.copy(), goals, goal, deadline, seed, iterations, least, spacing
     )
+    better = Path.trusted(found.points, problem.metric)
     return Result(
         status=Status.SOLVED,
-        path=(better := Path.trusted(improved.points, problem.metric)),
-        goal_index=improved.goal if improved.goal < len(problem.goals) else None,
+        path=better,
+        goal_index=found.goal if found.goal < len(problem.goals) else None,
         cost=better.length,
-        iterations=improved.iterations,
-        states_checked=improved.states,
-        oracle_calls=improved.calls,
+        iterations=found.iterations,
+        states_checked=found.states,
+        oracle_calls=found.calls,
         time=deadline.elapsed,
         seed=seed,
-        history=improved.history,
+        history=found.history,
     )
 
 

@@ -6,18 +6,33 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
-from .native import seconds_now, uniform
-from .native_edge import edge_valid, prefix, steps_of
+from .native import seconds_now
+from .native_edge import prefix
+from .native_sampling import random_state
 from .native_tree import k_nearest, set_lane
+from .native_world import (
+    BLOCKS,
+    INDICES,
+    MATRIX,
+    STOP,
+    TABLE,
+    VECTOR,
+    WORLD,
+    World,
+    distance,
+    distance_to_nearest,
+    is_free,
+    wanted_neighbours,
+)
 from .vectors import FloatArray
 
 # How a call ends.
 DONE, TIME_UP, FULL, NO_PATH = 0, 1, 2, 3
 
 # Places in `counters`; those of the oracle come first.
-STATES, CALLS, STOP, DRAWN, NODES, EDGES, QUERY, REACHED = range(8)
+DRAWN, NODES, EDGES, QUERY, REACHED = range(3, 8)
 COUNTERS = 8
 
 # Rows of `nodes`: first arc, arc from the parent, last query that closed it, last query that has it as goal.
@@ -63,13 +78,10 @@ class Map(NamedTuple):
     counters: np.ndarray
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
-    total = 0.0
-    for i in range(a.size):
-        difference = (b[i] - a[i]) * weights[i]
-        total += difference * difference
-    return math.sqrt(total)
+CHART = types.NamedTuple(
+    (MATRIX, BLOCKS, TABLE, VECTOR, TABLE, VECTOR, INDICES, VECTOR, INDICES, MATRIX, INDICES), Map
+)
+"""Numba's type of a roadmap."""
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -95,18 +107,14 @@ def _are_joined(chart: Map, first: int, second: int) -> bool:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _add(chart: Map, state: FloatArray, weights: FloatArray, tolerance: float) -> int:
-    """Add a node joined to its nearest neighbours, or find the one that is there already; return it.
-
-    Their number grows like e (1 + 1/n) log(size), which keeps the roadmap asymptotically optimal.
-    """
+    """Add a node joined to its nearest neighbours, or find the one that is there already; return it."""
     n, size = state.size, chart.counters[NODES]
     near, squares, room = np.empty(MOST_NEIGHBOURS, np.int64), np.empty(MOST_NEIGHBOURS), np.empty(8)
     count = 0
     if size > 0:
         for i in range(n):
             chart.rows[2, i] = state[i] * weights[i]
-        wanted = math.ceil(math.e * (1.0 + 1.0 / n) * math.log(size + 1.0))
-        wanted = min(max(wanted, 1), min(size, MOST_NEIGHBOURS))
+        wanted = wanted_neighbours(n, size, MOST_NEIGHBOURS)
         count = k_nearest(chart.lanes, size, chart.rows[2], wanted, near, squares, room)
         if squares[0] <= tolerance:
             return near[0]
@@ -161,145 +169,126 @@ def _close(
     while leaving >= 0:
         target = chart.arcs[TARGET, leaving]
         if chart.findings[leaving // 2] != INVALID and chart.nodes[CLOSED, target] != query:
-            ahead = math.inf
-            for g in range(goals.shape[0]):
-                ahead = min(ahead, _distance(chart.states[target], goals[g], weights))
+            ahead = distance_to_nearest(chart.states[target], goals, weights)
             size = _push(chart, size, cost + chart.lengths[leaving // 2] + ahead, leaving)
         leaving = chart.arcs[NEXT, leaving]
     return size
 
 
-_MAP = (
-    "float64[:, ::1], float64[:, :, ::1], int64[:, ::1], float64[::1], int64[:, ::1], float64[::1],"
-    " int64[::1], float64[::1], int64[::1], float64[:, ::1], int64[::1], float64[::1])"
-)
+@njit(nogil=True, cache=True, error_model="numpy")
+def _tolerance(world: World) -> float:
+    """Return the square of a distance below which states are one."""
+    return _SAME * distance(world.lower, world.lower + world.extent, world.weights) ** 2
 
 
 @njit(
-    f"int64(int64, int64, float64, float64[:, ::1], uint64, int64, {_MAP}",
+    types.int64(WORLD, CHART, types.int64, types.float64, types.uint64, types.int64),
     nogil=True,
     cache=True,
     error_model="numpy",
 )
-def scatter(
-    address: int,
-    clock: int,
-    seconds: float,
-    box: FloatArray,
-    key: np.uint64,
-    wanted: int,
-    states: FloatArray,
-    lanes: FloatArray,
-    nodes: np.ndarray,
-    costs: FloatArray,
-    arcs: np.ndarray,
-    lengths: FloatArray,
-    findings: np.ndarray,
-    keys: FloatArray,
-    heap: np.ndarray,
-    rows: FloatArray,
-    counters: np.ndarray,
-    memory: FloatArray,
-) -> int:
+def scatter(world: World, chart: Map, clock: int, seconds: float, key: np.uint64, wanted: int) -> int:
     """Add valid samples of the box until there are as many nodes as wanted.
+
+    Args:
+        world: Box, metric and oracle.
+        chart: The roadmap.
+        clock: Address of `clock_gettime`.
+        seconds: Time budget [s].
+        key: Of the stream of random numbers.
+        wanted: Number of nodes.
 
     Returns:
         DONE, TIME_UP, or FULL if there may be no room for one more.
     """
-    chart = Map(states, lanes, nodes, costs, arcs, lengths, findings, keys, heap, rows, counters)
-    lower, extent, weights = box[0], box[1], box[2]
-    place, sample, n = np.empty(2, np.int64), rows[3], box.shape[1]
-    end = seconds_now(clock, place) + seconds
-    tolerance = _SAME * _distance(lower, lower + extent, weights) ** 2
+    counters, sample, place = chart.counters, chart.rows[3], np.empty(2, np.int64)
+    end, tolerance = seconds_now(clock, place) + seconds, _tolerance(world)
     while counters[NODES] < wanted:
         if counters[STOP] != 0 or seconds_now(clock, place) >= end:
             return TIME_UP
-        if counters[NODES] >= states.shape[0] or counters[EDGES] + MOST_NEIGHBOURS > lengths.size:
+        if counters[NODES] >= chart.states.shape[0] or counters[EDGES] + MOST_NEIGHBOURS > chart.lengths.size:
             return FULL
-        for i in range(n):
-            sample[i] = lower[i] + uniform(key, counters[DRAWN] + i) * extent[i]
-        counters[DRAWN] += n
-        if prefix(address, memory, sample, sample, 1, counters) == 1:
-            _add(chart, sample, weights, tolerance)
+        counters[DRAWN] += random_state(key, counters[DRAWN], world.lower, world.extent, sample)
+        if prefix(world.address, world.memory, sample, sample, 1, counters) == 1:
+            _add(chart, sample, world.weights, tolerance)
     return DONE
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_ends(world: World, chart: Map, start: FloatArray, goals: FloatArray, ends: np.ndarray) -> bool:
+    """Make start and goals nodes that are joined; False if there may be no room."""
+    counters, new, tolerance = chart.counters, 1 + goals.shape[0], _tolerance(world)
+    edges = counters[EDGES] + new * (MOST_NEIGHBOURS + 1)
+    if counters[NODES] + new > chart.states.shape[0] or edges > chart.lengths.size:
+        return False
+    ends[0] = _add(chart, start, world.weights, tolerance)
+    for g in range(goals.shape[0]):
+        ends[1 + g] = _add(chart, goals[g], world.weights, tolerance)
+        if not _are_joined(chart, ends[0], ends[1 + g]):
+            _join(chart, ends[0], ends[1 + g], distance(start, goals[g], world.weights))
+    return True
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _can_be_taken(world: World, chart: Map, source: int, target: int, edge: int) -> bool:
+    """Return whether an edge is valid, finding it out if that is not known."""
+    if chart.findings[edge] == UNKNOWN:
+        a, b = chart.states[source], chart.states[target]
+        free = is_free(world, a, b, chart.lengths[edge], chart.rows, chart.counters)
+        chart.findings[edge] = VALID if free else INVALID
+    return chart.findings[edge] == VALID
+
+
 @njit(
-    "int64(int64, int64, float64, float64, float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], "
-    + _MAP,
+    types.int64(WORLD, CHART, types.int64, types.float64, VECTOR, MATRIX, INDICES),
     nogil=True,
     cache=True,
     error_model="numpy",
 )
 def connect(
-    address: int,
+    world: World,
+    chart: Map,
     clock: int,
     seconds: float,
-    resolution: float,
-    box: FloatArray,
     start: FloatArray,
     goals: FloatArray,
     ends: np.ndarray,
-    states: FloatArray,
-    lanes: FloatArray,
-    nodes: np.ndarray,
-    costs: FloatArray,
-    arcs: np.ndarray,
-    lengths: FloatArray,
-    findings: np.ndarray,
-    keys: FloatArray,
-    heap: np.ndarray,
-    rows: FloatArray,
-    counters: np.ndarray,
-    memory: FloatArray,
 ) -> int:
     """Find the shortest path from start to one of the goals on the roadmap, checking edges on the way.
 
-    All of the ends are valid.  `ends` is room for the nodes of start and goals, shape (1 + g,); if it begins
-    with -1, they are made nodes, joined to each other and to their neighbours.
+    Args:
+        world: Box, metric and oracle.
+        chart: The roadmap.
+        clock: Address of `clock_gettime`.
+        seconds: Time budget [s].
+        start: A valid state, shape (n,).
+        goals: Valid states, shape (g, n).
+        ends: Nodes of start and goals, shape (1 + g,); if it begins with -1, they are made nodes first.
 
     Returns:
         DONE (the goal's node is counters[REACHED]), TIME_UP, FULL or NO_PATH.
     """
-    chart = Map(states, lanes, nodes, costs, arcs, lengths, findings, keys, heap, rows, counters)
-    lower, extent, weights = box[0], box[1], box[2]
     place = np.empty(2, np.int64)
     end = seconds_now(clock, place) + seconds
-    if ends[0] < 0:
-        new = 1 + goals.shape[0]
-        if (
-            counters[NODES] + new > states.shape[0]
-            or counters[EDGES] + new * (MOST_NEIGHBOURS + 1) > lengths.size
-        ):
-            return FULL
-        tolerance = _SAME * _distance(lower, lower + extent, weights) ** 2
-        ends[0] = _add(chart, start, weights, tolerance)
-        for g in range(goals.shape[0]):
-            ends[1 + g] = _add(chart, goals[g], weights, tolerance)
-            if not _are_joined(chart, ends[0], ends[1 + g]):
-                _join(chart, ends[0], ends[1 + g], _distance(start, goals[g], weights))
+    if ends[0] < 0 and not _add_ends(world, chart, start, goals, ends):
+        return FULL
+    counters, nodes, arcs = chart.counters, chart.nodes, chart.arcs
     counters[QUERY] += 1
     query = counters[QUERY]
     for g in range(goals.shape[0]):
         nodes[IS_GOAL, ends[1 + g]] = query
     counters[REACHED] = ends[0]
-    size = _close(chart, ends[0], -1, 0.0, goals, weights, 0)
+    size = _close(chart, ends[0], -1, 0.0, goals, world.weights, 0)
     while nodes[IS_GOAL, counters[REACHED]] != query:
         if size == 0:
             return NO_PATH
         if counters[STOP] != 0 or seconds_now(clock, place) >= end:
             return TIME_UP
-        arc = heap[0]
+        arc = chart.heap[0]
         size = _pop(chart, size)
         node, source, edge = arcs[TARGET, arc], arcs[TARGET, arc ^ 1], arc // 2
-        if nodes[CLOSED, node] == query or findings[edge] == INVALID:
-            continue
-        if findings[edge] == UNKNOWN:
-            steps = steps_of(lengths[edge], resolution)
-            free = edge_valid(address, memory, states[source], states[node], steps, rows, counters)
-            findings[edge] = VALID if free else INVALID
-            if not free:
-                continue
-        size = _close(chart, node, arc, costs[source] + lengths[edge], goals, weights, size)
-        counters[REACHED] = node
+        if nodes[CLOSED, node] != query and _can_be_taken(world, chart, source, node, edge):
+            cost = chart.costs[source] + chart.lengths[edge]
+            size = _close(chart, node, arc, cost, goals, world.weights, size)
+            counters[REACHED] = node
     return DONE

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
 from .native import seconds_now, uniform
-from .native_edge import edge_valid, steps_of
+from .native_edge import prefix
+from .native_world import INDICES, MATRIX, WORLD, World, is_free
 from .vectors import FloatArray
 
 # How a call ends.
@@ -124,37 +125,40 @@ def _straighten(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _valid(
-    address: int,
-    memory: FloatArray,
-    piece: FloatArray,
-    count: int,
-    lengths: FloatArray,
-    resolution: float,
-    rows: FloatArray,
-    counters: np.ndarray,
+    world: World, piece: FloatArray, count: int, lengths: FloatArray, rows: FloatArray, counters: np.ndarray
 ) -> bool:
+    """Return whether a polyline is valid, its first point included, which may be any place on an edge."""
+    if prefix(world.address, world.memory, piece[0], piece[0], 1, counters) == 0:
+        return False
     for k in range(count - 1):
-        steps = steps_of(lengths[k + 1] - lengths[k], resolution)
-        if not edge_valid(address, memory, piece[k], piece[k + 1], steps, rows, counters):
+        if not is_free(world, piece[k], piece[k + 1], lengths[k + 1] - lengths[k], rows, counters):
             return False
     return True
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def _replace(points: FloatArray, size: int, before: int, after: int, piece: FloatArray, count: int) -> int:
+    """Put a polyline in the place of the points from `before` up to `after`; return the new size."""
+    _copy(points, after, size - after, points, before + count)
+    _copy(piece, 0, count, points, before)
+    return before + count + size - after
+
+
 @njit(
-    "int64(int64, int64, float64, float64, float64, float64, float64[::1], uint64, int64,"
-    " float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], int64[::1], float64[::1])",
+    types.int64(
+        WORLD, types.int64, types.float64, types.float64, types.float64, types.uint64, types.int64, MATRIX,
+        MATRIX, MATRIX, MATRIX, INDICES,
+    ),
     nogil=True,
     cache=True,
     error_model="numpy",
-)
+)  # fmt: skip
 def shorten(
-    address: int,
+    world: World,
     clock: int,
     seconds: float,
-    resolution: float,
     least_gain: float,
     flat: float,
-    weights: FloatArray,
     key: np.uint64,
     iterations: int,
     points: FloatArray,
@@ -162,48 +166,30 @@ def shorten(
     lengths: FloatArray,
     rows: FloatArray,
     counters: np.ndarray,
-    memory: FloatArray,
 ) -> int:
     """Shorten a polyline in place by random short-cuts; see `shortcut`.
 
-    Args:
-        address: Of the validity function.
-        clock: Address of `clock_gettime`.
-        seconds: Time budget [s].
-        resolution: Greatest step of an edge.
-        least_gain: Least gain, as a part of the length.
-        flat: Distance from a chord that counts as none, as a part of the length.
-        weights: Shape (n,).
-        key: Of the stream of random numbers.
-        iterations: Attempts in all, those of earlier calls included.
-        points: The polyline, counters[SIZE] points in room for more, shape (m, n).
-        piece: Room, shape (m, n).
-        lengths: Room, shape (2, m).
-        rows: Room, shape (2, n).
-        counters: See the places above.
-        memory: Of the validity function.
+    Time is given in seconds, gain and flatness as parts of the length, `iterations` in all, those of earlier
+    calls included.  `points` holds counters[SIZE] points and room for more, shape (m, n); `piece`, shape
+    (m, n), `lengths`, shape (2, m), and `rows`, shape (2, n), are room.
 
     Returns:
         DONE, TIME_UP, or FULL if there may be no room for the points of one more attempt.
     """
-    clock_room, places, n = np.empty(2, np.int64), np.empty(2), weights.size
-    end = seconds_now(clock, clock_room) + seconds
-    while counters[ITERATIONS] < iterations:
+    clock_room, places, weights = np.empty(2, np.int64), np.empty(2), world.weights
+    end, along, n = seconds_now(clock, clock_room) + seconds, lengths[0], weights.size
+    while counters[ITERATIONS] < iterations and counters[SIZE] > 2:
         size = counters[SIZE]
         if seconds_now(clock, clock_room) >= end:
             return TIME_UP
-        if size < 3:
-            return DONE
         if size + MOST_NEW > points.shape[0]:
             return FULL
         number, single = counters[ITERATIONS] * DRAWS, counters[ITERATIONS] % 2 == 1 and n > 1
         counters[ITERATIONS] += 1
-        along = lengths[0]
         _measure(points, size, weights, along)
         if not _choose(key, number, along, size, places):
             continue
         low, high = places[0], places[1]
-        before, after = _below(along, size, low), _up_to(along, size, high)
         inner, last_inner = _up_to(along, size, low), _below(along, size, high)
         count = 2 + (last_inner - inner if single else 0)
         _state_at(points, along, size, low, piece[0])
@@ -213,14 +199,9 @@ def shorten(
             _straighten(piece, count, lengths[1], int(uniform(key, number + 3) * n), weights)
         _measure(piece, count, weights, lengths[1])
         gain = high - low - lengths[1, count - 1]
-        if gain <= least_gain * along[size - 1]:
-            continue
-        if not _valid(address, memory, piece, count, lengths[1], resolution, rows, counters):
-            continue
-        tail = size - after
-        _copy(points, after, tail, points, before + count)
-        _copy(piece, 0, count, points, before)
-        _measure(points, before + count + tail, weights, along)
-        tolerance = flat * along[before + count + tail - 1]
-        counters[SIZE] = drop_flat(points, before + count + tail, weights, tolerance)
+        if gain > least_gain * along[size - 1] and _valid(world, piece, count, lengths[1], rows, counters):
+            before, after = _below(along, size, low), _up_to(along, size, high)
+            size = _replace(points, size, before, after, piece, count)
+            _measure(points, size, weights, along)
+            counters[SIZE] = drop_flat(points, size, weights, flat * along[size - 1])
     return DONE

@@ -3,204 +3,38 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
 from .native import seconds_now, uniform
-from .native_edge import edge_valid, prefix, steps_of
+from .native_edge import prefix, steps_of
+from .native_graph import (
+    BRANCH,
+    COST,
+    DRAWN,
+    GRAPH,
+    ITERATIONS,
+    RECORDS,
+    SIZE,
+    Graph,
+    add_node,
+    join_branch,
+    move,
+    neighbours,
+    note_best,
+)
 from .native_sampling import near_path, random_state, within_ellipsoid
-from .native_tree import k_nearest, set_lane
+from .native_world import MATRIX, STOP, WORLD, World, distance, distance_to_nearest, is_free
 from .vectors import FloatArray
 
 # How a call ends.
 DONE, TIME_UP, FULL = 0, 1, 2
 
-# Places in `counters`; those of the oracle come first.
-STATES, CALLS, STOP, ITERATIONS, SIZE, GOAL, RECORDS, BRANCH, DRAWN = range(9)
-COUNTERS = 9
-
-# Rows of `links` and of `costs`.
-PARENT, CHILD, NEXT, BEFORE, STACK = range(5)
-LINKS = 5
-COST, EDGE = 0, 1
-
-MOST_NEIGHBOURS = 128
 _HISTORY_STEP = 1e-4  # part of the cost: smaller gains share an entry of the history
 _SHORT_CUTS, _NEAR_PATH = 0.1, 0.5  # shares of the iterations
 _SHORTER = 1.0 - 1e-12  # factor below which a cost is lower for other reasons than rounding
 _SAME = 1e-9  # of the greatest extension: nearer states are one
-
-
-class Graph(NamedTuple):
-    """A tree in arrays with room for m nodes.
-
-    Attributes:
-        states: Shape (m, n).
-        lanes: Scaled states, shape (m / 8, n, 8).
-        links: Parent, first child, next and previous sibling, and room for a stack, shape (5, m); -1: none.
-        costs: Length from the start and of the edge to the parent, shape (2, m).
-        goals: Shape (k, n).
-        goal_nodes: Node of each goal, -1 if it is not in the tree, shape (k,).
-        branch: Nodes of the best path, goal first; counters[BRANCH] of them, shape (m,).
-        near: Indices of neighbours, shape (MOST_NEIGHBOURS,).
-        squares: Squares of their distances, then costs through them, shape (2, MOST_NEIGHBOURS).
-        rows: Room, shape (8, n).
-        room: Eight numbers.
-        counters: See the places above.
-    """
-
-    states: FloatArray
-    lanes: FloatArray
-    links: np.ndarray
-    costs: FloatArray
-    goals: FloatArray
-    goal_nodes: np.ndarray
-    branch: np.ndarray
-    near: np.ndarray
-    squares: FloatArray
-    rows: FloatArray
-    room: FloatArray
-    counters: np.ndarray
-
-
-class World(NamedTuple):
-    """What edges are checked with.
-
-    Attributes:
-        address: Of the validity function.
-        memory: Its memory.
-        resolution: Greatest step of an edge.
-        lower: Shape (n,).
-        extent: Shape (n,).
-        weights: Shape (n,).
-        reach: Greatest length of an extension.
-    """
-
-    address: int
-    memory: FloatArray
-    resolution: float
-    lower: FloatArray
-    extent: FloatArray
-    weights: FloatArray
-    reach: float
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
-    """Return the distance of two states, shapes (n,)."""
-    total = 0.0
-    for i in range(a.size):
-        difference = (b[i] - a[i]) * weights[i]
-        total += difference * difference
-    return math.sqrt(total)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _free(world: World, graph: Graph, a: FloatArray, b: FloatArray, length: float) -> bool:
-    steps = steps_of(length, world.resolution)
-    return edge_valid(world.address, world.memory, a, b, steps, graph.rows, graph.counters)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _unlink(graph: Graph, node: int) -> None:
-    links = graph.links
-    before, after = links[BEFORE, node], links[NEXT, node]
-    if before >= 0:
-        links[NEXT, before] = after
-    else:
-        links[CHILD, links[PARENT, node]] = after
-    if after >= 0:
-        links[BEFORE, after] = before
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _link(graph: Graph, node: int, parent: int, length: float) -> None:
-    links = graph.links
-    first = links[CHILD, parent]
-    links[PARENT, node], links[BEFORE, node], links[NEXT, node] = parent, -1, first
-    if first >= 0:
-        links[BEFORE, first] = node
-    links[CHILD, parent] = node
-    graph.costs[EDGE, node] = length
-    graph.costs[COST, node] = graph.costs[COST, parent] + length
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _relink(graph: Graph, node: int, parent: int, length: float) -> None:
-    """Give a node another parent, and lower the costs of all below it."""
-    _unlink(graph, node)
-    _link(graph, node, parent, length)
-    links, costs = graph.links, graph.costs
-    links[STACK, 0] = node
-    height = 1
-    while height > 0:
-        height -= 1
-        above = links[STACK, height]
-        child = links[CHILD, above]
-        while child >= 0:
-            costs[COST, child] = costs[COST, above] + costs[EDGE, child]
-            links[STACK, height] = child
-            height += 1
-            child = links[NEXT, child]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _add(world: World, graph: Graph, state: FloatArray, parent: int, length: float) -> int:
-    node = graph.counters[SIZE]
-    graph.counters[SIZE] += 1
-    for i in range(state.size):
-        graph.states[node, i] = state[i]
-    set_lane(graph.lanes, node, state, world.weights)
-    graph.links[PARENT, node] = graph.links[CHILD, node] = -1
-    graph.links[NEXT, node] = graph.links[BEFORE, node] = -1
-    graph.costs[COST, node] = graph.costs[EDGE, node] = 0.0
-    if parent >= 0:
-        _link(graph, node, parent, length)
-    return node
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _neighbours(world: World, graph: Graph, state: FloatArray) -> int:
-    """Find the nodes nearest to a state, nearest first; return how many.
-
-    Their number grows like e (1 + 1/n) log(size), which keeps RRT* asymptotically optimal.
-    """
-    n, size = state.size, graph.counters[SIZE]
-    scaled = graph.rows[2]
-    for i in range(n):
-        scaled[i] = state[i] * world.weights[i]
-    wanted = math.ceil(math.e * (1.0 + 1.0 / n) * math.log(size + 1.0))
-    wanted = min(max(wanted, 1), min(size, MOST_NEIGHBOURS))
-    return k_nearest(graph.lanes, size, scaled, wanted, graph.near, graph.squares[0], graph.room)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _join_branch(world: World, graph: Graph, state: FloatArray, count: int) -> int:
-    """Add the nodes of the best path to a state's neighbours; return how many there are then.
-
-    Near the best path samples are so dense that its own nodes are not among the nearest.
-    """
-    nearest = count
-    for j in range(graph.counters[BRANCH]):
-        node, known = graph.branch[j], False
-        for k in range(nearest):
-            known = known or graph.near[k] == node
-        if not known and count < MOST_NEIGHBOURS:
-            graph.near[count] = node
-            graph.squares[0, count] = distance(state, graph.states[node], world.weights) ** 2
-            count += 1
-    return count
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _still_to_go(world: World, graph: Graph, state: FloatArray) -> float:
-    """Return the distance to the nearest goal."""
-    least = math.inf
-    for g in range(graph.goals.shape[0]):
-        least = min(least, distance(state, graph.goals[g], world.weights))
-    return least
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -221,7 +55,9 @@ def _best_parent(world: World, graph: Graph, state: FloatArray, count: int, limi
         if through[best] >= limit:
             return -1
         length = math.sqrt(graph.squares[0, best])
-        if best == known or _free(world, graph, graph.states[graph.near[best]], state, length):
+        if best == known or is_free(
+            world, graph.states[graph.near[best]], state, length, graph.rows, graph.counters
+        ):
             return best
         through[best] = math.inf
     return -1
@@ -233,8 +69,10 @@ def _rewire(world: World, graph: Graph, node: int, count: int) -> None:
     for k in range(count):
         other, length = graph.near[k], math.sqrt(graph.squares[0, k])
         shorter = graph.costs[COST, node] + length < graph.costs[COST, other] * _SHORTER
-        if shorter and _free(world, graph, graph.states[node], graph.states[other], length):
-            _relink(graph, other, node, length)
+        if shorter and is_free(
+            world, graph.states[node], graph.states[other], length, graph.rows, graph.counters
+        ):
+            move(graph, other, node, length)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -247,29 +85,12 @@ def _try_goals(world: World, graph: Graph, node: int, best: float) -> None:
             best = min(best, graph.costs[COST, goal_node])
         if goal_node == node or cost >= best:
             continue
-        if not _free(world, graph, graph.states[node], graph.goals[g], length):
+        if not is_free(world, graph.states[node], graph.goals[g], length, graph.rows, graph.counters):
             continue
         if goal_node < 0:
-            graph.goal_nodes[g] = _add(world, graph, graph.goals[g], node, length)
+            graph.goal_nodes[g] = add_node(world, graph, graph.goals[g], node, length)
         else:
-            _relink(graph, goal_node, node, length)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _note_best(graph: Graph, best: float) -> float:
-    """Return the cost of the best goal, and renew the list of its branch if it is better than before."""
-    least, counters = best, graph.counters
-    for g in range(graph.goal_nodes.size):
-        if graph.goal_nodes[g] >= 0 and graph.costs[COST, graph.goal_nodes[g]] < least:
-            least, counters[GOAL] = graph.costs[COST, graph.goal_nodes[g]], g
-    if least < best:
-        count, node = 0, graph.goal_nodes[counters[GOAL]]
-        while node >= 0:
-            graph.branch[count] = node
-            count += 1
-            node = graph.links[PARENT, node]
-        counters[BRANCH] = count
-    return least
+            move(graph, goal_node, node, length)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -282,8 +103,10 @@ def _cut_branch(world: World, graph: Graph, key: np.uint64) -> None:
     node, above = graph.branch[lower], graph.branch[min(upper, count - 1)]
     length = distance(graph.states[node], graph.states[above], world.weights)
     shorter = graph.costs[COST, above] + length < graph.costs[COST, node] * _SHORTER
-    if shorter and _free(world, graph, graph.states[above], graph.states[node], length):
-        _relink(graph, node, above, length)
+    if shorter and is_free(
+        world, graph.states[above], graph.states[node], length, graph.rows, graph.counters
+    ):
+        move(graph, node, above, length)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -317,7 +140,7 @@ def _step(world: World, graph: Graph, best: float) -> None:
     """Grow the tree towards the sample in rows[3] by one node, and rewire around it."""
     sample, new = graph.rows[3], graph.rows[5]
     n = sample.size
-    count = _neighbours(world, graph, sample)
+    count = neighbours(world, graph, sample)
     near, length = graph.near[0], math.sqrt(graph.squares[0, 0])
     for i in range(n):
         new[i] = sample[i]
@@ -327,7 +150,10 @@ def _step(world: World, graph: Graph, best: float) -> None:
         return
     moved = length > world.reach
     length = min(length, world.reach)
-    if distance(graph.states[0], new, world.weights) + _still_to_go(world, graph, new) >= best:
+    if (
+        distance(graph.states[0], new, world.weights) + distance_to_nearest(new, graph.goals, world.weights)
+        >= best
+    ):
         return
     steps = steps_of(length, world.resolution)
     last = prefix(world.address, world.memory, graph.states[near], new, steps, graph.counters)
@@ -339,15 +165,15 @@ def _step(world: World, graph: Graph, best: float) -> None:
             new[i] = graph.states[near, i] + (new[i] - graph.states[near, i]) * last / steps
     known = 0
     if moved:
-        count, known = _neighbours(world, graph, new), -1
+        count, known = neighbours(world, graph, new), -1
         for k in range(count):
             if graph.near[k] == near:
                 known = k
-    count = _join_branch(world, graph, new, count)
-    limit = best - _still_to_go(world, graph, new)
+    count = join_branch(world, graph, new, count)
+    limit = best - distance_to_nearest(new, graph.goals, world.weights)
     parent = _best_parent(world, graph, new, count, limit, known)
     if parent >= 0 and graph.squares[0, 0] > (world.reach * _SAME) ** 2:
-        node = _add(world, graph, new, graph.near[parent], math.sqrt(graph.squares[0, parent]))
+        node = add_node(world, graph, new, graph.near[parent], math.sqrt(graph.squares[0, parent]))
         _rewire(world, graph, node, count)
         _try_goals(world, graph, node, best)
 
@@ -357,7 +183,7 @@ def _plant(world: World, graph: Graph, path: FloatArray, goal: int) -> None:
     """Make the first path the first branch of the tree."""
     for k in range(path.shape[0]):
         length = distance(path[k - 1], path[k], world.weights) if k else 0.0
-        _add(world, graph, path[k], k - 1, length)
+        add_node(world, graph, path[k], k - 1, length)
     graph.goal_nodes[goal] = path.shape[0] - 1
 
 
@@ -375,87 +201,56 @@ def _record(graph: Graph, history: FloatArray, seconds: float, cost: float) -> N
 
 
 @njit(
-    "int64(int64, int64, float64, float64, float64, float64, float64, float64[:, ::1], uint64, int64,"
-    " float64[:, ::1], int64, float64[:, ::1], int64[::1], float64[:, ::1], float64[:, :, ::1],"
-    " int64[:, ::1], float64[:, ::1], int64[::1], float64[:, ::1], float64[:, ::1], int64[::1],"
-    " float64[::1])",
+    types.int64(
+        WORLD, GRAPH, types.int64, types.float64, types.float64, types.float64, types.uint64, types.int64,
+        MATRIX, types.int64, MATRIX,
+    ),
     nogil=True,
     cache=True,
     error_model="numpy",
-)
+)  # fmt: skip
 def improve_tree(
-    address: int,
+    world: World,
+    graph: Graph,
     clock: int,
     seconds: float,
     begun: float,
-    resolution: float,
-    reach: float,
     target: float,
-    box: FloatArray,
     key: np.uint64,
     iterations: int,
     path: FloatArray,
     goal: int,
-    goals: FloatArray,
-    goal_nodes: np.ndarray,
-    states: FloatArray,
-    lanes: FloatArray,
-    links: np.ndarray,
-    costs: FloatArray,
-    branch: np.ndarray,
-    rows: FloatArray,
     history: FloatArray,
-    counters: np.ndarray,
-    memory: FloatArray,
 ) -> int:
     """Shorten a path by informed RRT* until it is no longer than a target, or time or iterations run out.
 
     Args:
-        address: Of the validity function.
+        world: Box, metric and oracle.
+        graph: The tree; empty at first.
         clock: Address of `clock_gettime`.
         seconds: Time budget [s].
         begun: Time used before, for the history [s].
-        resolution: Greatest step of an edge.
-        reach: Greatest length of an extension.
         target: Length at which to stop.
-        box: Lower bounds, extents and weights, shape (3, n).
         key: Of the stream of random numbers.
         iterations: Samples in all, those of earlier calls included.
         path: A valid path, shape (k, n): the first branch.
         goal: Which of the goals it ends at.
-        goals: Shape (g, n).
-        goal_nodes: See `Graph`.
-        states: See `Graph`.
-        lanes: See `Graph`.
-        links: See `Graph`.
-        costs: See `Graph`.
-        branch: See `Graph`.
-        rows: See `Graph`.
         history: Room for times, costs and iterations, shape (h, 3).
-        counters: See the places above.
-        memory: Of the validity function.
 
     Returns:
         DONE, TIME_UP, or FULL if there may be no room for the nodes of one more iteration.
     """
-    graph = Graph(
-        states, lanes, links, costs, goals, goal_nodes, branch, np.empty(MOST_NEIGHBOURS, np.int64),
-        np.empty((2, MOST_NEIGHBOURS)), rows, np.empty(8), counters,
-    )  # fmt: skip
-    world = World(address, memory, resolution, box[0], box[1], box[2], reach)
-    place = np.empty(2, np.int64)
+    counters, place = graph.counters, np.empty(2, np.int64)
     entered = seconds_now(clock, place)
-    now = entered
     if counters[SIZE] == 0:
         _plant(world, graph, path, goal)
-    best = _note_best(graph, math.inf)
+    best = note_best(graph, math.inf)
     if counters[RECORDS] == 0:
         _record(graph, history, begun, best)
     while counters[ITERATIONS] < iterations and best > target:
-        now = seconds_now(clock, place)
-        if counters[STOP] != 0 or now >= entered + seconds:
+        if counters[STOP] != 0 or seconds_now(clock, place) >= entered + seconds:
             return TIME_UP
-        if counters[SIZE] + 1 + goals.shape[0] > states.shape[0]:
+        if counters[SIZE] + 1 + graph.goals.shape[0] > graph.states.shape[0]:
             return FULL
         counters[ITERATIONS] += 1
         counters[DRAWN] += 1
@@ -464,7 +259,7 @@ def improve_tree(
         else:
             _draw(world, graph, key, best)
             _step(world, graph, best)
-        better = _note_best(graph, best)
+        better = note_best(graph, best)
         if better < best:
             best = better
             _record(graph, history, begun + seconds_now(clock, place) - entered, best)

@@ -121,6 +121,7 @@ class Roadmap:
                 goal.
         """
         from . import native_roadmap as native
+        from .native_world import CALLS, STATES
 
         deadline, chart = Deadline(timeout), self._chart
         max_nodes = whole_number("max_nodes", max_nodes)
@@ -143,8 +144,8 @@ class Roadmap:
             goal_index=goal,
             cost=math.inf if path is None else path.length,
             iterations=int(spent[native.NODES]),
-            states_checked=int(spent[native.STATES]),
-            oracle_calls=int(spent[native.CALLS]),
+            states_checked=int(spent[STATES]),
+            oracle_calls=int(spent[CALLS]),
             time=deadline.elapsed,
             seed=self.seed,
         )

@@ -15,7 +15,10 @@ from .problem import FINEST_RESOLUTION, Problem
 from .vectors import FloatArray, whole_number
 
 _LEAST_GAIN = 1e-9  # of the length: less is not worth asking the oracle for
-_FLAT = 1e-9  # of the length: a way-point this near to the chord of its neighbours is dropped
+
+FLAT = 1e-9
+"""Of the length: a way-point this near to the chord of its neighbours is dropped."""
+
 _FINER = 8  # an accepted edge hugs obstacles, so it is checked more closely than an edge of a search
 
 
@@ -127,7 +130,7 @@ def _one_coordinate_straight(piece: FloatArray, metric: Metric, coordinate: int)
 
 def _without_flat(points: FloatArray, metric: Metric) -> FloatArray:
     """Drop way-points that lie on the edge between their neighbours."""
-    tolerance = _FLAT * metric.arc_lengths(points)[-1]
+    tolerance = FLAT * metric.arc_lengths(points)[-1]
     kept = [0]
     for i in range(1, len(points) - 1):
         chord, offset = ((points[[i + 1, i]] - points[kept[-1]]) * metric.weights).copy()

@@ -41,7 +41,8 @@ def test_shortest_path_around_a_box_is_found(toy) -> None:  # type: ignore[no-un
     for seed in range(3):
         result = rrt_star(problem, seed=seed, max_iterations=6000, timeout=60.0)
         assert result.success
-        assert shortest * (1 - 1e-3) < result.cost < shortest * (1 + 2e-3)
+        without_margin = np.hypot(0.2, 0.6) + 0.4 + np.hypot(0.2, 0.5)
+        assert without_margin < result.cost < shortest * (1 + 2e-3)
         assert np.all(toy.world([[0.3, -1.0]], [[0.7, 0.8]]).free(result.path.resample(1e-4).points))
 
 
@@ -57,13 +58,15 @@ def test_gap_to_the_shortest_path_closes_with_iterations(toy) -> None:  # type: 
     assert gaps[-1] < 0.25 * gaps[0]
 
 
-@pytest.mark.parametrize(("n", "gap"), [(2, 0.002), (3, 0.01), (5, 0.03), (9, 0.04)])
+@pytest.mark.parametrize(("n", "gap"), [(2, 0.001), (3, 0.005), (5, 0.01), (9, 0.015)])
 def test_shortest_path_around_a_ball(n: int, gap: float, toy) -> None:  # type: ignore[no-untyped-def]
     problem, shortest = ball_problem(toy, n)
-    result = rrt_star(problem, max_iterations=8000, timeout=60.0)
-    assert shortest * (1 - 2e-3) < result.cost < shortest * (1 + gap)
-    distances = np.linalg.norm(result.path.resample(1e-3).points - 0.5, axis=1)
-    assert distances.min() > 0.3
+    results = [rrt_star(problem, seed=s, max_iterations=4000, timeout=60.0) for s in range(7)]
+    costs = [result.cost for result in results]
+    assert min(costs) > shortest * (1 - 2e-3)
+    assert np.median(costs) < shortest * (1 + gap)
+    for result in results:
+        assert np.linalg.norm(result.path.resample(1e-3).points - 0.5, axis=1).min() > 0.3
 
 
 def test_other_way_around_is_found(toy) -> None:  # type: ignore[no-untyped-def]
