@@ -9,6 +9,7 @@ import numpy as np
 
 from .compiled_validity import CompiledValidity
 from .deadline import Deadline
+from .native_world import STOP
 from .oracle import Oracle
 from .problem import Problem
 from .vectors import FloatArray
@@ -16,9 +17,6 @@ from .vectors import FloatArray
 _Signature = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
 )
-
-STOP = 2
-"""Place of the sign to stop among the counters of a planner."""
 
 
 class Callback:

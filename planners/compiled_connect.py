@@ -54,7 +54,7 @@ class Trees:
         """Make valid ends the roots and try the straight edges; return how it ended."""
         nodes = int(self.counters[native.GOAL_SIZE]) + len(goals)
         if nodes > self.states.shape[1]:
-            self._reserve(nodes)
+            self._reserve(max(nodes, 2 * self.states.shape[1]))
         order = np.zeros(len(goals), dtype=np.int64)
         if len(goals) > 1:
             weighted = (goals - self._start) * self._box[native.WEIGHTS]
@@ -69,10 +69,12 @@ class Trees:
         """Grow both trees up to a number of iterations in all; return how it ended."""
         while True:
             ended = native.grow(
-                self._oracle.address, CLOCK, deadline.left, self._resolution, self._stride, self._box,
+                self._oracle.address, CLOCK, deadline.piece, self._resolution, self._stride, self._box,
                 self._key, iterations, self.states, self._lanes, self.parents, self.counters, self._rows,
                 self._memory,
             )  # fmt: skip
+            if ended == native.TIME_UP and not deadline.expired:
+                continue
             if ended != native.FULL:
                 return ended
             spare = int(self._diagonal / self._resolution) // self._stride + 4

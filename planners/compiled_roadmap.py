@@ -10,7 +10,7 @@ from .compiled_world import world_of
 from .deadline import Deadline
 from .native import CLOCK, stream_key
 from .native_tree import LANES
-from .native_world import CALLS, STATES
+from .native_world import CALLS, STATES, STOP
 from .problem import Problem
 from .vectors import BoolArray, FloatArray
 
@@ -49,7 +49,9 @@ class Chart:
         with machine_code_of(self._problem, Deadline(), None, self.counters) as oracle:
             world = world_of(self._problem, oracle, self._resolution)
             while True:
-                ended = native.scatter(world, self._map(), CLOCK, deadline.left, self._key, wanted)
+                ended = native.scatter(world, self._map(), CLOCK, deadline.piece, self._key, wanted)
+                if ended == native.TIME_UP and not (deadline.expired or self.counters[STOP]):
+                    continue
                 if ended != native.FULL:
                     return ended
                 self._reserve(2 * len(self._states), 2 * len(self._lengths))

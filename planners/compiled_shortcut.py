@@ -34,13 +34,14 @@ def shorten_compiled(
     key, counters = stream_key(seed, _STREAM), np.zeros(native.COUNTERS, dtype=np.int64)
     counters[native.SIZE] = len(points)
     ended, rows = native.FULL, np.empty((2, n))
-    while ended == native.FULL:
-        size = int(counters[native.SIZE])
-        room = np.empty((size + max(size, _SPARE), n))
-        room[:size] = points[:size]
-        points = room
+    while ended == native.FULL or (ended == native.TIME_UP and not deadline.expired):
+        if ended == native.FULL:
+            size = int(counters[native.SIZE])
+            room = np.empty((size + max(size, _SPARE), n))
+            room[:size] = points[:size]
+            points = room
         ended = native.shorten(
-            world, CLOCK, deadline.left, LEAST_GAIN, FLAT, key, iterations, points, np.empty_like(points),
+            world, CLOCK, deadline.piece, LEAST_GAIN, FLAT, key, iterations, points, np.empty_like(points),
             np.empty((2, len(points))), rows, counters,
         )  # fmt: skip
     return points[: counters[native.SIZE]].copy()

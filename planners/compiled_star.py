@@ -12,6 +12,7 @@ from .compiled_world import world_of
 from .deadline import Deadline
 from .native import CLOCK, stream_key
 from .native_tree import LANES
+from .native_world import STOP
 from .problem import Problem
 from .result import Improvement
 from .vectors import FloatArray
@@ -107,16 +108,18 @@ def improve_compiled(
 ) -> Improved:
     """Improve a path that ends at one of some goals; see `improve` for the method and the arguments."""
     room = _Room(problem.n, len(goals), max(_FIRST_CAPACITY, len(points) + len(goals) + LANES))
-    ended, key = native_star.FULL, stream_key(seed, _STREAM)
+    key = stream_key(seed, _STREAM)
     with machine_code_of(problem, deadline, resolution, room.counters) as oracle:
         world = world_of(problem, oracle, resolution, REACH * problem.diagonal)
-        while ended == native_star.FULL and room.capacity < MOST_NODES:
-            if room.counters[native_graph.SIZE]:
-                room.reserve(2 * room.capacity)
+        while True:
             ended = native_star.improve_tree(
-                world, room.graph(goals), CLOCK, deadline.left, deadline.elapsed, target, key, iterations,
+                world, room.graph(goals), CLOCK, deadline.piece, deadline.elapsed, target, key, iterations,
                 points, goal, room.history,
             )  # fmt: skip
+            if ended == native_star.FULL and room.capacity < MOST_NODES:
+                room.reserve(2 * room.capacity)
+            elif ended != native_star.TIME_UP or deadline.expired or room.counters[STOP]:
+                break
     path, reached = room.path(goals)
     states, calls, _, drawn = room.counters[:4].tolist()
     records = room.history[: room.counters[native_graph.RECORDS]].tolist()

@@ -12,6 +12,7 @@ from .rrt_connect import rrt_connect
 from .shortcut import shortcut
 
 _SHORTCUT_SHARE = 0.1  # of the time budget
+_LEAST = 1e-9  # [s]; a budget is above zero
 
 
 def rrt_star(
@@ -53,7 +54,7 @@ def rrt_star(
     if first.path is None or deadline.expired:
         return first
     spacing = problem.spacing if resolution is None else resolution
-    brief = min(_SHORTCUT_SHARE * timeout, deadline.left)
+    brief = max(min(_SHORTCUT_SHARE * timeout, deadline.left), _LEAST)
     path = shortcut(problem, first.path, seed=seed, timeout=brief, resolution=spacing)
     begun = deadline.elapsed
     if deadline.expired:
@@ -62,7 +63,7 @@ def rrt_star(
         problem,
         path,
         seed=seed,
-        timeout=deadline.left,
+        timeout=max(deadline.left, _LEAST),
         max_iterations=max_iterations,
         target=target,
         resolution=spacing,

@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.planners import Path, Problem, Status, improve, rrt_connect, rrt_star, shortcut
+from pepper_kin.planners import (
+    Deadline,
+    Path,
+    Problem,
+    Roadmap,
+    Status,
+    improve,
+    rrt_connect,
+    rrt_star,
+    shortcut,
+)
 from pepper_kin.planners.native import stream_key
 from pepper_kin.planners.native_sampling import near_path, within_ellipsoid
 
@@ -240,3 +250,25 @@ def test_misuse_is_named(options: dict, message: str, toy) -> None:  # type: ign
             call()
     with pytest.raises(InvalidValueError, match="path: got 3 coordinates, expected 2 coordinates"):
         improve(problem, Path([[0, 0, 0]]))
+
+
+def test_long_runs_go_on_where_python_has_listened(toy, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """Machine code returns now and then, for interrupts from the keyboard; that changes nothing."""
+    problem, _ = box_problem(toy)
+    whole = rrt_star(problem, seed=3, max_iterations=1500, timeout=60.0)
+    pieces = []
+    monkeypatch.setattr("pepper_kin.planners.deadline._PIECE", 2e-4)
+    piece = Deadline.piece.fget
+    monkeypatch.setattr(Deadline, "piece", property(lambda self: pieces.append(1) or piece(self)))
+    parts = rrt_star(problem, seed=3, max_iterations=1500, timeout=60.0)
+    assert len(pieces) > 10
+    assert np.array_equal(whole.path.points, parts.path.points)
+    assert [h.iteration for h in whole.history] == [h.iteration for h in parts.history]
+
+
+def test_failing_callable_ends_a_growing_roadmap() -> None:
+    def broken(states: np.ndarray) -> np.ndarray:
+        raise ZeroDivisionError("in the oracle")
+
+    with pytest.raises(ZeroDivisionError, match="in the oracle"):
+        Roadmap(Problem([0, 0], [1, 1], [0, 0], [1, 1], broken)).grow(10, timeout=60.0)
