@@ -88,7 +88,14 @@ class Trees:
         if not counters[native.DIRECT]:  # the state where the trees meet is in both
             to_goal = to_goal[1:]
         points = np.concatenate((self.states[0, to_start[::-1]], self.states[1, to_goal]))
-        return self.ended(Status.SOLVED)._replace(points=points, goal_index=goal)
+        return Found(
+            Status.SOLVED,
+            points,
+            goal,
+            counters[native.ITERATIONS],
+            counters[native.STATES],
+            counters[native.CALLS],
+        )
 
     def ended(self, status: Status) -> Found:
         """Return how the search ended."""
@@ -96,10 +103,10 @@ class Trees:
         return Found(status, None, None, iterations, states, calls)
 
     def _branch(self, side: int, node: int) -> tuple[list[int], int]:
-        nodes = []
+        nodes, parent_of = [], self.parents[side].item
         while node >= 0:
             nodes.append(node)
-            node = int(self.parents[side, node])
+            node = parent_of(node)
         return nodes, -1 - node
 
     def _reserve(self, capacity: int) -> None:

@@ -1,11 +1,21 @@
 from __future__ import annotations
 
+import ctypes
 import time
 
 import numpy as np
 import pytest
 
-from pepper_kin.planners import Problem, Status, certify, rrt_connect, shortcut
+from pepper_kin.planners import (
+    CompiledValidity,
+    Problem,
+    Roadmap,
+    Status,
+    certify,
+    rrt_connect,
+    shortcut,
+    smooth,
+)
 
 LEFT, RIGHT = [0.1, 0.1], [0.9, 0.15]
 
@@ -196,3 +206,34 @@ def test_short_cuts_of_a_seed_are_the_same(maze, machine_code) -> None:  # type:
     first, again, other = (shortcut(problem, path, seed=s, timeout=60.0) for s in (3, 3, 4))
     assert np.array_equal(first.points, again.points)
     assert not np.array_equal(first.points, other.points)
+
+
+def test_edges_that_are_not_checked_would_be_caught(wall) -> None:  # type: ignore[no-untyped-def]
+    """Plant the bug: machine code that answers for single states only, and lets every edge pass."""
+    free = wall.padded(0.007)
+
+    @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p)
+    def careless(a: int, b: int, steps: int, memory: int) -> int:
+        state = np.array((ctypes.c_double * 2).from_address(b))
+        return steps if steps > 1 else int(free(state[None])[0])
+
+    code = CompiledValidity(ctypes.cast(careless, ctypes.c_void_p).value, 2, keep_alive=careless)
+    problem = Problem([0, 0], [1, 1], LEFT, RIGHT, code, resolution=0.014)
+    for result in (rrt_connect(problem), Roadmap(problem).solve()):
+        assert result.success
+        assert not wall.path_free(result.path.points)
+        assert not certify(problem, result.path).valid
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whole_chain_to_a_smooth_curve(seed: int, maze, machine_code) -> None:  # type: ignore[no-untyped-def]
+    """Search, short-cuts and rounding with half the margin; the curve is free at every point."""
+    resolution = 0.014
+    wide, half = (
+        Problem([0, 0], [1, 1], [0.05, 0.05], [0.95, 0.95], machine_code(maze, margin), resolution=resolution)
+        for margin in (resolution, resolution / 2)
+    )
+    short = shortcut(wide, rrt_connect(wide, seed=seed, timeout=60.0).path, seed=seed, timeout=60.0)
+    curve = smooth(half, short)
+    assert np.all(maze.free(curve.sample(resolution / 50)))
+    assert certify(half, curve).valid
