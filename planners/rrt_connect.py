@@ -53,8 +53,8 @@ def rrt_connect(
     If the problem's oracle is machine code (`CompiledValidity`), so is the whole search; loading it takes a
     moment, once, which is not counted as time of the search.
 
-    If goals are drawn by a sampler, it is called until one is valid, and then after 32, 64, 128, ...
-    iterations.
+    If goals are drawn by a sampler, it is called until one is valid, and then again after pauses of 32, 64,
+    128, ... iterations.
 
     Args:
         problem: What to plan.
