@@ -7,13 +7,18 @@ if result.success:
 """
 
 from .certificate import Certificate, certify
+from .compiled_validity import CompiledValidity
 from .deadline import Deadline
+from .goal_source import GoalSampler
+from .improve import improve
 from .metric import Metric
 from .oracle import Advance, Oracle, StateValidity
 from .path import Path
 from .problem import Problem
-from .result import Result, Status
+from .result import Improvement, Result, Status
+from .roadmap import Roadmap
 from .rrt_connect import rrt_connect
+from .rrt_star import rrt_star
 from .shortcut import shortcut
 from .smooth import smooth
 from .smooth_path import SmoothPath
@@ -21,17 +26,23 @@ from .smooth_path import SmoothPath
 __all__ = [
     "Advance",
     "Certificate",
+    "CompiledValidity",
     "Deadline",
+    "GoalSampler",
+    "Improvement",
     "Metric",
     "Oracle",
     "Path",
     "Problem",
     "Result",
+    "Roadmap",
     "SmoothPath",
     "StateValidity",
     "Status",
     "certify",
+    "improve",
     "rrt_connect",
+    "rrt_star",
     "shortcut",
     "smooth",
 ]

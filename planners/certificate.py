@@ -24,7 +24,8 @@ class Certificate:
         first_invalid: The first invalid state met, shape (n,); None if there is none.
         within_bounds: Whether all states checked are inside the box.
         start_error: Distance of the path's first state from the start [length unit of the metric].
-        goal_error: Distance of its last state from the nearest goal [length unit of the metric].
+        goal_error: Distance of its last state from the nearest goal [length unit of the metric]; 0 where
+            goals are drawn by a sampler, which cannot be asked whether a state is one of them.
         states_checked: Number of states that were checked.
         resolution: Greatest step between them [length unit of the metric].
     """
@@ -70,13 +71,14 @@ def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | No
     else:
         states = path.sample(spacing)
     valid = oracle.states_valid(states)
+    sampled = problem.goal_sampler is not None
     slack = _ROUNDING * (problem.upper - problem.lower)
     within = (states >= problem.lower - slack) & (states <= problem.upper + slack)
     return Certificate(
         first_invalid=None if valid.all() else states[int(np.argmin(valid))],
         within_bounds=bool(within.all()),
         start_error=float(problem.metric.distance(states[0], problem.start)),
-        goal_error=float(problem.metric.distance(states[-1], problem.goals).min()),
+        goal_error=0.0 if sampled else float(problem.metric.distance(states[-1], problem.goals).min()),
         states_checked=len(states),
         resolution=spacing,
     )

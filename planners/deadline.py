@@ -7,6 +7,8 @@ from time import perf_counter
 
 from pepper_kin.exceptions import InvalidValueError
 
+_PIECE = 0.25  # [s]
+
 
 class Deadline:
     """A clock that starts when it is made and runs out after a number of seconds.
@@ -33,6 +35,16 @@ class Deadline:
     def elapsed(self) -> float:
         """Seconds since the start."""
         return perf_counter() - self._started
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left; none or less once the budget is used up."""
+        return self.timeout - self.elapsed
+
+    @property
+    def piece(self) -> float:
+        """Seconds that machine code may run before Python listens to an interrupt from the keyboard again."""
+        return min(self.left, _PIECE)
 
     @property
     def expired(self) -> bool:

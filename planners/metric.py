@@ -33,7 +33,8 @@ class Metric:
             InvalidValueError: A weight is not finite or not above zero.
         """
         weights = finite_vector("weights", self.weights)
-        for i in np.flatnonzero(weights <= 0.0):
+        if not (weights > 0.0).all():
+            i = int(np.argmin(weights > 0.0))
             raise InvalidValueError(f"weights[{i}]", weights[i], "a finite number above 0")
         object.__setattr__(self, "weights", weights)
 
@@ -44,7 +45,9 @@ class Metric:
         Raises:
             InvalidValueError: There are not n weights, or one is not finite and above zero.
         """
-        return cls(np.ones(n) if weights is None else finite_vector("weights", weights, n))
+        if weights is not None and np.shape(weights) != (n,):
+            finite_vector("weights", weights, n)  # which raises
+        return cls(np.ones(n) if weights is None else np.asarray(weights))
 
     @property
     def n(self) -> int:
@@ -66,5 +69,8 @@ class Metric:
             Shape (k,), starting at 0, never decreasing.
         """
         lengths = np.zeros(len(points))
-        np.cumsum(self.distance(points[:-1], points[1:]), out=lengths[1:])
+        scaled = points[1:] - points[:-1]
+        scaled *= self.weights
+        scaled *= scaled
+        np.sqrt(scaled.sum(axis=1)).cumsum(out=lengths[1:])
         return lengths

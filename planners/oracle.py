@@ -87,8 +87,8 @@ class Oracle:
     When the time budget runs out, what has not been checked yet counts as not valid: no answer is ever
     guessed.
 
-    The class is the one door for validity: an oracle compiled to machine code will enter here too, next to
-    the callable, and answer the same questions.
+    The class is the one door for validity in Python; an oracle that is machine code may enter here too, since
+    it is also a callable.  Compiled planners ask it by its address instead (see `CompiledValidity`).
 
     Attributes:
         metric: The metric of the edges.
@@ -187,20 +187,30 @@ class Oracle:
         Raises:
             InvalidValueError: An end is not finite.
         """
-        difference = b - a
-        scaled = difference * self.metric.weights
+        scaled = (b - a) * self.metric.weights
         steps = self._steps(math.sqrt(float(scaled @ scaled)))
+        return Advance(self.prefix(a, b, steps), steps)
+
+    def prefix(self, a: FloatArray, b: FloatArray, steps: int) -> int:
+        """Return how many states ``a + (b - a) j / steps``, j = 1 .. steps, are valid from the first on.
+
+        Args:
+            a: Start of the edge, shape (n,).
+            b: End of the edge, shape (n,).
+            steps: Number of steps, one or more.
+        """
+        difference = b - a
         for batch in self._batches(steps):
             fractions = np.arange(batch.start + 1, batch.stop + 1) / steps
             states = a + fractions[:, None] * difference
             if batch.stop == steps:
                 states[-1] = b
             if self._deadline.expired:
-                return Advance(batch.start, steps)
+                return batch.start
             valid = self.states_valid(states)
             if not valid.all():
-                return Advance(batch.start + int(np.argmin(valid)), steps)
-        return Advance(steps, steps)
+                return batch.start + int(np.argmin(valid))
+        return steps
 
     def _steps(self, length: float) -> int:
         if not math.isfinite(length):

@@ -43,6 +43,21 @@ class Path:
         object.__setattr__(self, "metric", metric)
         object.__setattr__(self, "arc_lengths", read_only(metric.arc_lengths(points)))
 
+    @classmethod
+    def trusted(cls, points: FloatArray, metric: Metric) -> Path:
+        """Return the path through way-points that are known to be sound, without checking or copying them.
+
+        Args:
+            points: Finite float64 way-points, shape (k, n), that nobody else writes to.
+            metric: The metric of n coordinates.
+        """
+        path = cls.__new__(cls)
+        arc_lengths = read_only(metric.arc_lengths(points))
+        path.__dict__.update(
+            points=read_only(points), weights=metric.weights, metric=metric, arc_lengths=arc_lengths
+        )
+        return path
+
     @property
     def n(self) -> int:
         """Number of coordinates."""

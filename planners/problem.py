@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 
+from .compiled_validity import CompiledValidity
 from .deadline import Deadline
+from .goal_source import GoalSampler
 from .metric import Metric
 from .oracle import Oracle, StateValidity
-from .vectors import FloatArray, coordinate_name, finite_points, finite_vector, positive_number, read_only
+from .vectors import (
+    FloatArray,
+    coordinate_name,
+    finite_points,
+    finite_vector,
+    positive_number,
+    read_only,
+    require_inside,
+)
 
 FINEST_RESOLUTION = 1e-6
 """Of the diagonal: a finer resolution would put more than a million states on one edge."""
@@ -32,23 +44,28 @@ class Problem:
         upper: Upper bounds, shape (n,), finite, none below `lower`.
         start: Start state, shape (n,), inside the box.
         goals: Goal states, shape (k, n), inside the box; any of them will do.  One goal may be given as (n,).
-        oracle: Which states are valid; see `StateValidity`.
+            A callable that draws goals may be given instead (see `GoalSampler`); the attribute then has the
+            shape (0, n).
+        oracle: Which states are valid: a callable (see `StateValidity`), or machine code
+            (`CompiledValidity`), with which planners run as machine code themselves.
         weights: Weights of the metric, shape (n,), see `Metric`; ones if omitted.
         resolution: Greatest distance between checked states of an edge [length unit of the metric]; a
             hundredth of the box's diagonal if omitted.
         labels: Names of the n coordinates, for messages; none if omitted.
         metric: The metric, made from the weights.
+        goal_sampler: The callable that was given as `goals`; None if goals were given.
     """
 
     lower: FloatArray
     upper: FloatArray
     start: FloatArray
-    goals: FloatArray
+    goals: Any  # given as states or as a sampler; an array once the problem is made
     oracle: StateValidity
     weights: FloatArray | None = None
     resolution: float | None = None
     labels: tuple[str, ...] | None = None
     metric: Metric = field(init=False, repr=False)
+    goal_sampler: GoalSampler | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check and copy all fields.
@@ -62,17 +79,23 @@ class Problem:
         lower, upper = _checked_bounds(self.lower, self.upper, n, labels)
         n = lower.size
         start = finite_vector("start", self.start, n, labels)
-        _require_inside("start", start, lower, upper, labels)
-        goals = finite_points("goals", _one_or_many(self.goals), n, labels)
-        for k, goal in enumerate(goals):
-            _require_inside(f"goals[{k}]", goal, lower, upper, labels)
-        if not callable(self.oracle):
-            raise InvalidValueError("oracle", self.oracle, "a callable over states of shape (m, n)")
+        require_inside("start", start, lower, upper, labels)
+        sampler = self.goals if callable(self.goals) else None
+        if sampler is None:
+            goals = finite_points("goals", _one_or_many(self.goals), n, labels)
+            if not ((goals >= lower) & (goals <= upper)).all():
+                for k, goal in enumerate(goals):
+                    require_inside(f"goals[{k}]", goal, lower, upper, labels)
+        else:
+            goals = read_only(np.empty((0, n)))
+        _require_oracle(self.oracle, n)
         metric = Metric.of(self.weights, n)
         diagonal = float(metric.distance(lower, upper))
         resolution = _checked_resolution(self.resolution, diagonal)
-        values = dict(lower=lower, upper=upper, start=start, goals=goals, weights=metric.weights)
-        for name, value in (values | dict(resolution=resolution, labels=labels, metric=metric)).items():
+        values: dict[str, object] = dict(lower=lower, upper=upper, start=start, goals=goals)
+        values["weights"] = metric.weights
+        values |= dict(resolution=resolution, labels=labels, metric=metric, goal_sampler=sampler)
+        for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -81,6 +104,11 @@ class Problem:
         return int(self.lower.size)
 
     @property
+    def spacing(self) -> float:
+        """The resolution, which is a number once the problem is made [length unit of the metric]."""
+        return float(self.resolution)  # type: ignore[arg-type]
+
+    @cached_property
     def diagonal(self) -> float:
         """Length of the box's diagonal [length unit of the metric]."""
         return float(self.metric.distance(self.lower, self.upper))
@@ -123,28 +151,29 @@ def _checked_bounds(
     for quantity, value in (("lower", lower), ("upper", upper)):
         bounds = np.asarray(value)
         if bounds.dtype.kind == "f" and bounds.ndim == 1 and (labels is None or len(labels) == bounds.size):
-            for i in np.flatnonzero(np.isinf(bounds)):
-                name = coordinate_name(quantity, int(i), labels)
+            infinite = np.isinf(bounds)
+            if infinite.any():
+                i = int(np.argmax(infinite))
+                name = coordinate_name(quantity, i, labels)
                 raise InvalidValueError(
                     name, bounds[i], "a finite bound: give an unbounded coordinate a finite sampling range"
                 )
     low = finite_vector("lower", lower, n, labels)
     high = finite_vector("upper", upper, low.size, labels)
-    for i in np.flatnonzero(low > high):
-        raise InvalidValueError(
-            coordinate_name("upper", int(i), labels), high[i], f"at least lower, {low[i]:g}"
-        )
-    if not np.any(high > low):
+    if not (low <= high).all():
+        i = int(np.argmax(low > high))
+        raise InvalidValueError(coordinate_name("upper", i, labels), high[i], f"at least lower, {low[i]:g}")
+    if not (high > low).any():
         raise InvalidValueError("upper", high, "one coordinate or more with upper > lower")
     return low, high
 
 
-def _require_inside(
-    quantity: str, state: FloatArray, lower: FloatArray, upper: FloatArray, labels: tuple[str, ...] | None
-) -> None:
-    for i in np.flatnonzero((state < lower) | (state > upper)):
-        name = coordinate_name(quantity, int(i), labels)
-        raise InvalidValueError(name, state[i], f"a value within the bounds [{lower[i]:g}, {upper[i]:g}]")
+def _require_oracle(oracle: object, n: int) -> None:
+    if isinstance(oracle, CompiledValidity):
+        if oracle.n != n:
+            raise InvalidValueError("oracle", f"machine code for {oracle.n} coordinates", f"{n} coordinates")
+    elif not callable(oracle):
+        raise InvalidValueError("oracle", oracle, "a callable over states of shape (m, n)")
 
 
 def _checked_resolution(resolution: float | None, diagonal: float) -> float:

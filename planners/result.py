@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from .path import Path
 
@@ -14,6 +15,7 @@ class Status(Enum):
     SOLVED = "solved"
     START_INVALID = "start_invalid"
     GOAL_INVALID = "goal_invalid"
+    NO_GOAL = "no_goal"
     NO_PATH_IN_TIME = "no_path_in_time"
     OUT_OF_ITERATIONS = "out_of_iterations"
 
@@ -24,9 +26,15 @@ class Status(Enum):
 
 
 _ADVICE = {
-    Status.SOLVED: "A path was found; shorten it with shortcut() and round its corners with smooth().",
+    Status.SOLVED: (
+        "A path was found; shorten it with shortcut() or improve(), and round its corners with smooth()."
+    ),
     Status.START_INVALID: "The oracle refuses the start state; begin at a valid state or reduce the margin.",
     Status.GOAL_INVALID: "The oracle refuses every goal state; give other goals or reduce the margin.",
+    Status.NO_GOAL: (
+        "The sampler of goals drew none that the oracle accepts; raise the timeout, reduce the margin, "
+        "or check that the sampler can succeed."
+    ),
     Status.NO_PATH_IN_TIME: (
         "No path was found within the time budget; raise the timeout, try another seed, "
         "or check that the goal can be reached at all."
@@ -38,6 +46,20 @@ _ADVICE = {
 }
 
 
+class Improvement(NamedTuple):
+    """A moment at which a planner had a better path.
+
+    Attributes:
+        time: Since the planner was called [s].
+        cost: Length of the path [length unit of the metric].
+        iteration: Number of samples drawn until then.
+    """
+
+    time: float
+    cost: float
+    iteration: int
+
+
 @dataclass(frozen=True, eq=False)
 class Result:
     """The outcome of one run of a planner.
@@ -45,13 +67,15 @@ class Result:
     Attributes:
         status: How it ended.
         path: The path from the start to one of the goals; None unless solved.
-        goal_index: Which of the goals was reached; None unless solved.
+        goal_index: Which of the goals was reached, of those drawn if they are drawn; None unless solved.
         cost: Length of the path [length unit of the metric]; infinite unless solved.
         iterations: Number of samples drawn.
-        states_checked: Number of states that the oracle was asked about.
-        oracle_calls: Number of batches in which it was asked.
+        states_checked: Number of states that the oracle was asked about; of machine code, those up to the
+            first invalid one of each call.
+        oracle_calls: Number of batches, or of pieces of edges, in which it was asked.
         time: Wall time [s].
         seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
+        history: Falling costs, of planners that improve a path; the first entry is the path they began with.
     """
 
     status: Status
@@ -63,6 +87,7 @@ class Result:
     oracle_calls: int
     time: float
     seed: int
+    history: tuple[Improvement, ...] = ()
 
     @property
     def success(self) -> bool:

@@ -8,7 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .compiled_validity import CompiledValidity
 from .deadline import Deadline
+from .found import Found
+from .goal_source import BETWEEN_DRAWS, GoalSource
 from .oracle import MAX_BATCH, Oracle
 from .path import Path
 from .problem import Problem
@@ -18,13 +21,6 @@ from .vectors import FloatArray, positive_number, whole_number
 
 _SAMPLES_AT_ONCE = 256
 _STEP = 0.1  # of the diagonal: spacing of nodes on a long extension
-
-
-class _Found(NamedTuple):
-    status: Status
-    points: FloatArray | None = None
-    goal_index: int | None = None
-    iterations: int = 0
 
 
 class _Extension(NamedTuple):
@@ -54,10 +50,17 @@ def rrt_connect(
     The path is valid at the problem's resolution (see `Oracle` for what that promises), is in no way short,
     and its length is not bounded: pass it to `shortcut`.  The planner cannot prove that there is no path.
 
+    If the problem's oracle is machine code (`CompiledValidity`), so is the whole search; loading it takes a
+    moment, once, which is not counted as time of the search.
+
+    If goals are drawn by a sampler, it is called until one is valid, and then again after pauses of 32, 64,
+    128, ... iterations.
+
     Args:
         problem: What to plan.
         seed: Seed of the samples; the same seed gives the same result unless time runs out.
-        timeout: Time budget [s]; overrun by one batch of at most 256 states at most.
+        timeout: Time budget [s]; overrun by one batch of at most 256 states, one edge of a compiled search,
+            or one call of a sampler of goals.
         max_iterations: Greatest number of samples.
         step: Distance of neighbouring nodes on a long extension [length unit of the metric]; a tenth of the
             box's diagonal if omitted.
@@ -68,50 +71,124 @@ def rrt_connect(
     Raises:
         InvalidValueError: An option is not allowed, or the oracle answers in a wrong shape.
     """
+    code = problem.oracle if isinstance(problem.oracle, CompiledValidity) else None
+    if code is not None:
+        from .compiled_connect import search_compiled  # loads machine code, which is not the search's time
     deadline = Deadline(timeout)
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     step = _STEP * problem.diagonal if step is None else positive_number("step", step)
-    oracle = problem.counting_oracle(deadline)
-    found = _search(problem, oracle, deadline, seed, max_iterations, step)
-    path = None if found.points is None else Path(found.points, problem.weights)
+    if code is not None:
+        found = search_compiled(problem, code, deadline, seed, max_iterations, step)
+    else:
+        found = _search(problem, deadline, seed, max_iterations, step)
+    path = None if found.points is None else Path.trusted(found.points, problem.metric)
     return Result(
         status=found.status,
         path=path,
         goal_index=found.goal_index,
         cost=math.inf if path is None else path.length,
         iterations=found.iterations,
-        states_checked=oracle.states,
-        oracle_calls=oracle.calls,
+        states_checked=found.states,
+        oracle_calls=found.calls,
         time=deadline.elapsed,
         seed=seed,
     )
 
 
-def _search(
-    problem: Problem, oracle: Oracle, deadline: Deadline, seed: int, max_iterations: int, step: float
-) -> _Found:
-    if not oracle.states_valid(problem.start[None, :])[0]:
-        return _Found(Status.START_INVALID)
-    goals = _valid_goals(problem, oracle, deadline)
-    if goals is None:
-        return _Found(Status.NO_PATH_IN_TIME)
-    if goals.size == 0:
-        return _Found(Status.GOAL_INVALID)
-    goals = goals[np.argsort(problem.metric.distance(problem.start, problem.goals[goals]), kind="stable")]
-    for goal in goals:
-        if oracle.edge_valid(problem.start, problem.goals[goal]):
-            return _Found(Status.SOLVED, np.stack((problem.start, problem.goals[goal])), int(goal))
-    return _grow_trees(problem, oracle, deadline, goals, _samples(problem, seed, max_iterations), step)
+def _search(problem: Problem, deadline: Deadline, seed: int, max_iterations: int, step: float) -> Found:
+    oracle = problem.counting_oracle(deadline)
+    found = _Search(problem, oracle, deadline, seed, step).run(max_iterations)
+    return found._replace(states=oracle.states, calls=oracle.calls)
 
 
-def _valid_goals(problem: Problem, oracle: Oracle, deadline: Deadline) -> np.ndarray | None:
-    """Return the indices of the valid goals; None if time ran out before all were checked."""
-    valid = []
-    for first in range(0, len(problem.goals), MAX_BATCH):
-        if deadline.expired:
+class _Search:
+    """One run in Python; the compiled counterpart is in `compiled_connect`."""
+
+    def __init__(self, problem: Problem, oracle: Oracle, deadline: Deadline, seed: int, step: float) -> None:
+        self._problem, self._oracle, self._deadline, self._step = problem, oracle, deadline, step
+        self._seed = seed
+        self._source = GoalSource(problem, seed)
+        self._start_tree = Tree(problem.start[None, :], problem.metric)
+        self._goal_tree: Tree | None = None
+        self._goals: dict[int, int] = {}  # number of the goal by the node that is its root
+
+    def run(self, max_iterations: int) -> Found:
+        problem, source = self._problem, self._source
+        if not self._oracle.states_valid(problem.start[None, :])[0]:
+            return Found(Status.START_INVALID)
+        ended = self._plant(problem.goals, 0)
+        if ended is None and self._goal_tree is None and not source.endless:
+            return Found(Status.GOAL_INVALID)
+        attempts = 0
+        while ended is None and self._goal_tree is None:
+            ended = self._draw()
+            attempts += 1
+            if self._goal_tree is None and (self._deadline.expired or attempts >= max_iterations):
+                return Found(Status.NO_GOAL)
+        return ended or self._grow(max_iterations)
+
+    def _draw(self) -> Found | None:
+        first = self._source.count
+        goal = self._source.draw()
+        return None if goal is None else self._plant(goal, first)
+
+    def _plant(self, goals: FloatArray, first: int) -> Found | None:
+        """Make valid goals roots and try the straight edges, nearest goal first; None if neither ends it."""
+        start = self._problem.start
+        valid = self._valid(goals)
+        if valid is None:
+            return Found(Status.NO_PATH_IN_TIME)
+        if valid.size == 0:
             return None
-        valid.append(oracle.states_valid(problem.goals[first : first + MAX_BATCH]))
-    return np.flatnonzero(np.concatenate(valid))
+        valid = valid[np.argsort(self._problem.metric.distance(start, goals[valid]), kind="stable")]
+        roots = goals[valid]
+        if self._goal_tree is None:
+            self._goal_tree, node = Tree(roots, self._problem.metric), 0
+        else:
+            node = self._goal_tree.size
+            self._goal_tree.add_roots(roots)
+        for k, goal in enumerate(valid):
+            self._goals[node + k] = first + int(goal)
+            if self._oracle.edge_valid(start, goals[goal]):
+                return Found(Status.SOLVED, np.stack((start, goals[goal])), first + int(goal))
+        return None
+
+    def _valid(self, goals: FloatArray) -> np.ndarray | None:
+        """Return the indices of the valid goals; None if time ran out before all were checked."""
+        valid = [np.empty(0, dtype=bool)]
+        for first in range(0, len(goals), MAX_BATCH):
+            if self._deadline.expired:
+                return None
+            valid.append(self._oracle.states_valid(goals[first : first + MAX_BATCH]))
+        return np.flatnonzero(np.concatenate(valid))
+
+    def _grow(self, max_iterations: int) -> Found:
+        start_tree, goal_tree = self._start_tree, self._goal_tree
+        assert goal_tree is not None
+        growing, other = start_tree, goal_tree
+        iterations, pause, next_draw = 0, BETWEEN_DRAWS, BETWEEN_DRAWS
+        for sample in _samples(self._problem, self._seed, max_iterations):
+            if self._deadline.expired:
+                return Found(Status.NO_PATH_IN_TIME, iterations=iterations)
+            if self._source.endless and iterations == next_draw:
+                pause *= 2
+                next_draw += pause
+                if (ended := self._draw()) is not None:
+                    return ended._replace(iterations=iterations)
+            iterations += 1
+            new = _extend(growing, self._oracle, sample, self._step)
+            if new.node >= 0:
+                meeting = _extend(other, self._oracle, growing.state(new.node), self._step)
+                if meeting.reached:
+                    in_start, in_goal = new.node, meeting.node
+                    if growing is goal_tree:
+                        in_start, in_goal = in_goal, in_start
+                    to_start, to_goal = start_tree.branch(in_start), goal_tree.branch(in_goal)
+                    halves = start_tree.states(to_start), goal_tree.states(to_goal)[-2::-1]
+                    goal = self._goals[to_goal[0]]
+                    return Found(Status.SOLVED, np.concatenate(halves), goal, iterations)
+            growing, other = other, growing
+        return Found(Status.OUT_OF_ITERATIONS, iterations=iterations)
 
 
 def _samples(problem: Problem, seed: int, count: int) -> Iterator[FloatArray]:
@@ -120,37 +197,6 @@ def _samples(problem: Problem, seed: int, count: int) -> Iterator[FloatArray]:
     for first in range(0, count, _SAMPLES_AT_ONCE):
         block = problem.lower + rng.random((_SAMPLES_AT_ONCE, problem.n)) * extent
         yield from block[: count - first]
-
-
-def _grow_trees(
-    problem: Problem,
-    oracle: Oracle,
-    deadline: Deadline,
-    goals: np.ndarray,
-    samples: Iterator[FloatArray],
-    step: float,
-) -> _Found:
-    start_tree = Tree(problem.start[None, :], problem.metric)
-    goal_tree = Tree(problem.goals[goals], problem.metric)
-    growing, other = start_tree, goal_tree
-    iterations = 0
-    for sample in samples:
-        if deadline.expired:
-            return _Found(Status.NO_PATH_IN_TIME, iterations=iterations)
-        iterations += 1
-        new = _extend(growing, oracle, sample, step)
-        if new.node >= 0:
-            meeting = _extend(other, oracle, growing.state(new.node), step)
-            if meeting.reached:
-                in_start, in_goal = new.node, meeting.node
-                if growing is goal_tree:
-                    in_start, in_goal = in_goal, in_start
-                to_start, to_goal = start_tree.branch(in_start), goal_tree.branch(in_goal)
-                halves = start_tree.states(to_start), goal_tree.states(to_goal)[-2::-1]
-                goal = int(goals[to_goal[0]])
-                return _Found(Status.SOLVED, np.concatenate(halves), goal, iterations)
-        growing, other = other, growing
-    return _Found(Status.OUT_OF_ITERATIONS, iterations=iterations)
 
 
 def _extend(tree: Tree, oracle: Oracle, target: FloatArray, step: float) -> _Extension:

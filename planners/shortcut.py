@@ -6,14 +6,19 @@ import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError
 
+from .compiled_validity import CompiledValidity
 from .deadline import Deadline
 from .metric import Metric
+from .oracle import Oracle
 from .path import Path
 from .problem import FINEST_RESOLUTION, Problem
 from .vectors import FloatArray, whole_number
 
 _LEAST_GAIN = 1e-9  # of the length: less is not worth asking the oracle for
-_FLAT = 1e-9  # of the length: a way-point this near to the chord of its neighbours is dropped
+
+FLAT = 1e-9
+"""Of the length: a way-point this near to the chord of its neighbours is dropped."""
+
 _FINER = 8  # an accepted edge hugs obstacles, so it is checked more closely than an edge of a search
 
 
@@ -35,6 +40,9 @@ def shortcut(
     Source of the single-coordinate variant: R. Geraerts and M. H. Overmars, Creating high-quality paths for
     motion planning, Int. J. of Robotics Research 26(8), 2007.
 
+    If the problem's oracle is machine code (`CompiledValidity`), so is this; it then makes other choices for
+    a seed.
+
     Args:
         problem: Supplies the oracle, the metric and the resolution; its start and goals are not used.
         path: A valid path of the problem's coordinates.
@@ -50,33 +58,45 @@ def shortcut(
     Raises:
         InvalidValueError: The path has another number of coordinates, or an option is not allowed.
     """
+    code = problem.oracle if isinstance(problem.oracle, CompiledValidity) else None
+    if code is not None:
+        from .compiled_shortcut import shorten_compiled  # loads machine code, which is not this run's time
     deadline = Deadline(timeout)
     if path.n != problem.n:
         raise InvalidValueError(
             "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
         )
-    rng = np.random.default_rng(whole_number("seed", seed))
+    seed, iterations = whole_number("seed", seed), whole_number("iterations", iterations)
     if resolution is None:
-        finer = problem.counting_oracle().resolution / _FINER
-        resolution = max(finer, FINEST_RESOLUTION * problem.diagonal)
+        resolution = max(problem.spacing / _FINER, FINEST_RESOLUTION * problem.diagonal)
     oracle = problem.counting_oracle(deadline, resolution)
     metric = problem.metric
     points = _without_flat(path.points, metric)
-    for iteration in range(whole_number("iterations", iterations)):
+    if code is not None:
+        points = shorten_compiled(problem, code, points, deadline, seed, iterations, oracle.resolution)
+        return Path.trusted(points, metric)
+    return Path.trusted(_shorten(oracle, points, deadline, seed, iterations), metric)
+
+
+def _shorten(
+    oracle: Oracle, points: FloatArray, deadline: Deadline, seed: int, iterations: int
+) -> FloatArray:
+    rng, metric = np.random.default_rng(seed), oracle.metric
+    for iteration in range(iterations):
         if deadline.expired or len(points) < 3:
             break
         lengths = metric.arc_lengths(points)
         if (places := _two_places(rng, lengths)) is None:
             continue
         before, middle, after = _cut(points, lengths, *places)
-        if iteration % 2 and problem.n > 1:
-            candidate = _one_coordinate_straight(middle, metric, int(rng.integers(problem.n)))
+        if iteration % 2 and metric.n > 1:
+            candidate = _one_coordinate_straight(middle, metric, int(rng.integers(metric.n)))
         else:
             candidate = middle[[0, -1]]
         gain = metric.arc_lengths(middle)[-1] - metric.arc_lengths(candidate)[-1]
         if gain > _LEAST_GAIN * lengths[-1] and oracle.polyline_valid(candidate):
             points = _without_flat(np.concatenate((before, candidate, after)), metric)
-    return Path(points, problem.weights)
+    return points
 
 
 def _two_places(rng: np.random.Generator, lengths: FloatArray) -> tuple[float, float] | None:
@@ -110,7 +130,7 @@ def _one_coordinate_straight(piece: FloatArray, metric: Metric, coordinate: int)
 
 def _without_flat(points: FloatArray, metric: Metric) -> FloatArray:
     """Drop way-points that lie on the edge between their neighbours."""
-    tolerance = _FLAT * metric.arc_lengths(points)[-1]
+    tolerance = FLAT * metric.arc_lengths(points)[-1]
     kept = [0]
     for i in range(1, len(points) - 1):
         chord, offset = ((points[[i + 1, i]] - points[kept[-1]]) * metric.weights).copy()

@@ -92,18 +92,37 @@ def _refine_until_valid(oracle: Oracle, polyline: Path, breaks: FloatArray) -> S
 
 
 def _schoenberg_spline(polyline: Path, breaks: FloatArray) -> tuple[SmoothPath, FloatArray]:
-    from scipy.interpolate import BSpline  # takes a third of a second to import, so only here
-
     knots = np.concatenate((breaks[:1].repeat(3), breaks, breaks[-1:].repeat(3)))
     abscissae = np.clip((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0, 0.0, polyline.length)
     abscissae[-1] = polyline.length
-    spline = BSpline(knots, polyline(abscissae), 3)
-    factorials = (1.0, 1.0, 2.0, 6.0)
-    powers = [
-        spline.derivative(p)(breaks[:-1]) / factorials[p] if p else spline(breaks[:-1]) for p in range(4)
-    ]
-    powers[0][0] = polyline.points[0]  # which the spline's evaluation misses by a rounding
-    return SmoothPath(breaks, np.stack(powers, axis=1), polyline.points[-1]), abscissae
+    coefficients = _power_basis(knots, polyline(abscissae))
+    return SmoothPath(breaks, coefficients, polyline.points[-1]), abscissae
+
+
+def _power_basis(knots: FloatArray, control: FloatArray) -> FloatArray:
+    """Return the polynomials of a cubic B-spline, shape (k, 4, n); knots (k + 7,), control points (k + 3, n).
+
+    On the piece from t_j to t_{j+1} the control points are the values of the polar form at three successive
+    knots each, (t_{j-2}, t_{j-1}, t_j) and so on; interpolation in one argument at a time gives those at
+    (s, s, s), (s, s, e), (s, e, e) and (e, e, e), s and e the ends of the piece: its Bezier points.
+
+    Source: L. Ramshaw, Blossoms are polar forms, Computer Aided Geometric Design 6, 1989.
+    """
+    count = len(control) - 3
+    t = [knots[1 + i : 1 + i + count, None] for i in range(6)]  # t_{j-2} .. t_{j+3}
+    p = [control[i : i + count] for i in range(4)]
+    s, e = t[2], t[3]
+    across = (p[2] - p[1]) / (t[4] - t[1])
+    sse, see = p[1] + (s - t[1]) * across, p[1] + (e - t[1]) * across
+    before = p[0] + (s - t[0]) / (e - t[0]) * (p[1] - p[0])
+    after = p[2] + (e - s) / (t[5] - s) * (p[3] - p[2])
+    sss = before + (s - t[1]) / (e - t[1]) * (sse - before)
+    eee = see + (e - s) / (t[4] - s) * (after - see)
+    width = e - s
+    first, second, third = (sse - sss) / width, (see - sse) / width, (eee - see) / width
+    bend = (second - first) / width
+    cubic = ((third - second) / width - bend) / width
+    return np.stack((sss, 3.0 * first, 3.0 * bend, cubic), axis=1)
 
 
 def _invalid_pieces(oracle: Oracle, curve: SmoothPath, asked: BoolArray) -> BoolArray:
@@ -139,8 +158,11 @@ def _halved(breaks: FloatArray, invalid: BoolArray) -> tuple[FloatArray, BoolArr
 
 
 def _dilated(mask: BoolArray, radius: int) -> BoolArray:
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(mask, radius), 2 * radius + 1)
-    return np.any(windows, axis=1)
+    wide = mask.copy()
+    for shift in range(1, radius + 1):
+        wide[shift:] |= mask[:-shift]
+        wide[:-shift] |= mask[shift:]
+    return wide
 
 
 def _show(state: FloatArray) -> str:

@@ -56,7 +56,7 @@ class SmoothPath:
         object.__setattr__(self, "coefficients", read_only(coefficients))
         object.__setattr__(self, "goal", goal)
         end = self._evaluate(breaks[-1:], 0)[0]
-        if not np.allclose(end, goal, rtol=1e-9, atol=1e-9):
+        if not (np.abs(end - goal) <= 1e-9 * (1.0 + np.abs(goal))).all():
             raise InvalidValueError("goal", goal, f"the end of the last piece, {end}")
 
     @property

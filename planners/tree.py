@@ -59,6 +59,10 @@ class Tree:
         self._append(states, parents)
         return self.size - 1
 
+    def add_roots(self, roots: FloatArray) -> None:
+        """Plant further roots, shape (k, n)."""
+        self._append(roots, np.full(len(roots), -1))
+
     def branch(self, index: int) -> list[int]:
         """Return the indices of the nodes from a root to a node, both included."""
         nodes = [index]

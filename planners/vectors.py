@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Sequence
 
@@ -56,8 +57,10 @@ def finite_vector(
     vector = _numbers(quantity, value, allowed)
     if vector.ndim != 1 or vector.size == 0 or (n is not None and vector.size != n):
         raise InvalidValueError(quantity, f"shape {vector.shape}", allowed)
-    for i in np.flatnonzero(~np.isfinite(vector)):
-        raise InvalidValueError(coordinate_name(quantity, int(i), labels), vector[i], "a finite number")
+    finite = np.isfinite(vector)
+    if not finite.all():
+        i = int(np.argmin(finite))
+        raise InvalidValueError(coordinate_name(quantity, i, labels), vector[i], "a finite number")
     return read_only(vector)
 
 
@@ -82,10 +85,31 @@ def finite_points(
     points = _numbers(quantity, value, allowed)
     if points.ndim != 2 or points.size == 0 or (n is not None and points.shape[1] != n):
         raise InvalidValueError(quantity, f"shape {points.shape}", allowed)
-    for row, i in np.argwhere(~np.isfinite(points)):
+    finite = np.isfinite(points)
+    if not finite.all():
+        row, i = np.argwhere(~finite)[0]
         name = coordinate_name(f"{quantity}[{row}]", int(i), labels)
         raise InvalidValueError(name, points[row, i], "a finite number")
     return read_only(points)
+
+
+def require_inside(
+    quantity: str,
+    state: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    labels: Sequence[str] | None = None,
+) -> None:
+    """Refuse a state outside a box.
+
+    Raises:
+        InvalidValueError: A coordinate is outside its bounds; the message names it.
+    """
+    outside = (state < lower) | (state > upper)
+    if outside.any():
+        i = int(np.argmax(outside))
+        name = coordinate_name(quantity, i, labels)
+        raise InvalidValueError(name, state[i], f"a value within the bounds [{lower[i]:g}, {upper[i]:g}]")
 
 
 def positive_number(quantity: str, value: float) -> float:
@@ -99,7 +123,7 @@ def positive_number(quantity: str, value: float) -> float:
         number = float(value)
     except (TypeError, ValueError):
         raise InvalidValueError(quantity, value, allowed) from None
-    if not (np.isfinite(number) and number > 0.0):
+    if not 0.0 < number < math.inf:
         raise InvalidValueError(quantity, value, allowed)
     return number
 

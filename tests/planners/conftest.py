@@ -8,6 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numba import cfunc, types
+
+from pepper_kin.planners import CompiledValidity
 
 
 @dataclass(frozen=True)
@@ -101,3 +104,80 @@ def boxes_6d() -> World:
         [all(np.any(abs(c - p) > h + 0.05) for p in (0.05, 0.95)) for c, h in zip(center, half, strict=True)]
     )
     return World((center - half)[keep], (center + half)[keep], np.empty((0, 6)))
+
+
+SIGNATURE = types.int64(
+    types.CPointer(types.float64), types.CPointer(types.float64), types.int64, types.CPointer(types.float64)
+)
+
+
+@cfunc(SIGNATURE, error_model="numpy")
+def valid_prefix(a, b, steps, memory):  # type: ignore[no-untyped-def]
+    """A `World` as machine code: its memory holds n, the numbers of boxes and balls, and then these."""
+    n = int(memory[0])
+    for j in range(1, steps + 1):
+        place = 3
+        for _ in range(int(memory[1])):
+            inside = True
+            for i in range(n):
+                x = b[i] if j == steps else a[i] + (b[i] - a[i]) * j / steps
+                inside = inside and memory[place + i] < x < memory[place + n + i]
+            if inside:
+                return j - 1
+            place += 2 * n
+        for _ in range(int(memory[2])):
+            square = 0.0
+            for i in range(n):
+                x = b[i] if j == steps else a[i] + (b[i] - a[i]) * j / steps
+                square += (x - memory[place + i]) ** 2
+            if square <= memory[place + n] ** 2:
+                return j - 1
+            place += n + 1
+    return steps
+
+
+def machine_code_of(world: World, margin: float | np.ndarray = 0.0) -> CompiledValidity:
+    n = max(world.box_lower.shape[1], world.centers.shape[1])
+    box_rows = np.hstack((world.box_lower - margin, world.box_upper + margin))
+    ball_rows = np.column_stack((world.centers, world.radii + np.max(margin)))
+    table = np.concatenate(([n, len(box_rows), len(ball_rows)], box_rows.ravel(), ball_rows.ravel()))
+    return CompiledValidity(valid_prefix.address, n, table.copy, keep_alive=valid_prefix)
+
+
+@pytest.fixture
+def machine_code() -> Callable[..., CompiledValidity]:
+    """Turns a world, grown by a margin, into an oracle that is machine code."""
+    return machine_code_of
+
+
+class Toy:
+    """Makes worlds, and machine code of them."""
+
+    code = staticmethod(machine_code_of)
+
+    @staticmethod
+    def world(lower: object = (), upper: object = (), centers: object = (), radii: object = ()) -> World:
+        rows = [np.asarray(rows, dtype=float) for rows in (lower, upper, centers)]
+        n = max(part.shape[1] for part in rows if part.size)
+        return World(*(part.reshape(-1, n) for part in rows), np.asarray(radii, dtype=float))
+
+
+@pytest.fixture
+def toy() -> Toy:
+    return Toy()
+
+
+@pytest.fixture
+def balls() -> Callable[[int], World]:
+    """Balls in the unit cube of n dimensions, with one large one between two corners."""
+
+    def make(n: int) -> World:
+        rng = np.random.default_rng(n)
+        centers = rng.uniform(0.1, 0.9, (20, n))
+        far = np.min([np.linalg.norm(centers - p, axis=1) for p in (0.1, 0.9)], axis=0) > 0.35
+        centers = np.vstack((centers[far], np.full(n, 0.5)))
+        radii = np.full(len(centers), 0.3)
+        radii[-1] = 0.35 * np.sqrt(n) / 1.5
+        return World(np.empty((0, n)), np.empty((0, n)), centers, radii)
+
+    return make

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.interpolate import BSpline
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.planners import Path, Problem, SmoothPath, certify, rrt_connect, shortcut, smooth
+from pepper_kin.planners.smooth import _power_basis
 
 
 def everywhere(states: np.ndarray) -> np.ndarray:
@@ -188,3 +190,19 @@ def test_shapes_follow_the_parameter() -> None:
     assert curve(np.full((3, 4), 0.3), 2).shape == (3, 4, 2)
     assert curve.n == 2
     assert np.array_equal(curve.start, [0, 0])
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(1, 12), st.integers(0, 10_000))
+def test_pieces_are_those_of_the_b_spline(pieces: int, seed: int) -> None:
+    """Against scipy's B-splines, values and derivatives, on uneven knots."""
+    rng = np.random.default_rng(seed)
+    breaks = np.concatenate(([0.0], np.cumsum(rng.uniform(0.05, 1.0, pieces))))
+    knots = np.concatenate((breaks[:1].repeat(3), breaks, breaks[-1:].repeat(3)))
+    control = rng.normal(size=(pieces + 3, 2))
+    spline = BSpline(knots, control, 3)
+    coefficients = _power_basis(knots, control)
+    assert np.array_equal(coefficients[0, 0], control[0])
+    for power, factorial in enumerate((1.0, 1.0, 2.0, 6.0)):
+        expected = spline.derivative(power)(breaks[:-1]) if power else spline(breaks[:-1])
+        assert coefficients[:, power] == pytest.approx(expected / factorial, rel=1e-9, abs=1e-9 / 0.05**power)
