@@ -12,6 +12,7 @@ from .deadline import Deadline
 from .goal_source import GoalSampler
 from .improve import improve
 from .metric import Metric
+from .ompl_planner import OMPL_PLANNERS, available_ompl_planners, ompl_plan
 from .oracle import Advance, Oracle, StateValidity
 from .path import Path
 from .problem import Problem
@@ -24,6 +25,7 @@ from .smooth import smooth
 from .smooth_path import SmoothPath
 
 __all__ = [
+    "OMPL_PLANNERS",
     "Advance",
     "Certificate",
     "CompiledValidity",
@@ -39,8 +41,10 @@ __all__ = [
     "SmoothPath",
     "StateValidity",
     "Status",
+    "available_ompl_planners",
     "certify",
     "improve",
+    "ompl_plan",
     "rrt_connect",
     "rrt_star",
     "shortcut",

@@ -1,0 +1,171 @@
+"""Planners of the Open Motion Planning Library, through the same problem and result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+
+from .deadline import Deadline
+from .oracle import Oracle
+from .path import Path
+from .problem import Problem
+from .result import Result, Status
+from .vectors import FloatArray, whole_number
+
+OMPL_PLANNERS = (
+    "AnytimePathShortening", "SBL", "EST", "LBKPIECE", "BKPIECE", "KPIECE", "RRT", "RRTConnect", "RRTstar",
+    "TRRT", "PRM", "PRMstar", "FMT", "BFMT", "PDST", "STRIDE", "BiTRRT", "LBTRRT", "BiEST", "ProjEST",
+    "LazyPRM", "LazyPRMstar", "SPARS", "SPARStwo",
+)  # fmt: skip
+"""The names in MoveIt's configuration of OMPL."""
+
+IMPROVING = ("RRTstar", "PRMstar", "PRM")
+"""Use all of their time."""
+
+
+class _Library(NamedTuple):
+    base: ModuleType
+    geometric: ModuleType
+    util: ModuleType
+
+
+def available_ompl_planners() -> tuple[str, ...]:
+    """Return those of `OMPL_PLANNERS` that the installed `ompl` has; empty where it is not installed."""
+    try:
+        library = _library()
+    except MissingDependencyError:
+        return ()
+    return tuple(name for name in OMPL_PLANNERS if _class_of(library, name) is not None)
+
+
+def ompl_plan(
+    problem: Problem, planner: str = "RRTConnect", *, seed: int = 0, timeout: float = 5.0
+) -> Result:
+    """Search a path with a planner of OMPL.
+
+    Coordinates are scaled by the metric's weights, so that OMPL's distances are the problem's.  OMPL asks for
+    one state at a time; a Python oracle is called as often.  The path is as OMPL leaves it: pass it to
+    `shortcut`.
+
+    I. A. Sucan, M. Moll and L. E. Kavraki, The Open Motion Planning Library, IEEE Robotics & Automation
+    Magazine 19 (2012).
+
+    Args:
+        problem: What to plan; its goals must be states, not a sampler.
+        planner: A name of `OMPL_PLANNERS` that the installed library has.
+        seed: OMPL has one generator for the whole process and takes a seed before its first use only: the
+            same seed gives the same result in a new process, for the first call.
+        timeout: Time budget [s].  Planners that improve their path use all of it.
+
+    Returns:
+        The result; `iterations` is 0, since OMPL's planners count different things.
+
+    Raises:
+        MissingDependencyError: `ompl` is not installed.
+        InvalidValueError: for a planner that there is not, or a problem with a sampler of goals.
+    """
+    library = _library()
+    make = _class_of(library, planner) if planner in OMPL_PLANNERS else None
+    if make is None:
+        known = "" if planner not in OMPL_PLANNERS else " (the installed ompl lacks it)"
+        raise InvalidValueError(
+            "planner", f"{planner!r}{known}", f"one of {', '.join(available_ompl_planners())}"
+        )
+    if len(problem.goals) == 0:
+        raise InvalidValueError("goals", "a sampler", "goal states: OMPL's planners take these only")
+    deadline = Deadline(timeout)
+    oracle = problem.counting_oracle(deadline)
+    status, points, goal = _Search(library, problem, oracle).run(make, whole_number("seed", seed), deadline)
+    path = None if points is None else Path(points, problem.weights)
+    return Result(
+        status=status, path=path, goal_index=goal, cost=math.inf if path is None else path.length,
+        iterations=0, states_checked=oracle.states, oracle_calls=oracle.calls, time=deadline.elapsed,
+        seed=seed,
+    )  # fmt: skip
+
+
+class _Search:
+    """A problem as OMPL sees it: the coordinates that can change, scaled by the metric's weights."""
+
+    def __init__(self, library: _Library, problem: Problem, oracle: Oracle) -> None:
+        self._library, self._problem, self._oracle = library, problem, oracle
+        self._free = np.flatnonzero(problem.upper > problem.lower)
+        self._weights = problem.metric.weights[self._free]
+        self._state = np.array(problem.start)
+
+    def run(
+        self, make: Callable[[Any], Any], seed: int, deadline: Deadline
+    ) -> tuple[Status, FloatArray | None, int | None]:
+        base, geometric, util = self._library
+        problem = self._problem
+        if not self._oracle.states_valid(problem.start[None])[0]:
+            return Status.START_INVALID, None, None
+        valid = [k for k, goal in enumerate(problem.goals) if self._oracle.states_valid(goal[None])[0]]
+        if not valid:
+            return Status.GOAL_INVALID, None, None
+        util.setLogLevel(util.LOG_NONE)
+        if seed:
+            util.RNG.setSeed(seed)
+        space = base.RealVectorStateSpace(self._free.size)
+        bounds = base.RealVectorBounds(self._free.size)
+        for i, (low, high) in enumerate(zip(*self._scaled(problem.lower, problem.upper), strict=True)):
+            bounds.setLow(i, low)
+            bounds.setHigh(i, high)
+        space.setBounds(bounds)
+        setup = geometric.SimpleSetup(space)
+        setup.setStateValidityChecker(self._is_valid)
+        information = setup.getSpaceInformation()
+        information.setStateValidityCheckingResolution(min(problem.spacing / space.getMaximumExtent(), 1.0))
+        setup.setStartState(self._to_ompl(space, problem.start))
+        goals = base.GoalStates(information)
+        for k in valid:
+            goals.addState(self._to_ompl(space, problem.goals[k]))
+        setup.setGoal(goals)
+        setup.setPlanner(make(information))
+        setup.solve(max(deadline.timeout - deadline.elapsed, 1e-3))
+        if not setup.haveExactSolutionPath():
+            return Status.NO_PATH_IN_TIME, None, None
+        states = setup.getSolutionPath().getStates()
+        points = np.array([self._from_ompl(state) for state in states])
+        points[0] = problem.start
+        ends = problem.metric.distance(points[-1], problem.goals[valid])
+        goal = valid[int(np.argmin(ends))]
+        points[-1] = problem.goals[goal]
+        return Status.SOLVED, points, goal
+
+    def _scaled(self, *states: FloatArray) -> list[list[float]]:
+        return [(state[self._free] * self._weights).tolist() for state in states]
+
+    def _to_ompl(self, space: Any, state: FloatArray) -> Any:
+        made = space.allocState()
+        for i, value in enumerate(self._scaled(state)[0]):
+            made[i] = value
+        return made
+
+    def _from_ompl(self, state: Any) -> FloatArray:
+        values = np.array([state[i] for i in range(self._free.size)]) / self._weights
+        found = self._state.copy()
+        found[self._free] = np.clip(values, self._problem.lower[self._free], self._problem.upper[self._free])
+        return found
+
+    def _is_valid(self, state: Any) -> bool:
+        return bool(self._oracle.states_valid(self._from_ompl(state)[None])[0])
+
+
+def _library() -> _Library:
+    try:
+        from ompl import base, geometric, util
+    except ImportError as error:
+        raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'") from error
+    return _Library(base, geometric, util)
+
+
+def _class_of(library: _Library, name: str) -> Callable[[Any], Any] | None:
+    """Return the class of a planner; MoveIt leaves the 1 of KPIECE1 out."""
+    return getattr(library.geometric, name, None) or getattr(library.geometric, f"{name}1", None)
