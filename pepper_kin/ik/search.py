@@ -15,8 +15,8 @@ from pepper_kin.ik.restarts import nearby, starts
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 
-# The search for the closest point ends when so many starts, of at least so many, agree this well on the
-# weighted distance.
+# The search for the closest point ends when so many descents, of at least so many, agree this well on the
+# weighted distance.  The fast solver makes up to three from each start.
 AGREEING_STARTS = 4
 LEAST_STARTS = 10
 AGREEMENT = 1e-3
