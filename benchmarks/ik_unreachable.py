@@ -1,7 +1,7 @@
-"""Closest points of targets out of reach, beside a long search: python benchmarks/ik_unreachable.py --count N.
+"""Closest points of targets out of reach, beside a long search: benchmarks/ik_unreachable.py --count N.
 
 Random targets up to 3 m from a point between the shoulders; most are beyond reach, some behind the robot or
-inside it.  The library's answer of one call (`pk.ik.solve`, defaults) is compared with a search of another kind
+inside it.  The answer of one call (`pk.ik.solve`, defaults) is compared with a search of another kind
 that shares only the kinematics: projected Gauss-Newton from 200 random starts at once in NumPy, the best ten
 then each brought to their end by SciPy's L-BFGS-B.  An answer counts where its hand is at most 5 mm farther
 from the target.  The long search takes about 0.3 s a target.

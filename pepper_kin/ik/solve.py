@@ -18,7 +18,7 @@ from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
 from pepper_kin.ik.obstruction import find_status, would_all_joints_help
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
-from pepper_kin.ik.search import Budget, search, torque_ratios
+from pepper_kin.ik.search import Budget, search
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -36,9 +36,6 @@ if TYPE_CHECKING:
 # so many steps to make, of some microseconds each.
 LEAST_TIME = 0.05
 MOST_STEPS = 10_000
-
-# Where the first solution touches something, so many more are looked at before the search that keeps clear.
-ALTERNATIVES = 32
 
 _neutrals: WeakKeyDictionary[PepperModel, Array] = WeakKeyDictionary()
 
@@ -153,7 +150,8 @@ class Found(NamedTuple):
 
 def _find_at_once(request: Request) -> Found | None:
     """Search in machine code from end to end; None where collisions or the clock ask for the other search."""
-    from pepper_kin.ik.fast import alternatives, prepare, solve_one, structures_of
+    from pepper_kin.ik.clear import find_clear
+    from pepper_kin.ik.fast import prepare, solve_one, structures_of
 
     pepper, budget = request.pepper, request.budget
     prepared = prepare(pepper, structures_of(request.tasks))
@@ -171,13 +169,11 @@ def _find_at_once(request: Request) -> Found | None:
     collisions = Collisions(pepper, request.scene)
     if collisions.free(answer.q):
         return Found(*answer)
-    if answer.status is Status.SOLVED and budget.restarts:
-        count = min(ALTERNATIVES, budget.restarts)
-        for q in alternatives(
-            pepper, request.tasks, request.q0, request.movable, budget.seed, count, budget.max_iterations
-        ):
-            if torque_ratios(pepper, q).max() <= 1.0 and collisions.free(q):
-                return Found(read_only(q), Status.SOLVED, answer.iterations, answer.restarts + count)
+    if answer.status is Status.SOLVED:
+        clear = find_clear(request.tasks, request.q0, request.movable, collisions, budget)
+        if clear is not None:
+            q, spent = clear
+            return Found(read_only(q), Status.SOLVED, answer.iterations, answer.restarts + spent)
     return None
 
 
