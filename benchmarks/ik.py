@@ -69,7 +69,8 @@ def measure(kind: str, solvers: dict[str, Solver], first: dict[str, Solver], tar
     for name, found in times.items():
         micro, part = 1e6 * np.array(found), 100 / len(targets)
         print(
-            f"| {name} | {part * solved[name]:.2f} | {part * at_first[name]:.2f} | {np.median(micro):.0f} | {np.percentile(micro, 99):.0f} | {np.median(found / base):.1f} |",
+            f"| {name} | {part * solved[name]:.2f} | {part * at_first[name]:.2f} | {np.median(micro):.0f} | "
+            f"{np.percentile(micro, 99):.0f} | {np.median(found / base):.1f} |",
             flush=True,
         )
 

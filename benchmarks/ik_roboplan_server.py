@@ -1,8 +1,8 @@
 """RoboPlan's side of the comparison: ik_roboplan_server.py URDF RESTARTS START.
 
-Run by `ik.py --roboplan-python`.  RoboPlan needs a newer Pinocchio than placo can be loaded with, so it has an
-environment and a process of its own (`pip install roboplan`).  Reads a list of (frame, pose) from each line and
-writes the answer and its time.
+Run by `ik.py --roboplan-python`.  RoboPlan needs a newer Pinocchio than placo can be loaded with, so it has
+an environment and a process of its own (`pip install roboplan`).  Reads a list of (frame, pose) a line
+and writes the answer and its time.
 """
 
 import json
