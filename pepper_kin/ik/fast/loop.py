@@ -28,7 +28,7 @@ from pepper_kin.ik.fast.descent import (
 )
 from pepper_kin.ik.fast.native import call_kernel
 from pepper_kin.ik.restarts import REACH, is_chosen
-from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT, STARTS_FOR_TORQUE
+from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT
 from pepper_kin.ik.tasks.task import Array
 
 _logger = logging.getLogger(__name__)
@@ -55,6 +55,11 @@ SEARCH_GAIN = 3e-3
 
 # So many descents for each joint at least before their agreement counts.
 DESCENTS_A_JOINT = 5
+
+# A solution that the motors cannot hold leans too far.  With the joints that carry much put back to where q0
+# has them, or beyond, it is near another that mostly can be held; then further starts are tried.
+STRAIGHTENED = (1.0, 1.5)
+STARTS_FOR_TORQUE = 3
 
 # Rows of `bounds`.
 ROW_LOW, ROW_HIGH, ROW_SCALE, ROW_HEAVY, ROW_MOVES = 0, 1, 2, 3, 4
@@ -113,6 +118,16 @@ def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _straighten(setting: Setting, wishes: Wishes, room: Room, part: float, answer: Array) -> None:
+    """Write the best solution so far into `given`, the joints that carry much moved back by a part to q0."""
+    for i in range(setting.joints.size):
+        j = setting.joints[i]
+        back = part if wishes.heavy[i] > 0 else 0.0
+        q = answer[j] + back * (setting.reference[j] - answer[j])
+        room.given[j] = min(max(q, setting.low[i]), setting.high[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _held(setting: Setting, wishes: Wishes, q: Array) -> bool:
     """Whether the motors hold q: |g_i| <= effort limit for every joint."""
     call_kernel(wishes.gravity, q.ctypes.data, wishes.torque.ctypes.data, setting.work.ctypes.data)
@@ -162,7 +177,9 @@ def _search(setting: Setting, wishes: Wishes, room: Room, max_iterations: int, a
     _keep(room, answer, n, t)
     iterations, first_met, used, tries = 0, 0, 0, 0
     for used in range(wishes.points.shape[0] + 1):
-        if used > 0:
+        if first_met > 0 and used - first_met < len(STRAIGHTENED):
+            _straighten(setting, wishes, room, STRAIGHTENED[used - first_met], answer)
+        elif used > 0:
             _start(setting, wishes, room, used - 1)
         steps_left = max_iterations
         for turn in range(REFLECTIONS + 1):
