@@ -69,7 +69,8 @@ def solve(
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
         max_iterations: Steps from each start.
-        restarts: Further starts, used only as long as there is something to gain.
+        restarts: Further starts, used only as long as there is something to gain.  With a scene, "fast" may look
+            through more of them for a solution that touches nothing.
         timeout: Time after which to stop [s]; None for none.
 
     Returns:
