@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.descenders import make_descender
 from pepper_kin.ik.problem import Problem
@@ -51,6 +49,6 @@ def find_status(problem: Problem, found: Search, solver: str, budget: Budget) ->
 def would_all_joints_help(whole: Problem, solver: str, budget: Budget) -> bool:
     """Whether a problem in which every joint may move is solved, collisions left out."""
     found = search(
-        whole, make_descender(solver, whole), Collisions(whole.pepper, None), replace(budget, restarts=STARTS)
+        whole, make_descender(solver, whole), Collisions(whole.pepper, None), budget._replace(restarts=STARTS)
     )
     return found.best.met

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -69,8 +72,8 @@ def solve(
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
         max_iterations: Steps from each start.
-        restarts: Further starts, used only as long as there is something to gain.  With a scene, "fast" may look
-            through more of them for a solution that touches nothing.
+        restarts: Further starts, used only as long as there is something to gain.  With a scene, "fast" may
+            look through more of them for a solution that touches nothing.
         timeout: Time after which to stop [s]; None for none.
 
     Returns:
@@ -151,17 +154,15 @@ class Found(NamedTuple):
 
 def _find_at_once(request: Request) -> Found | None:
     """Search in machine code from end to end; None where collisions or the clock ask for the other search."""
-    from pepper_kin.ik.clear import find_clear
-    from pepper_kin.ik.fast import prepare, solve_one, structures_of
-
+    fast = _fast()
     pepper, budget = request.pepper, request.budget
-    prepared = prepare(pepper, structures_of(request.tasks))
+    prepared = fast.prepare(pepper, fast.structures_of(request.tasks))
     if budget.deadline < math.inf and (
         budget.deadline - time.perf_counter() < LEAST_TIME
         or budget.max_iterations * (budget.restarts + 1) > MOST_STEPS
     ):
         return None
-    answer = solve_one(
+    answer = fast.solve_one(
         prepared, request.tasks, request.q0, request.movable, budget.seed, budget.restarts,
         budget.max_iterations,
     )  # fmt: skip
@@ -171,11 +172,19 @@ def _find_at_once(request: Request) -> Found | None:
     if collisions.free(answer.q):
         return Found(*answer)
     if answer.status is Status.SOLVED:
+        from pepper_kin.ik.clear import find_clear
+
         clear = find_clear(request.tasks, request.q0, request.movable, collisions, budget)
         if clear is not None:
             q, spent = clear
             return Found(read_only(q), Status.SOLVED, answer.iterations, answer.restarts + spent)
     return None
+
+
+@lru_cache(maxsize=1)
+def _fast() -> ModuleType:
+    """Return the room of the fast solver, loaded when first used: its code may have to be compiled."""
+    return import_module("pepper_kin.ik.fast")
 
 
 def _find(request: Request, solver: str) -> Found:
