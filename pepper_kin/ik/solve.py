@@ -253,6 +253,8 @@ def whole_number(quantity: str, value: int, least: int) -> int:
     Raises:
         InvalidValueError: unless it is one of at least `least`.
     """
+    if type(value) is int and value >= least:
+        return value
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise InvalidValueError(quantity, repr(value), f"a whole number of at least {least}")
     return int(value)
