@@ -48,6 +48,14 @@ class Collisions:
 
         return not bool(in_collision(self.pepper, q, self.scene))
 
+    def free_many(self, q: Array) -> np.ndarray:
+        """Whether nothing touches at each of many configurations, shape (m, n) -> (m,)."""
+        if self.scene is None:
+            return np.ones(len(q), dtype=bool)
+        from pepper_kin.collision import in_collision
+
+        return ~np.asarray(in_collision(self.pepper, q, self.scene), dtype=bool)
+
     def clearance(self, q: Array) -> float | None:
         """Return the smallest distance [m]; None where nothing is checked."""
         if self.scene is None:

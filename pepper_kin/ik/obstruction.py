@@ -90,6 +90,6 @@ def _solvable(problem: Problem, solver: str, budget: Budget) -> bool:
         problem,
         make_descender(solver, problem),
         Collisions(problem.pepper, None),
-        replace(budget, restarts=STARTS),
+        budget._replace(restarts=STARTS),
     )
     return found.best.met

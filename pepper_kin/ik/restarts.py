@@ -10,8 +10,9 @@ from pepper_kin.ik.problem import Problem
 from pepper_kin.ik.tasks.task import Array
 
 # How far from q0 the first restarts lie, as a fraction of the way to a point of the box; the others go all
-# the way, each from the best of so many points: a target beyond reach has many local minima, and a start near
-# the target finds the least of them more often.
+# the way.  Of these every second pair takes the best of so many points: a target beyond reach has many local
+# minima, and a start near the target finds the least of them more often.  The pairs between take points as
+# they come: the best points may all lie in the basin of one near miss.
 REACH = (0.3, 0.6)
 CANDIDATES = 16
 
@@ -43,13 +44,18 @@ def starts(problem: Problem, seed: int, count: int) -> Iterator[Array]:
     for k in range(count):
         near = k < len(REACH)
         candidates = []
-        for _ in range(1 if near else CANDIDATES):
+        for _ in range(CANDIDATES if is_chosen(k) else 1):
             point = (point + alpha) % 1.0
             way = (REACH[k] if near else 1.0) * (low + point * (high - low) - q0)
             q = problem.q0.copy()
             q[index] = q0 + (np.where(heavy, 0.0, way) if k % 2 else way)
             candidates.append(problem.clip(q))
         yield min(candidates, key=lambda q: problem.task_cost(problem.residuals(q)))
+
+
+def is_chosen(number: int) -> bool:
+    """Whether a restart, counted from 0, is the best of several points."""
+    return number >= len(REACH) and number % 4 < 2
 
 
 def nearby(problem: Problem, q: Array, generator: np.random.Generator, attempt: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from pepper_kin.ik.restarts import nearby, starts
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 
-# The search for the closest point ends when so many starts, of at least so many, agree this well on the
-# weighted distance.
+# The search for the closest point ends when so many descents, of at least so many, agree this well on the
+# weighted distance.  The fast solver makes up to three from each start.
 AGREEING_STARTS = 4
 LEAST_STARTS = 10
 AGREEMENT = 1e-3
@@ -25,8 +26,7 @@ AGREEMENT = 1e-3
 STARTS_FOR_TORQUE = 6
 
 
-@dataclass(frozen=True)
-class Budget:
+class Budget(NamedTuple):
     """How much a search may spend.
 
     Attributes:

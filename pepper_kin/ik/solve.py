@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -19,7 +22,7 @@ from pepper_kin.ik.obstruction import find_status, what_would_help
 from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
-from pepper_kin.ik.search import Budget, search, torque_ratios
+from pepper_kin.ik.search import Budget, search
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -37,9 +40,6 @@ if TYPE_CHECKING:
 # so many steps to make, of some microseconds each.
 LEAST_TIME = 0.05
 MOST_STEPS = 10_000
-
-# Where the first solution touches something, so many more are looked at before the search that keeps clear.
-ALTERNATIVES = 32
 
 _neutrals: WeakKeyDictionary[PepperModel, Array] = WeakKeyDictionary()
 
@@ -74,7 +74,8 @@ def solve(
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
         max_iterations: Steps from each start.
-        restarts: Further starts, used only as long as there is something to gain.
+        restarts: Further starts, used only as long as there is something to gain.  With a scene, "fast" may
+            look through more of them for a solution that touches nothing.
         timeout: Time after which to stop [s]; None for none.
 
     Returns:
@@ -157,16 +158,15 @@ class Found(NamedTuple):
 
 def _find_at_once(request: Request) -> Found | None:
     """Search in machine code from end to end; None where collisions or the clock ask for the other search."""
-    from pepper_kin.ik.fast import alternatives, prepare, solve_one, structures_of
-
+    fast = _fast()
     pepper, budget = request.pepper, request.budget
-    prepared = prepare(pepper, structures_of(request.tasks))
+    prepared = fast.prepare(pepper, fast.structures_of(request.tasks))
     if budget.deadline < math.inf and (
         budget.deadline - time.perf_counter() < LEAST_TIME
         or budget.max_iterations * (budget.restarts + 1) > MOST_STEPS
     ):
         return None
-    answer = solve_one(
+    answer = fast.solve_one(
         prepared, request.tasks, request.q0, request.movable, budget.seed, budget.restarts,
         budget.max_iterations,
     )  # fmt: skip
@@ -175,14 +175,20 @@ def _find_at_once(request: Request) -> Found | None:
     collisions = Collisions(pepper, request.scene)
     if collisions.free(answer.q):
         return Found(*answer)
-    if answer.status is Status.SOLVED and budget.restarts:
-        count = min(ALTERNATIVES, budget.restarts)
-        for q in alternatives(
-            pepper, request.tasks, request.q0, request.movable, budget.seed, count, budget.max_iterations
-        ):
-            if torque_ratios(pepper, q).max() <= 1.0 and collisions.free(q):
-                return Found(read_only(q), Status.SOLVED, answer.iterations, answer.restarts + count)
+    if answer.status is Status.SOLVED:
+        from pepper_kin.ik.clear import find_clear
+
+        clear = find_clear(request.tasks, request.q0, request.movable, collisions, budget)
+        if clear is not None:
+            q, spent = clear
+            return Found(read_only(q), Status.SOLVED, answer.iterations, answer.restarts + spent)
     return None
+
+
+@lru_cache(maxsize=1)
+def _fast() -> ModuleType:
+    """Return the room of the fast solver, loaded when first used: its code may have to be compiled."""
+    return import_module("pepper_kin.ik.fast")
 
 
 def _find(request: Request, solver: str) -> Found:
@@ -257,6 +263,8 @@ def whole_number(quantity: str, value: int, least: int) -> int:
     Raises:
         InvalidValueError: unless it is one of at least `least`.
     """
+    if type(value) is int and value >= least:
+        return value
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise InvalidValueError(quantity, repr(value), f"a whole number of at least {least}")
     return int(value)

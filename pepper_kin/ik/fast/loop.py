@@ -17,16 +17,18 @@ from numba import njit
 from pepper_kin.ik.descent import SMALL_GAIN
 from pepper_kin.ik.fast.descent import (
     CAUTIOUS_STEPS,
+    REFLECTIONS,
     Room,
     Setting,
     descend,
     evaluate,
     fraction_of_tolerance,
     make_room,
+    reflect,
 )
 from pepper_kin.ik.fast.native import call_kernel
-from pepper_kin.ik.restarts import REACH
-from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT, LEAST_STARTS, STARTS_FOR_TORQUE
+from pepper_kin.ik.restarts import REACH, is_chosen
+from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT
 from pepper_kin.ik.tasks.task import Array
 
 _logger = logging.getLogger(__name__)
@@ -35,6 +37,7 @@ _SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
 
 NEAR, FAR = REACH
 NEAR_STARTS = len(REACH)
+_is_chosen = njit(inline="always")(is_chosen)
 
 # What `answers` holds after q and the squared errors.
 STATUS, ITERATIONS, RESTARTS = 0, 1, 2
@@ -48,7 +51,15 @@ STEPS_WITHOUT_LIMITS = 60
 
 # Descents end sooner than elsewhere, when a step gains less than this part of the cost; only the best of them
 # is brought to its very end.
-SEARCH_GAIN = 1e-3
+SEARCH_GAIN = 3e-3
+
+# So many descents for each joint at least before their agreement counts.
+DESCENTS_A_JOINT = 5
+
+# A solution that the motors cannot hold leans too far.  With the joints that carry much put back to where q0
+# has them, or beyond, it is near another that mostly can be held; then further starts are tried.
+STRAIGHTENED = (1.0, 1.5)
+STARTS_FOR_TORQUE = 3
 
 # Rows of `bounds`.
 ROW_LOW, ROW_HIGH, ROW_SCALE, ROW_HEAVY, ROW_MOVES = 0, 1, 2, 3, 4
@@ -66,7 +77,7 @@ class Wishes(NamedTuple):
         torque: Room, shape (n,).
         heavy: Above 0 for joints that carry much, shape (k,).
         points: Of the restarts, in the unit cube, shape (restarts, candidates, k).
-        costs: Room, shape (restarts + 1,).
+        costs: Room, one for each descent.
     """
 
     gravity: int
@@ -85,7 +96,7 @@ def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
     reach = 1.0
     if near:
         reach = NEAR if number == 0 else FAR
-    candidates = 1 if near else wishes.points.shape[1]
+    candidates = wishes.points.shape[1] if _is_chosen(number) else 1
     least = math.inf
     for c in range(candidates):
         for i in range(index.size):
@@ -107,6 +118,16 @@ def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _straighten(setting: Setting, wishes: Wishes, room: Room, part: float, answer: Array) -> None:
+    """Write the best solution so far into `given`, the joints that carry much moved back by a part to q0."""
+    for i in range(setting.joints.size):
+        j = setting.joints[i]
+        back = part if wishes.heavy[i] > 0 else 0.0
+        q = answer[j] + back * (setting.reference[j] - answer[j])
+        room.given[j] = min(max(q, setting.low[i]), setting.high[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _held(setting: Setting, wishes: Wishes, q: Array) -> bool:
     """Whether the motors hold q: |g_i| <= effort limit for every joint."""
     call_kernel(wishes.gravity, q.ctypes.data, wishes.torque.ctypes.data, setting.work.ctypes.data)
@@ -117,9 +138,9 @@ def _held(setting: Setting, wishes: Wishes, q: Array) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _agree(costs: Array, count: int) -> bool:
+def _agree(costs: Array, count: int, joints: int) -> bool:
     """Whether the least weighted distance was found often enough to be believed."""
-    if count < LEAST_STARTS:
+    if count < DESCENTS_A_JOINT * joints:
         return False
     least = math.sqrt(2 * costs[:count].min())
     agreeing = 0
@@ -154,25 +175,35 @@ def _search(setting: Setting, wishes: Wishes, room: Room, max_iterations: int, a
     best_held = best_met and _held(setting, wishes, room.given)
     best_value = 0.0 if best_met else room.result[t]
     _keep(room, answer, n, t)
-    iterations, first_met, used = 0, 0, 0
+    iterations, first_met, used, tries = 0, 0, 0, 0
     for used in range(wishes.points.shape[0] + 1):
-        if used > 0:
+        if first_met > 0 and used - first_met < len(STRAIGHTENED):
+            _straighten(setting, wishes, room, STRAIGHTENED[used - first_met], answer)
+        elif used > 0:
             _start(setting, wishes, room, used - 1)
-        iterations += descend(setting, room, max_iterations, SEARCH_GAIN, CAUTIOUS_STEPS)
-        met = fraction_of_tolerance(room.result, tolerance) <= 1.0
-        held = met and _held(setting, wishes, room.given)
-        value = _motion(setting, room.given) if met else room.result[t]
-        wishes.costs[used] = room.result[t]
-        better = met and not best_met
-        if met == best_met:
-            better = (held and not best_held) or (held == best_held and value < best_value)
-        if better:
-            best_met, best_held, best_value = met, held, value
-            _keep(room, answer, n, t)
+        steps_left = max_iterations
+        for turn in range(REFLECTIONS + 1):
+            if turn > 0:
+                reflect(setting, room.given)
+            steps = descend(setting, room, steps_left, SEARCH_GAIN, CAUTIOUS_STEPS)
+            iterations, steps_left = iterations + steps, steps_left - steps
+            met = fraction_of_tolerance(room.result, tolerance) <= 1.0
+            held = met and _held(setting, wishes, room.given)
+            value = _motion(setting, room.given) if met else room.result[t]
+            wishes.costs[tries] = room.result[t]
+            tries += 1
+            better = met and not best_met
+            if met == best_met:
+                better = (held and not best_held) or (held == best_held and value < best_value)
+            if better:
+                best_met, best_held, best_value = met, held, value
+                _keep(room, answer, n, t)
+            if met or steps_left <= 0 or _agree(wishes.costs, tries, setting.joints.size):
+                break
         if best_met and first_met == 0:
             first_met = used + 1
         tried_for_torque = first_met > 0 and used + 1 - first_met >= STARTS_FOR_TORQUE
-        if (best_met and best_held) or tried_for_torque or _agree(wishes.costs, used + 1):
+        if (best_met and best_held) or tried_for_torque or _agree(wishes.costs, tries, setting.joints.size):
             break
     if not (best_met and setting.stop_when_met):
         room.given[:n] = answer[:n]
@@ -257,7 +288,7 @@ def solve_rows(
         np.empty(n),
         bounds[ROW_HEAVY],
         points,
-        np.empty(points.shape[0] + 1),
+        np.empty((points.shape[0] + 1) * (REFLECTIONS + 1)),
     )
     room = make_room(given[begin], k, t)
     for i in range(begin, end):
