@@ -162,7 +162,7 @@ def _library() -> _Library:
     try:
         from ompl import base, geometric, util
     except ImportError as error:
-        raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'") from error
+        raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'", "ompl_plan") from error
     return _Library(base, geometric, util)
 
 

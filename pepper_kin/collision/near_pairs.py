@@ -84,7 +84,8 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     tables = _tables_of(checker)
     found: list[tuple[float, int, int]] = []
     witnesses: list[tuple[Array, Array, Array]] = []
-    for index in np.flatnonzero(checker._bounds(q) < distance).tolist():
+    near = np.flatnonzero(checker._bounds(q) < distance) if checker.pair_count else np.empty(0, int)
+    for index in near.tolist():
         result = pinocchio.computeDistance(checker._model, geometry_data, index)
         apart = result.min_distance - checker._paddings[index]
         if apart < distance:

@@ -177,7 +177,7 @@ def _better(problem: Problem, means: Means, q: Array, first: Sequence[int]) -> A
 
 def _search_again(problem: Problem, means: Means) -> Array:
     """Return the outcome of a search from the start, in machine code where nothing asks for another."""
-    budget = replace(means.budget, restarts=min(STARTS, means.budget.restarts))
+    budget = means.budget._replace(restarts=min(STARTS, means.budget.restarts))
     if means.solver == "fast" and not means.collisions.considered:
         from pepper_kin.ik.fast import prepare, solve_one, structures_of
 

@@ -87,7 +87,7 @@ def test_misuse_is_named(monkeypatch):
         ompl_plan(problem(goals=lambda rng: None))
 
     def missing():
-        raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'")
+        raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'", "ompl_plan")
 
     monkeypatch.setattr(ompl_planner, "_library", missing)
     with pytest.raises(MissingDependencyError, match="pip install"):
