@@ -1,0 +1,129 @@
+"""Lower bounds of distances, compiled: part by part of the robot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from pepper_kin.collision.fast.layout import (
+    CENTER_KERNEL,
+    CLASS_KERNELS,
+    CLASS_RADII,
+    CLASSES,
+    GROUP_FIRST,
+    GROUP_OBJECTS,
+    GROUP_RADII,
+    GROUPS,
+    LANES_IN,
+    LANES_OUT,
+    LANES_WORK,
+    N,
+    NEAR_KERNEL,
+    NUMBERS,
+    OBJECT_COUNT,
+    OBJECTS,
+    QUEUE,
+    REACH,
+    ROWS,
+    SPHERES,
+    WORLD,
+    section,
+    section_single,
+)
+from pepper_kin.collision.fast.loop import gather
+from pepper_kin.collision.fast.native import call_kernel
+from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM
+from pepper_kin.collision.fast.solids import Array
+from pepper_kin.collision.fast.world import OBJECT_SIZE, least_of_rows, less_reach, squared_distances
+
+
+@njit("float64(float64, float64, float64)", **OPTIONS)
+def distance_bound(excess: float, least: float, greatest: float) -> float:
+    """Return the least d - R for which d^2 - R^2 is at least `excess`, R being between two radii [m].
+
+    d - R = sqrt(excess + R^2) - R falls with R where `excess` is above zero, and rises where it is below.
+
+    Args:
+        excess: A lower bound of d^2 - R^2 [m^2].
+        least: Least radius R [m].
+        greatest: Greatest radius R [m].
+    """
+    if excess >= 0.0:
+        return math.sqrt(excess + greatest * greatest) - greatest
+    square = excess + least * least
+    return math.sqrt(square) - least if square >= 0.0 else -math.sqrt(-excess)
+
+
+@njit("void(float64[::1], float64[:, ::1], int64, int64)", **OPTIONS)
+def _self_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
+    """Write the bounds of all classes of pairs for the configurations in LANES_IN."""
+    numbers, kernels, radii = section(memory, NUMBERS), section(memory, CLASS_KERNELS), section(memory, CLASS_RADII)
+    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
+    work, classes = section(memory, LANES_WORK), int(numbers[CLASSES])
+    if classes > 0:
+        call_kernel(int(numbers[NEAR_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+    for c in range(classes):
+        for i in range(count):
+            rough = distance_bound(found[c * LANES + i], radii[4 * c + 2], radii[4 * c + 3])
+            bounds[first + i, c] = rough
+    for c in range(classes):
+        call_kernel(int(kernels[c]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+        for i in range(count):
+            fine = distance_bound(found[i], radii[4 * c], radii[4 * c + 1])
+            bounds[first + i, c] = max(bounds[first + i, c], fine)
+
+
+@njit("void(float64[::1], float64[:, ::1], int64, int64)", **OPTIONS)
+def _scene_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
+    """Write the bounds of all groups of solids to the scene for the configurations in LANES_IN."""
+    numbers, objects, starts = section(memory, NUMBERS), section(memory, OBJECTS), section(memory, GROUP_FIRST)
+    compared, radii = section(memory, GROUP_OBJECTS), section(memory, GROUP_RADII)
+    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
+    reach, room, work = section_single(memory, REACH), section_single(memory, WORLD), section(memory, LANES_WORK)
+    groups, classes = int(numbers[GROUPS]), int(numbers[CLASSES])
+    size = (groups + int(numbers[SPHERES])) * LANES
+    if groups == 0 or numbers[OBJECT_COUNT] == 0:
+        return
+    call_kernel(int(numbers[CENTER_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+    x, y, z = found[:size], found[size : 2 * size], found[2 * size : 3 * size]
+    least = room[3 * size : 3 * size + LANES]
+    for g in range(groups):
+        a, b = (groups + int(starts[g])) * LANES, (groups + int(starts[g + 1])) * LANES
+        squared = room[: b - a]
+        for i in range(count):
+            bounds[first + i, classes + g] = math.inf
+        for o in range(int(numbers[OBJECT_COUNT])):
+            if compared[o * groups + g] == 0.0:
+                continue
+            item = objects[OBJECT_SIZE * o : OBJECT_SIZE * (o + 1)]
+            squared_distances(x[a:b], y[a:b], z[a:b], item, squared)
+            less_reach(squared, reach[a:b], np.float32(item[1]), squared)
+            least_of_rows(squared, least, LANES)
+            for i in range(count):
+                bound = distance_bound(least[i], radii[2 * g] + item[1], radii[2 * g + 1] + item[1])
+                bounds[first + i, classes + g] = min(bounds[first + i, classes + g], bound)
+
+
+@njit("void(float64[::1], float64[:, ::1], float64[:, ::1])", **OPTIONS)
+def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
+    """Write lower bounds of the distance of each class of pairs and of each group to the scene [m].
+
+    Args:
+        memory: A block whose margins are zero.
+        q: Configurations, shape (m, n).
+        bounds: Written, shape (m, classes + groups).
+    """
+    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section(memory, QUEUE)
+    n = int(numbers[N])
+    for start in range(0, q.shape[0], ROOM):
+        count = min(ROOM, q.shape[0] - start)
+        for i in range(count):
+            queue[i] = i
+            for k in range(n):
+                rows[n * i + k] = q[start + i, k]
+        for first in range(0, count, LANES):
+            gather(memory, queue, first, count)
+            _self_bounds(memory, bounds, start + first, min(LANES, count - first))
+            _scene_bounds(memory, bounds, start + first, min(LANES, count - first))

@@ -1,0 +1,253 @@
+"""The compiled check of many configurations: joint ranges, spheres, then exact cores for what is in doubt."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, njit, types
+from numpy.typing import NDArray
+
+from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, WIDEST
+from pepper_kin.collision.fast.gjk import CONTACT, FREE
+from pepper_kin.collision.fast.layout import (
+    BLOCKED,
+    CENTER_KERNEL,
+    CLASS_ACTIVE,
+    CLASS_KERNELS,
+    CLASSES,
+    DOUBT_CLASSES,
+    DOUBT_GROUPS,
+    EFFORT,
+    FREE as MOVING,
+    SECTIONS,
+    FROZEN,
+    GRAVITY_KERNEL,
+    GROUPS,
+    LANES_IN,
+    LANES_OUT,
+    LANES_WORK,
+    N,
+    NEAR_KERNEL,
+    NUMBERS,
+    OBJECT_COUNT,
+    QUEUE,
+    QUEUE_LENGTH,
+    ROWS,
+    SELF_MARGIN,
+    SINGLE_WORK,
+    STATUS,
+    section,
+    section_bits,
+    section_single,
+)
+from pepper_kin.collision.fast.native import call_kernel
+from pepper_kin.collision.fast.settle import settle
+from pepper_kin.collision.fast.solids import Array
+from pepper_kin.collision.fast.tables import violates_table
+from pepper_kin.collision.fast.world import check_world
+
+_logger = logging.getLogger(__name__)
+_BEGIN = time.perf_counter()
+_SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
+
+FIRST_ROOM = 2 * LANES
+"""States of an edge that are checked before the rest: edges in collision mostly are so early."""
+
+Places = NDArray[np.int64]
+
+
+@njit("void(float64[::1], float64[::1], int64, int64)", **OPTIONS)
+def gather(memory: Array, queue: Array, first: int, last: int) -> None:
+    """Write configurations of a queue into LANES_IN, side by side; the last is repeated to fill all lanes."""
+    numbers, rows, lanes = section(memory, NUMBERS), section(memory, ROWS), section_single(memory, LANES_IN)
+    n = int(numbers[N])
+    for i in range(LANES):
+        row = int(queue[min(first + i, last - 1)])
+        q = rows[n * row : n * row + n]
+        for k in range(n):
+            lanes[k * LANES + i] = q[k]
+        lanes[n * LANES + i] = numbers[SELF_MARGIN]
+
+
+@njit("int64(float64[::1], int64)", **OPTIONS)
+def _start(memory: Array, count: int) -> int:
+    """Settle what joint ranges settle; queue the rest.  Returns how many are queued."""
+    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section(memory, QUEUE)
+    status = section(memory, STATUS)
+    classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
+    n, kept = int(numbers[N]), 0
+    everything = (1 << 62) - 1
+    for i in range(count):
+        q = rows[n * i : n * i + n]
+        status[i] = CONTACT if violates_table(memory, q) else FREE
+        classes[i] = groups[i] = 0
+        widest = 0.0
+        for k in range(n):
+            widest = max(widest, abs(q[k]))
+        if status[i] == CONTACT:
+            continue
+        if widest > WIDEST:
+            classes[i] = everything
+            groups[i] = everything if numbers[OBJECT_COUNT] > 0 else 0
+        else:
+            queue[kept] = i
+            kept += 1
+    return kept
+
+
+@njit("void(float64[::1], int64)", **OPTIONS)
+def _check_self(memory: Array, kept: int) -> None:
+    """Compare the robot's spheres with its own cores: first coarsely, then class by class where needed."""
+    numbers, status, queues = section(memory, NUMBERS), section(memory, STATUS), section(memory, QUEUE)
+    kernels, lengths = section(memory, CLASS_KERNELS), section(memory, QUEUE_LENGTH)
+    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
+    work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_CLASSES)
+    classes, active = int(numbers[CLASSES]), section(memory, CLASS_ACTIVE)
+    lengths[:] = 0.0
+    for first in range(0, kept, LANES):
+        gather(memory, queues, first, kept)
+        call_kernel(int(numbers[NEAR_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+        for c in range(classes):
+            bound = found[c * LANES : (c + 1) * LANES]
+            for i in range(min(LANES, kept - first)):
+                if bound[i] < 0 and active[c] != 0:
+                    queues[ROOM * (c + 1) + int(lengths[c])] = queues[first + i]
+                    lengths[c] += 1
+    for c in range(classes):
+        queue = queues[ROOM * (c + 1) : ROOM * (c + 2)]
+        length = 0
+        for i in range(int(lengths[c])):
+            if status[int(queue[i])] == FREE:
+                queue[length] = queue[i]
+                length += 1
+        for first in range(0, length, LANES):
+            gather(memory, queue, first, length)
+            call_kernel(int(kernels[c]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+            for i in range(min(LANES, length - first)):
+                row = int(queue[first + i])
+                if found[LANES + i] < 0:
+                    status[row] = CONTACT
+                elif found[i] < 0:
+                    doubt[row] |= 1 << min(c, 61)
+
+
+@njit("void(float64[::1], int64)", **OPTIONS)
+def _check_scene(memory: Array, kept: int) -> None:
+    """Compare the robot's spheres with the scene, for what touches nothing yet."""
+    numbers, status, queue = section(memory, NUMBERS), section(memory, STATUS), section(memory, QUEUE)
+    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
+    work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_GROUPS)
+    if numbers[OBJECT_COUNT] == 0 or numbers[GROUPS] == 0:
+        return
+    length = 0
+    for i in range(kept):
+        if status[int(queue[i])] == FREE:
+            queue[length] = queue[i]
+            length += 1
+    contact, bits = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    for first in range(0, length, LANES):
+        gather(memory, queue, first, length)
+        call_kernel(int(numbers[CENTER_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+        check_world(memory, LANES, contact, bits)
+        for i in range(min(LANES, length - first)):
+            row = int(queue[first + i])
+            if contact[i]:
+                status[row] = CONTACT
+            doubt[row] = bits[i]
+
+
+@njit("boolean(float64[::1], int64)", **OPTIONS)
+def _held(memory: Array, row: int) -> bool:
+    """Whether the joints can hold a configuration against gravity; true where that is not asked for."""
+    numbers, effort = section(memory, NUMBERS), section(memory, EFFORT)
+    if numbers[GRAVITY_KERNEL] == 0:
+        return True
+    n = int(numbers[N])
+    q, torque = section(memory, ROWS)[n * row : n * row + n], section(memory, LANES_OUT)
+    work = section(memory, SINGLE_WORK)
+    call_kernel(int(numbers[GRAVITY_KERNEL]), q.ctypes.data, torque.ctypes.data, work.ctypes.data)
+    for i in range(n):
+        if abs(torque[i]) > effort[i]:
+            return False
+    return True
+
+
+@njit("int64(float64[::1], int64)", **OPTIONS)
+def check_rows(memory: Array, count: int) -> int:
+    """Write the verdict on the first `count` configurations in ROWS into STATUS; returns how many were in doubt."""
+    kept = _start(memory, count)
+    _check_self(memory, kept)
+    _check_scene(memory, kept)
+    status = section(memory, STATUS)
+    classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
+    doubts = 0
+    for i in range(count):
+        if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
+            doubts += 1
+            status[i] = settle(memory, i, classes[i], groups[i])
+    return doubts
+
+
+@njit("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)", **OPTIONS)
+def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int, end: int) -> int:
+    """Write the verdicts on rows of q from `begin` to `end`; returns how many spheres left in doubt."""
+    n, doubts = q.shape[1], 0
+    rows, status = section(memory, ROWS), section(memory, STATUS)
+    for first in range(begin, end, ROOM):
+        count = min(ROOM, end - first)
+        for i in range(count):
+            for k in range(n):
+                rows[n * i + k] = q[first + i, k]
+        doubts += check_rows(memory, count)
+        for i in range(count):
+            verdicts[first + i] = int(status[i])
+    return doubts
+
+
+@njit("int64(float64[::1], float64[::1], float64[::1], int64)", **OPTIONS)
+def count_valid(memory: Array, a: Array, b: Array, steps: int) -> int:
+    """Return how many of the states a + (b - a) j / steps, j = 1 .. steps, come before the first invalid one.
+
+    Args:
+        memory: The block; its section FREE tells which joints a and b are, FROZEN where the others stand.
+        a: Values of the free joints, shape (k,) [rad or m].
+        b: The same at the end.
+        steps: Number of states.
+    """
+    numbers, status = section(memory, NUMBERS), section(memory, STATUS)
+    rows, moving, frozen = section(memory, ROWS), section(memory, MOVING), section(memory, FROZEN)
+    n, done, room = int(numbers[N]), 0, FIRST_ROOM
+    if numbers[BLOCKED] > 0:
+        return 0
+    while done < steps:
+        count = min(room, steps - done)
+        for i in range(count):
+            q = rows[n * i : n * i + n]
+            q[:] = frozen
+            j = done + i + 1
+            for k in range(moving.size):
+                way = b[k] - a[k]
+                q[int(moving[k])] = b[k] if j == steps else a[k] + way * j / steps
+        check_rows(memory, count)
+        for i in range(count):
+            if status[i] != FREE or not _held(memory, i):
+                return done + i
+        done += count
+        room = ROOM
+    return steps
+
+
+@cfunc("int64(CPointer(float64), CPointer(float64), int64, CPointer(float64))", cache=True, nopython=True)
+def valid_prefix(a: Any, b: Any, steps: int, memory: Any) -> int:
+    """The same for callers that have addresses only: `int64 f(double* a, double* b, int64, double* memory)`."""
+    spans = carray(memory, (2 * SECTIONS,))
+    whole = carray(memory, (int(spans[2 * SECTIONS - 1]),))
+    count = int(spans[2 * MOVING + 1] - spans[2 * MOVING])
+    return count_valid(whole, carray(a, (count,)), carray(b, (count,)), steps)
+
+
+if time.perf_counter() - _BEGIN > _SLOW:
+    _logger.warning("compiled the fast collision check, once on this machine; from now on it is loaded from disk")
