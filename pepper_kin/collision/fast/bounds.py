@@ -30,30 +30,30 @@ from pepper_kin.collision.fast.layout import (
     SPHERES,
     WORLD,
     section,
+    section_bits,
     section_single,
 )
 from pepper_kin.collision.fast.loop import gather
 from pepper_kin.collision.fast.native import call_kernel
 from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM
 from pepper_kin.collision.fast.solids import Array
-from pepper_kin.collision.fast.world import OBJECT_SIZE, least_of_rows, less_reach, squared_distances
+from pepper_kin.collision.fast.world import OBJECT_SIZE, least_excess, squared_distances
 
 
-@njit("float64(float64, float64, float64)", **OPTIONS)
-def distance_bound(excess: float, least: float, greatest: float) -> float:
-    """Return the least d - R for which d^2 - R^2 is at least `excess`, R being between two radii [m].
+@njit("float64(float64, float64)", **OPTIONS)
+def distance_bound(excess: float, greatest: float) -> float:
+    """Return the least d - R for which d^2 - R^2 is at least `excess`, R being at most `greatest` [m].
 
-    d - R = sqrt(excess + R^2) - R falls with R where `excess` is above zero, and rises where it is below.
+    d - R = sqrt(excess + R^2) - R falls with R.  Below zero nothing is known: d is the distance to a core, not
+    how deep it is entered.
 
     Args:
         excess: A lower bound of d^2 - R^2 [m^2].
-        least: Least radius R [m].
         greatest: Greatest radius R [m].
     """
     if excess >= 0.0:
         return math.sqrt(excess + greatest * greatest) - greatest
-    square = excess + least * least
-    return math.sqrt(square) - least if square >= 0.0 else -math.sqrt(-excess)
+    return -math.inf
 
 
 @njit("void(float64[::1], float64[:, ::1], int64, int64)", **OPTIONS)
@@ -66,12 +66,12 @@ def _self_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
         call_kernel(int(numbers[NEAR_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
     for c in range(classes):
         for i in range(count):
-            rough = distance_bound(found[c * LANES + i], radii[4 * c + 2], radii[4 * c + 3])
+            rough = distance_bound(found[c * LANES + i], radii[2 * c + 1])
             bounds[first + i, c] = rough
     for c in range(classes):
         call_kernel(int(kernels[c]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
         for i in range(count):
-            fine = distance_bound(found[i], radii[4 * c], radii[4 * c + 1])
+            fine = distance_bound(found[i], radii[2 * c])
             bounds[first + i, c] = max(bounds[first + i, c], fine)
 
 
@@ -88,7 +88,7 @@ def _scene_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
         return
     call_kernel(int(numbers[CENTER_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
     x, y, z = found[:size], found[size : 2 * size], found[2 * size : 3 * size]
-    least = room[3 * size : 3 * size + LANES]
+    least = room[size : size + LANES]
     for g in range(groups):
         a, b = (groups + int(starts[g])) * LANES, (groups + int(starts[g + 1])) * LANES
         squared = room[: b - a]
@@ -99,10 +99,9 @@ def _scene_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
                 continue
             item = objects[OBJECT_SIZE * o : OBJECT_SIZE * (o + 1)]
             squared_distances(x[a:b], y[a:b], z[a:b], item, squared)
-            less_reach(squared, reach[a:b], np.float32(item[1]), squared)
-            least_of_rows(squared, least, LANES)
+            least_excess(squared, reach[a:b], np.float32(item[1]), least)
             for i in range(count):
-                bound = distance_bound(least[i], radii[2 * g] + item[1], radii[2 * g + 1] + item[1])
+                bound = distance_bound(least[i], radii[g] + item[1])
                 bounds[first + i, classes + g] = min(bounds[first + i, classes + g], bound)
 
 
@@ -115,7 +114,7 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
         q: Configurations, shape (m, n).
         bounds: Written, shape (m, classes + groups).
     """
-    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section(memory, QUEUE)
+    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section_bits(memory, QUEUE)
     n = int(numbers[N])
     for start in range(0, q.shape[0], ROOM):
         count = min(ROOM, q.shape[0] - start)

@@ -99,7 +99,8 @@ def compile_validity(
     def active(which: NDArray[np.bool_]) -> dict[int, Array]:
         return {at.CLASS_ACTIVE: which[:classes].astype(float), at.GROUP_OBJECTS: compared * which[classes:]}
 
-    still = at.aligned_copy(at.pack({**sections, **active(~moves)}))
+    nothing = {at.TABLE_HEADS: np.zeros(0)}  # the ranges of joints are left to each state
+    still = at.aligned_copy(at.pack({**sections, **active(~moves), **nothing}))
     at.section(still, at.ROWS)[:n] = q0
     numbers[at.BLOCKED] = float(resting_contact or _rests_in_contact(check_rows, still))
     kept: tuple[Any, ...] = (*prepared.kernels, valid_prefix)
@@ -117,11 +118,8 @@ def compile_validity(
 
 
 def _rests_in_contact(check_rows: Any, memory: Array) -> bool:
-    """Return whether what the free joints do not move touches; the ranges of joints are left to each state."""
-    at.section(memory, at.TABLE_HEADS)[:] = 0.0
-    tables = at.section(memory, at.TABLES)
-    tables[:] = 0.0
-    return bool(check_rows(memory, 1) >= 0 and at.section(memory, at.STATUS)[0] != 0)
+    """Return whether what the free joints do not move touches."""
+    return bool(check_rows(memory, 1) >= 0 and at.section_bits(memory, at.STATUS)[0] != 0)
 
 
 def _places(free: ArrayLike, n: int) -> NDArray[np.int64]:

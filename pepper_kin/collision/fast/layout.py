@@ -28,6 +28,7 @@ ALIGNMENT = 8
     GROUP_RADII,
     REACH,
     OBJECTS,
+    OBJECT_BOXES,
     GROUP_OBJECTS,
     VERTEX_FIRST,
     VERTICES,
@@ -46,9 +47,9 @@ ALIGNMENT = 8
     WORLD,
     POSES,
     SINGLE_WORK,
-) = range(33)
+) = range(34)
 """Sections, in order; `memory.py` says what is in each."""
-SECTIONS = 33
+SECTIONS = 34
 
 (N, CLASSES, GROUPS, SPHERES, OBJECT_COUNT, SELF_MARGIN, MARGIN, NEAR_KERNEL, CENTER_KERNEL, POSE_KERNEL, GRAVITY_KERNEL,
  BLOCKED) = range(12)  # fmt: skip

@@ -7,10 +7,10 @@ import time
 from typing import Any
 
 import numpy as np
-from numba import carray, cfunc, njit, types
+from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
-from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, WIDEST
+from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, VECTOR, WIDEST
 from pepper_kin.collision.fast.gjk import CONTACT, FREE
 from pepper_kin.collision.fast.layout import (
     BLOCKED,
@@ -39,6 +39,8 @@ from pepper_kin.collision.fast.layout import (
     SELF_MARGIN,
     SINGLE_WORK,
     STATUS,
+    TABLE_HEADS,
+    TABLES,
     section,
     section_bits,
     section_single,
@@ -59,75 +61,99 @@ FIRST_ROOM = 2 * LANES
 Places = NDArray[np.int64]
 
 
-@njit("void(float64[::1], float64[::1], int64, int64)", **OPTIONS)
-def gather(memory: Array, queue: Array, first: int, last: int) -> None:
+@njit("void(float64[::1], int64[::1], int64, int64)", **OPTIONS)
+def gather(memory: Array, queue: Places, first: int, last: int) -> None:
     """Write configurations of a queue into LANES_IN, side by side; the last is repeated to fill all lanes."""
     numbers, rows, lanes = section(memory, NUMBERS), section(memory, ROWS), section_single(memory, LANES_IN)
     n = int(numbers[N])
     for i in range(LANES):
-        row = int(queue[min(first + i, last - 1)])
-        q = rows[n * row : n * row + n]
+        row = queue[min(first + i, last - 1)]
+        q, column = rows[n * row : n * row + n], lanes[i:]
         for k in range(n):
-            lanes[k * LANES + i] = q[k]
-        lanes[n * LANES + i] = numbers[SELF_MARGIN]
+            column[k * LANES] = q[k]
+        column[n * LANES] = numbers[SELF_MARGIN]
 
 
 @njit("int64(float64[::1], int64)", **OPTIONS)
 def _start(memory: Array, count: int) -> int:
     """Settle what joint ranges settle; queue the rest.  Returns how many are queued."""
-    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section(memory, QUEUE)
-    status = section(memory, STATUS)
+    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section_bits(memory, QUEUE)
+    status, heads, tables = section_bits(memory, STATUS), section(memory, TABLE_HEADS), section(memory, TABLES)
     classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
     n, kept = int(numbers[N]), 0
     everything = (1 << 62) - 1
     for i in range(count):
         q = rows[n * i : n * i + n]
-        status[i] = CONTACT if violates_table(memory, q) else FREE
+        violated = violates_table(heads, tables, q)
+        status[i] = CONTACT if violated else FREE
         classes[i] = groups[i] = 0
-        widest = 0.0
-        for k in range(n):
-            widest = max(widest, abs(q[k]))
-        if status[i] == CONTACT:
-            continue
-        if widest > WIDEST:
+        queue[kept] = i
+        kept += not violated
+    near = 0
+    for k in range(kept):
+        i = queue[k]
+        wide = 0
+        for j in range(n * i, n * i + n):
+            wide += not abs(rows[j]) <= WIDEST
+        if wide:
             classes[i] = everything
             groups[i] = everything if numbers[OBJECT_COUNT] > 0 else 0
         else:
-            queue[kept] = i
-            kept += 1
-    return kept
+            queue[near] = i
+            near += 1
+    return near
+
+
+@njit("boolean(float32[::1])", **VECTOR)
+def _any_below_zero(values: NDArray[np.float32]) -> bool:
+    found = np.int32(0)
+    for i in range(LANES):
+        found |= np.int32(values[i] < 0)
+    return found != 0
 
 
 @njit("void(float64[::1], int64)", **OPTIONS)
-def _check_self(memory: Array, kept: int) -> None:
-    """Compare the robot's spheres with its own cores: first coarsely, then class by class where needed."""
-    numbers, status, queues = section(memory, NUMBERS), section(memory, STATUS), section(memory, QUEUE)
-    kernels, lengths = section(memory, CLASS_KERNELS), section(memory, QUEUE_LENGTH)
+def _sort(memory: Array, kept: int) -> None:
+    """Compare the robot's parts coarsely and queue, for each class of pairs, the configurations in which it is near."""
+    numbers, queues, active = section(memory, NUMBERS), section_bits(memory, QUEUE), section(memory, CLASS_ACTIVE)
     given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
-    work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_CLASSES)
-    classes, active = int(numbers[CLASSES]), section(memory, CLASS_ACTIVE)
-    lengths[:] = 0.0
+    lengths, work = section_bits(memory, QUEUE_LENGTH), section(memory, LANES_WORK)
+    classes = int(numbers[CLASSES])
+    lengths[:] = 0
+    if classes == 0:
+        return
     for first in range(0, kept, LANES):
         gather(memory, queues, first, kept)
         call_kernel(int(numbers[NEAR_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
         for c in range(classes):
             bound = found[c * LANES : (c + 1) * LANES]
+            if active[c] == 0.0 or not _any_below_zero(bound):
+                continue
+            length, queue = lengths[c], queues[ROOM * (c + 1) : ROOM * (c + 2)]
             for i in range(min(LANES, kept - first)):
-                if bound[i] < 0 and active[c] != 0:
-                    queues[ROOM * (c + 1) + int(lengths[c])] = queues[first + i]
-                    lengths[c] += 1
-    for c in range(classes):
+                queue[length] = queues[first + i]
+                length += bound[i] < 0
+            lengths[c] = length
+
+
+@njit("void(float64[::1])", **OPTIONS)
+def _check_self(memory: Array) -> None:
+    """Compare the robot's spheres with its own cores, class by class, for the configurations queued for it."""
+    numbers, status, queues = section(memory, NUMBERS), section_bits(memory, STATUS), section_bits(memory, QUEUE)
+    kernels, lengths = section(memory, CLASS_KERNELS), section_bits(memory, QUEUE_LENGTH)
+    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
+    work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_CLASSES)
+    for c in range(int(numbers[CLASSES])):
         queue = queues[ROOM * (c + 1) : ROOM * (c + 2)]
         length = 0
-        for i in range(int(lengths[c])):
-            if status[int(queue[i])] == FREE:
-                queue[length] = queue[i]
-                length += 1
+        for i in range(lengths[c]):
+            queue[length] = queue[i]
+            length += status[queue[i]] == FREE
         for first in range(0, length, LANES):
             gather(memory, queue, first, length)
             call_kernel(int(kernels[c]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
             for i in range(min(LANES, length - first)):
-                row = int(queue[first + i])
+                row = queue[first + i]
                 if found[LANES + i] < 0:
                     status[row] = CONTACT
                 elif found[i] < 0:
@@ -137,23 +163,23 @@ def _check_self(memory: Array, kept: int) -> None:
 @njit("void(float64[::1], int64)", **OPTIONS)
 def _check_scene(memory: Array, kept: int) -> None:
     """Compare the robot's spheres with the scene, for what touches nothing yet."""
-    numbers, status, queue = section(memory, NUMBERS), section(memory, STATUS), section(memory, QUEUE)
+    numbers, status, queue = section(memory, NUMBERS), section_bits(memory, STATUS), section_bits(memory, QUEUE)
     given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
     work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_GROUPS)
     if numbers[OBJECT_COUNT] == 0 or numbers[GROUPS] == 0:
         return
     length = 0
     for i in range(kept):
-        if status[int(queue[i])] == FREE:
+        if status[queue[i]] == FREE:
             queue[length] = queue[i]
             length += 1
     contact, bits = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     for first in range(0, length, LANES):
         gather(memory, queue, first, length)
         call_kernel(int(numbers[CENTER_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
-        check_world(memory, LANES, contact, bits)
+        check_world(memory, contact, bits)
         for i in range(min(LANES, length - first)):
-            row = int(queue[first + i])
+            row = queue[first + i]
             if contact[i]:
                 status[row] = CONTACT
             doubt[row] = bits[i]
@@ -179,9 +205,10 @@ def _held(memory: Array, row: int) -> bool:
 def check_rows(memory: Array, count: int) -> int:
     """Write the verdict on the first `count` configurations in ROWS into STATUS; returns how many were in doubt."""
     kept = _start(memory, count)
-    _check_self(memory, kept)
+    _sort(memory, kept)
+    _check_self(memory)
     _check_scene(memory, kept)
-    status = section(memory, STATUS)
+    status = section_bits(memory, STATUS)
     classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
     doubts = 0
     for i in range(count):
@@ -195,7 +222,7 @@ def check_rows(memory: Array, count: int) -> int:
 def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int, end: int) -> int:
     """Write the verdicts on rows of q from `begin` to `end`; returns how many spheres left in doubt."""
     n, doubts = q.shape[1], 0
-    rows, status = section(memory, ROWS), section(memory, STATUS)
+    rows, status = section(memory, ROWS), section_bits(memory, STATUS)
     for first in range(begin, end, ROOM):
         count = min(ROOM, end - first)
         for i in range(count):
@@ -203,7 +230,7 @@ def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int,
                 rows[n * i + k] = q[first + i, k]
         doubts += check_rows(memory, count)
         for i in range(count):
-            verdicts[first + i] = int(status[i])
+            verdicts[first + i] = status[i]
     return doubts
 
 
@@ -217,7 +244,7 @@ def count_valid(memory: Array, a: Array, b: Array, steps: int) -> int:
         b: The same at the end.
         steps: Number of states.
     """
-    numbers, status = section(memory, NUMBERS), section(memory, STATUS)
+    numbers, status = section(memory, NUMBERS), section_bits(memory, STATUS)
     rows, moving, frozen = section(memory, ROWS), section(memory, MOVING), section(memory, FROZEN)
     n, done, room = int(numbers[N]), 0, FIRST_ROOM
     if numbers[BLOCKED] > 0:

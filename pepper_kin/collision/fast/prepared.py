@@ -92,7 +92,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
         at.NUMBERS: numbers,
         at.CLASS_KERNELS: np.array([k.block_address for k in by_class], dtype=float),
         at.CLASS_ACTIVE: np.ones(len(classes)),
-        at.CLASS_RADII: np.array([[*_radii(pairs), *_radii(rough)] for pairs, rough in zip(classes, near, strict=True)]),
+        at.CLASS_RADII: np.array([[_radius(pairs), _radius(rough)] for pairs, rough in zip(classes, near, strict=True)]),
         at.TABLE_HEADS: heads,
         at.TABLES: tables,
         at.PAIR_FIRST: _firsts(classes),
@@ -103,9 +103,10 @@ def prepare(checker: CollisionChecker) -> Prepared:
         at.GROUP_SOLIDS: np.array(
             [(g, i) for g, group in enumerate(structure.groups) for i in group], dtype=float
         ),
-        at.GROUP_RADII: np.array([[s.outer.min() + SLACK, s.outer.max() + SLACK] for s in spheres]),
+        at.GROUP_RADII: np.array([s.outer.max() + SLACK for s in spheres]),
         at.REACH: _singles(np.repeat(np.concatenate([outer, inner]), LANES)),
         at.OBJECTS: np.array([_object_row(s, OBJECT_SIZE) for s in structure.objects]),
+        at.OBJECT_BOXES: _singles(np.array([_world_box(s) for s in structure.objects]).ravel()),
         at.GROUP_OBJECTS: structure.compared.T.astype(float),
         at.VERTEX_FIRST: _firsts([s.vertices for s in every]),
         at.VERTICES: np.concatenate([np.zeros((0, 3)), *(s.vertices for s in every)]),
@@ -122,17 +123,16 @@ def prepare(checker: CollisionChecker) -> Prepared:
         at.LANES_IN: np.zeros((pepper.n + 1) * LANES),
         at.LANES_OUT: np.zeros(width * LANES),
         at.LANES_WORK: np.zeros(widest),
-        at.WORLD: np.zeros((3 * len(outer) + 4) * LANES),
+        at.WORLD: np.zeros((len(outer) + 2) * LANES + len(members) * len(structure.objects) + 1),
         at.SINGLE_WORK: np.zeros(widest),
     }
     kept = tuple(k for k in (*by_class, *kernels.values()) if k is not None)
     return Prepared(structure, sections, kept)
 
 
-def _radii(pairs: list[tuple[Solid, Solid]]) -> tuple[float, float]:
-    """Return the least and the greatest sum of radii that a bound of these pairs subtracts [m]."""
-    sums = [reach for pair in pairs for reach in reaches(*pair)]
-    return min(sums) + SLACK, max(sums) + SLACK
+def _radius(pairs: list[tuple[Solid, Solid]]) -> float:
+    """Return the greatest sum of radii that a bound of these pairs subtracts [m]."""
+    return max(reach for pair in pairs for reach in reaches(*pair)) + SLACK
 
 
 def _firsts(parts: Any) -> Array:
@@ -157,6 +157,13 @@ def _object_row(solid: Solid, size: int) -> Array:
     exact = solid.kind not in (OTHER,) and solid.vertices.size == 0
     row[:18] = [solid.kind, solid.radius, exact, *half, *_pose(solid)]
     return row
+
+
+def _world_box(solid: Solid) -> Array:
+    """Return the least and the greatest corner of the box around a solid of the scene, along the world's axes."""
+    half = np.where(np.isfinite(solid.half), solid.half, 1e6)
+    reach = np.abs(solid.rotation) @ half + solid.radius
+    return np.concatenate([solid.position - reach, solid.position + reach])
 
 
 def _key(solid: Solid) -> tuple[object, ...]:

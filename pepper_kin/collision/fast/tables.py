@@ -9,7 +9,6 @@ from numba import njit
 
 from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.options import OPTIONS
-from pepper_kin.collision.fast.layout import TABLE_HEADS, TABLES, section
 from pepper_kin.collision.fast.solids import Array
 
 HEAD = 6
@@ -34,28 +33,35 @@ def pack_tables(ranges: Sequence[DependentRange], margin: float) -> tuple[Array,
     return np.array(heads, dtype=float).reshape(-1, HEAD), np.concatenate(rows)
 
 
-@njit("boolean(float64[::1], float64[::1])", **OPTIONS)
-def violates_table(memory: Array, q: Array) -> bool:
+@njit("boolean(float64[::1], float64[::1], float64[::1])", **OPTIONS)
+def violates_table(heads: Array, tables: Array, q: Array) -> bool:
     """Whether a configuration leaves a dependent range.
 
-    Rows lie about evenly, so that the row below a position is guessed and then put right.
+    Rows lie about evenly, so that the row below a position is guessed and then put right; without branches
+    where the guess is off by one at most.
+
+    Args:
+        heads: The section TABLE_HEADS.
+        tables: The section TABLES.
+        q: Joint positions, shape (n,) [rad or m].
     """
-    heads, tables = section(memory, TABLE_HEADS), section(memory, TABLES)
     for k in range(heads.size // HEAD):
-        head = HEAD * k
-        x, y = q[int(heads[head])], q[int(heads[head + 1])]
-        start, count, margin = int(heads[head + 2]), int(heads[head + 3]), heads[head + 5]
-        guess = (x - tables[start]) * heads[head + 4]
-        below = int(min(max(guess, 0.0), count - 1.0))
-        while below > 0 and tables[start + below] > x:
+        head = heads[HEAD * k : HEAD * k + HEAD]
+        x, y = q[int(head[0])], q[int(head[1])]
+        count = int(head[3])
+        rows = tables[int(head[2]) : int(head[2]) + 3 * count]
+        guess, below = (x - rows[0]) * head[4], 0
+        if guess > 0.0:  # also keeps NaN from becoming a place
+            below = int(min(guess, count - 1.0))
+        below -= below > 0 and rows[below] > x
+        below += below + 1 < count and rows[below + 1] <= x
+        while below > 0 and rows[below] > x:
             below -= 1
-        while below + 1 < count and tables[start + below + 1] <= x:
+        while below + 1 < count and rows[below + 1] <= x:
             below += 1
-        above = below
-        if tables[start + below] < x and below + 1 < count:
-            above = below + 1
-        lower = max(tables[start + count + below], tables[start + count + above])
-        upper = min(tables[start + 2 * count + below], tables[start + 2 * count + above])
-        if y < lower + margin or y > upper - margin:
+        above = below + (rows[below] < x and below + 1 < count)
+        low = max(rows[count + below], rows[count + above]) + head[5]
+        high = min(rows[2 * count + below], rows[2 * count + above]) - head[5]
+        if y < low or y > high:
             return True
     return False
