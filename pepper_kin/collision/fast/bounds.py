@@ -75,8 +75,8 @@ def _self_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
             bounds[first + i, c] = max(bounds[first + i, c], fine)
 
 
-@njit("void(float64[::1], float64[:, ::1], int64, int64)", **OPTIONS)
-def _scene_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
+@njit("void(float64[::1], float64[:, ::1], int64, int64, int64)", **OPTIONS)
+def _scene_bounds(memory: Array, bounds: Array, first: int, count: int, lanes: int) -> None:
     """Write the bounds of all groups of solids to the scene for the configurations in LANES_IN."""
     numbers, objects, starts = section(memory, NUMBERS), section(memory, OBJECTS), section(memory, GROUP_FIRST)
     compared, radii = section(memory, GROUP_OBJECTS), section(memory, GROUP_RADII)
@@ -99,20 +99,21 @@ def _scene_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
                 continue
             item = objects[OBJECT_SIZE * o : OBJECT_SIZE * (o + 1)]
             squared_distances(x[a:b], y[a:b], z[a:b], item, squared)
-            least_excess(squared, reach[a:b], np.float32(item[1]), least)
+            least_excess(squared, reach[a:b], np.float32(item[1]), lanes, least)
             for i in range(count):
                 bound = distance_bound(least[i], radii[g] + item[1])
                 bounds[first + i, classes + g] = min(bounds[first + i, classes + g], bound)
 
 
-@njit("void(float64[::1], float64[:, ::1], float64[:, ::1])", **OPTIONS)
-def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
+@njit("void(float64[::1], float64[:, ::1], float64[:, ::1], int64)", **OPTIONS)
+def part_bounds(memory: Array, q: Array, bounds: Array, lanes: int) -> None:
     """Write lower bounds of the distance of each class of pairs and of each group to the scene [m].
 
     Args:
         memory: A block whose margins are zero.
         q: Configurations, shape (m, n).
         bounds: Written, shape (m, classes + groups).
+        lanes: LANES; see `least_excess`.
     """
     numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section_bits(memory, QUEUE)
     n = int(numbers[N])
@@ -125,4 +126,4 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
         for first in range(0, count, LANES):
             gather(memory, queue, first, count)
             _self_bounds(memory, bounds, start + first, min(LANES, count - first))
-            _scene_bounds(memory, bounds, start + first, min(LANES, count - first))
+            _scene_bounds(memory, bounds, start + first, min(LANES, count - first), lanes)

@@ -19,7 +19,7 @@ from pepper_kin.collision.fast.resting import resting_contact, resting_distance
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.scene import Scene
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.collision.fast.options import WIDEST
+from pepper_kin.collision.fast.options import LANES, WIDEST
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
@@ -241,7 +241,7 @@ class FastChecker:
         memory: Array | None = getattr(self._local, "bare", None)
         if memory is None:
             memory = self._local.bare = at.aligned_copy(at.pack(prepared.sections))
-        part_bounds(memory, flat, bounds)
+        part_bounds(memory, flat, bounds, LANES)
         bounds[np.abs(flat).max(axis=1, initial=0.0) > WIDEST] = -np.inf
         return bounds
 

@@ -19,6 +19,7 @@ ALIGNMENT = 8
     CLASS_RADII,
     TABLE_HEADS,
     TABLES,
+    TABLE_CELLS,
     PAIR_FIRST,
     PAIRS,
     SOLIDS,
@@ -47,9 +48,9 @@ ALIGNMENT = 8
     WORLD,
     POSES,
     SINGLE_WORK,
-) = range(34)
+) = range(35)
 """Sections, in order; `memory.py` says what is in each."""
-SECTIONS = 34
+SECTIONS = 35
 
 (N, CLASSES, GROUPS, SPHERES, OBJECT_COUNT, SELF_MARGIN, MARGIN, NEAR_KERNEL, CENTER_KERNEL, POSE_KERNEL, GRAVITY_KERNEL,
  BLOCKED) = range(12)  # fmt: skip

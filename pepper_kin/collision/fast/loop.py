@@ -10,7 +10,7 @@ import numpy as np
 from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
-from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, VECTOR, WIDEST
+from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, WIDEST
 from pepper_kin.collision.fast.gjk import CONTACT, FREE
 from pepper_kin.collision.fast.layout import (
     BLOCKED,
@@ -39,6 +39,7 @@ from pepper_kin.collision.fast.layout import (
     SELF_MARGIN,
     SINGLE_WORK,
     STATUS,
+    TABLE_CELLS,
     TABLE_HEADS,
     TABLES,
     section,
@@ -48,8 +49,8 @@ from pepper_kin.collision.fast.layout import (
 from pepper_kin.collision.fast.native import call_kernel
 from pepper_kin.collision.fast.settle import settle
 from pepper_kin.collision.fast.solids import Array
-from pepper_kin.collision.fast.tables import violates_table
-from pepper_kin.collision.fast.world import check_world
+from pepper_kin.collision.fast.tables import violations
+from pepper_kin.collision.fast.world import WORDS, check_world
 
 _logger = logging.getLogger(__name__)
 _BEGIN = time.perf_counter()
@@ -57,6 +58,9 @@ _SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
 
 FIRST_ROOM = 2 * LANES
 """States of an edge that are checked before the rest: edges in collision mostly are so early."""
+
+SIGNS = np.int64(-0x7FFFFFFF80000000)
+"""The sign bits of two floats in a word."""
 
 Places = NDArray[np.int64]
 
@@ -74,42 +78,41 @@ def gather(memory: Array, queue: Places, first: int, last: int) -> None:
         column[n * LANES] = numbers[SELF_MARGIN]
 
 
+@njit("boolean(float64[::1], float64)", **OPTIONS)
+def _all_within(values: Array, widest: float) -> bool:
+    """Whether all numbers are within [-widest, widest]; false where one is NaN."""
+    beyond = 0
+    for i in range(values.size):
+        beyond |= not abs(values[i]) <= widest
+    return beyond == 0
+
+
 @njit("int64(float64[::1], int64)", **OPTIONS)
 def _start(memory: Array, count: int) -> int:
     """Settle what joint ranges settle; queue the rest.  Returns how many are queued."""
     numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section_bits(memory, QUEUE)
-    status, heads, tables = section_bits(memory, STATUS), section(memory, TABLE_HEADS), section(memory, TABLES)
+    status, heads = section_bits(memory, STATUS), section(memory, TABLE_HEADS)
+    tables, cells = section(memory, TABLES), section(memory, TABLE_CELLS)
     classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
     n, kept = int(numbers[N]), 0
     everything = (1 << 62) - 1
+    violations(heads, tables, cells, rows, n, status[:count])
     for i in range(count):
-        q = rows[n * i : n * i + n]
-        violated = violates_table(heads, tables, q)
-        status[i] = CONTACT if violated else FREE
         classes[i] = groups[i] = 0
         queue[kept] = i
-        kept += not violated
+        kept += 1 - status[i]
+    if _all_within(rows[: n * count], WIDEST):
+        return kept
     near = 0
     for k in range(kept):
         i = queue[k]
-        wide = 0
-        for j in range(n * i, n * i + n):
-            wide += not abs(rows[j]) <= WIDEST
-        if wide:
-            classes[i] = everything
-            groups[i] = everything if numbers[OBJECT_COUNT] > 0 else 0
-        else:
+        if _all_within(rows[n * i : n * i + n], WIDEST):
             queue[near] = i
             near += 1
+        else:
+            classes[i] = everything
+            groups[i] = everything if numbers[OBJECT_COUNT] > 0 else 0
     return near
-
-
-@njit("boolean(float32[::1])", **VECTOR)
-def _any_below_zero(values: NDArray[np.float32]) -> bool:
-    found = np.int32(0)
-    for i in range(LANES):
-        found |= np.int32(values[i] < 0)
-    return found != 0
 
 
 @njit("void(float64[::1], int64)", **OPTIONS)
@@ -119,6 +122,7 @@ def _sort(memory: Array, kept: int) -> None:
     given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
     lengths, work = section_bits(memory, QUEUE_LENGTH), section(memory, LANES_WORK)
     classes = int(numbers[CLASSES])
+    signs = section_bits(memory, LANES_OUT)
     lengths[:] = 0
     if classes == 0:
         return
@@ -127,7 +131,10 @@ def _sort(memory: Array, kept: int) -> None:
         call_kernel(int(numbers[NEAR_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
         for c in range(classes):
             bound = found[c * LANES : (c + 1) * LANES]
-            if active[c] == 0.0 or not _any_below_zero(bound):
+            found_signs = 0
+            for k in range(WORDS):
+                found_signs |= signs[c * WORDS + k]
+            if found_signs & SIGNS == 0 or active[c] == 0.0:
                 continue
             length, queue = lengths[c], queues[ROOM * (c + 1) : ROOM * (c + 2)]
             for i in range(min(LANES, kept - first)):

@@ -84,7 +84,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
     outer = np.array([*(b.radius for b in balls), *(r for s in spheres for r in s.outer)])
     inner = np.array([*(NO_INNER for _ in balls), *(r for s in spheres for r in s.inner)])
     outer, inner = outer + SLACK + checker.margin, np.where(inner > SLACK, inner - SLACK + checker.margin, NO_INNER)
-    heads, tables = pack_tables(checker._ranges, checker.self_margin / LEVER)
+    heads, tables, cells = pack_tables(checker._ranges, checker.self_margin / LEVER)
     every = [*solids, *structure.objects]
     widest = max([k.work_size for k in by_class] + [k.work_size for k in kernels.values() if k is not None])
     width = 2 * len(classes) + 3 * len(outer) + pepper.n + 8
@@ -95,6 +95,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
         at.CLASS_RADII: np.array([[_radius(pairs), _radius(rough)] for pairs, rough in zip(classes, near, strict=True)]),
         at.TABLE_HEADS: heads,
         at.TABLES: tables,
+        at.TABLE_CELLS: cells,
         at.PAIR_FIRST: _firsts(classes),
         at.PAIRS: np.array([pair for pairs in structure.classes for pair in pairs], dtype=float),
         at.SOLIDS: np.array([[s.kind, s.radius, s.bounding_radius, s.filled] for s in every], dtype=float),
@@ -123,7 +124,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
         at.LANES_IN: np.zeros((pepper.n + 1) * LANES),
         at.LANES_OUT: np.zeros(width * LANES),
         at.LANES_WORK: np.zeros(widest),
-        at.WORLD: np.zeros((len(outer) + 2) * LANES + len(members) * len(structure.objects) + 1),
+        at.WORLD: np.zeros((len(outer) + 2) * LANES),
         at.SINGLE_WORK: np.zeros(widest),
     }
     kept = tuple(k for k in (*by_class, *kernels.values()) if k is not None)

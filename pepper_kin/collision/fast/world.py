@@ -31,45 +31,38 @@ OBJECT_SIZE = 20
 """Numbers of an object in OBJECTS: kind, radius, whether inner bounds hold, half lengths, pose (12), 2 free."""
 BOX_SIZE = 6
 """Numbers of an object in OBJECT_BOXES: least and greatest x, y, z of the box around it in the world [m]."""
+WORDS = LANES // 2
+"""Words of 64 bits that flags of 32 bits in all lanes take."""
 ZERO = np.float32(0.0)
 
 
-@njit("int64(float32[::1], float32[::1], float32[::1], float32[::1], float32[::1], float64[::1], int64[::1])", **VECTOR)
-def near_groups(
-    x: Lanes, y: Lanes, z: Lanes, reach: Lanes, boxes: Lanes, compared: Array, pairs: NDArray[np.int64]
-) -> int:
-    """List the pairs of group and object whose sphere and box in the world meet in any lane.
+@njit("void(float32[::1], float32[::1], float32[::1], float32[::1], float32[::1], int32[::1])", **VECTOR)
+def _in_reach(x: Lanes, y: Lanes, z: Lanes, reach: Lanes, box: Lanes, flags: NDArray[np.int32]) -> None:
+    """Write whether spheres meet a box along the world's axes."""
+    low_x, low_y, low_z, high_x, high_y, high_z = box[0], box[1], box[2], box[3], box[4], box[5]
+    for i in range(flags.size):
+        u = max(max(low_x - x[i], x[i] - high_x), ZERO)
+        v = max(max(low_y - y[i], y[i] - high_y), ZERO)
+        w = max(max(low_z - z[i], z[i] - high_z), ZERO)
+        flags[i] = u * u + v * v + w * w < reach[i] * reach[i]
 
-    Args:
-        x: Centres, one group after the other, each in all lanes [m].
-        y: The same.
-        z: The same.
-        reach: Radii in the same order [m].
-        boxes: Of the objects, BOX_SIZE numbers each.
-        compared: Above zero where an object (row) is compared with a group.
-        pairs: Number of the object times the number of groups plus that of the group, written.
 
-    Returns:
-        How many pairs.
-    """
-    groups, count = reach.size // LANES, 0
-    for o in range(boxes.size // BOX_SIZE):
-        low_x, low_y, low_z = boxes[6 * o], boxes[6 * o + 1], boxes[6 * o + 2]
-        high_x, high_y, high_z = boxes[6 * o + 3], boxes[6 * o + 4], boxes[6 * o + 5]
-        for g in range(groups):
-            first = g * LANES
-            xs, ys, zs = x[first : first + LANES], y[first : first + LANES], z[first : first + LANES]
-            r = reach[first]
-            square = r * r
-            near = np.int32(0)
-            for i in range(LANES):
-                u = max(max(low_x - xs[i], xs[i] - high_x), ZERO)
-                v = max(max(low_y - ys[i], ys[i] - high_y), ZERO)
-                w = max(max(low_z - zs[i], zs[i] - high_z), ZERO)
-                near |= np.int32(u * u + v * v + w * w < square)
-            pairs[count] = o * groups + g
-            count += near != 0 and compared[o * groups + g] > 0
-    return count
+@njit("void(float32[::1], float32[::1], float32, int32[::1])", **VECTOR)
+def _nearer(squared: Lanes, reach: Lanes, radius: float, flags: NDArray[np.int32]) -> None:
+    """Write whether d^2 < (R + r)^2; a reach below -r is that of a sphere in nothing."""
+    for i in range(flags.size):
+        total = max(reach[i] + radius, ZERO)
+        flags[i] = squared[i] < total * total
+
+
+@njit("void(int64[::1], int64[::1])", **OPTIONS)
+def _any_of_rows(flags: NDArray[np.int64], result: NDArray[np.int64]) -> None:
+    """Combine rows of flags, two lanes in a word."""
+    for k in range(WORDS):
+        found = 0
+        for i in range(k, flags.size, WORDS):
+            found |= flags[i]
+        result[k] = found
 
 
 @njit("void(float32[::1], float32[::1], float32[::1], float64[::1], float32[::1])", **VECTOR)
@@ -96,23 +89,23 @@ def squared_distances(x: Lanes, y: Lanes, z: Lanes, item: Array, result: Lanes) 
         result[i] = u * u + v * v + w * w
 
 
-@njit("void(float32[::1], float32[::1], float32, float32[::1])", **VECTOR)
-def least_excess(squared: Lanes, reach: Lanes, radius: float, result: Lanes) -> None:
+@njit("void(float32[::1], float32[::1], float32, int64, float32[::1])", **VECTOR)
+def least_excess(squared: Lanes, reach: Lanes, radius: float, lanes: int, result: Lanes) -> None:
     """Write for each lane the least of d^2 - (R + r)^2 over spheres.
 
     Args:
         squared: d^2, sphere by sphere, each in all lanes [m^2].
-        reach: R in the same order; below -r for what lies in nothing [m].
+        reach: R in the same order [m].
         radius: r [m].
+        lanes: LANES; a number that the compiler does not know, for it would unroll the loop, not vectorise it.
         result: Written, one number per lane [m^2].
     """
-    for i in range(LANES):
-        result[i] = np.float32(1e30)
-    for first in range(0, squared.size, LANES):
-        row = squared[first : first + LANES]
+    result[:] = np.float32(1e30)
+    for first in range(0, squared.size, lanes):
+        row = squared[first : first + lanes]
         total = max(reach[first] + radius, ZERO)
         square = total * total
-        for i in range(LANES):
+        for i in range(lanes):
             value = row[i] - square
             result[i] = value if value < result[i] else result[i]
 
@@ -125,33 +118,48 @@ def check_world(memory: Array, contact: NDArray[np.int64], doubt: NDArray[np.int
         memory: The block; LANES_OUT holds the centres that the kernel `sphere_centers` has written: x, y and z
             of the groups' bounding spheres and of all spheres.
         contact: Whether an inner sphere meets an object, written for each lane.
-        doubt: Bits of the groups (above 61: 61) that spheres alone cannot settle, written for each lane.
+        doubt: Bits of the groups that spheres alone cannot settle, written for each lane.
     """
     numbers, objects, first = section(memory, NUMBERS), section(memory, OBJECTS), section(memory, GROUP_FIRST)
+    boxes, compared = section_single(memory, OBJECT_BOXES), section(memory, GROUP_OBJECTS)
     groups = int(numbers[GROUPS])
     size, wide = (groups + int(numbers[SPHERES])) * LANES, groups * LANES
     centers, reach = section_single(memory, LANES_OUT), section_single(memory, REACH)
-    room, pairs = section_single(memory, WORLD), section_bits(memory, WORLD)[size:]
+    words = section_bits(memory, WORLD)
+    squared, words = words[: size // 2].view(np.float32), words[size // 2 :]
+    flags, outer, inner = words[: size // 2], words[size // 2 :][:WORDS], words[size // 2 + WORDS :][:WORDS]
     x, y, z = centers[:size], centers[size : 2 * size], centers[2 * size : 3 * size]
-    outer, inner = room[size : size + LANES], room[size + LANES : size + 2 * LANES]
-    boxes = section_single(memory, OBJECT_BOXES)[: int(numbers[OBJECT_COUNT]) * BOX_SIZE]
-    count = near_groups(
-        x[:wide], y[:wide], z[:wide], reach[:wide], boxes, section(memory, GROUP_OBJECTS), pairs
-    )
+    near = flags[: wide // 2]
     contact[:] = 0
     doubt[:] = 0
-    for k in range(count):
-        o, g = pairs[k] // groups, pairs[k] % groups
+    for o in range(int(numbers[OBJECT_COUNT])):
+        box = boxes[BOX_SIZE * o : BOX_SIZE * (o + 1)]
+        _in_reach(x[:wide], y[:wide], z[:wide], reach[:wide], box, near.view(np.int32))
+        close = 0
+        for g in range(groups):
+            found = 0
+            for k in range(WORDS):
+                found |= near[g * WORDS + k]
+            if found != 0 and compared[o * groups + g] > 0:
+                close |= 1 << g
+        if close == 0:
+            continue
         item = objects[OBJECT_SIZE * o : OBJECT_SIZE * (o + 1)]
         radius = np.float32(item[1])
-        a, b = wide + int(first[g]) * LANES, wide + int(first[g + 1]) * LANES
-        squared = room[: b - a]
-        squared_distances(x[a:b], y[a:b], z[a:b], item, squared)
-        least_excess(squared, reach[a:b], radius, outer)
-        least_excess(squared, reach[size + a : size + b], radius, inner)
-        for i in range(LANES):
-            if outer[i] < 0:
-                if item[2] > 0 and inner[i] < 0:
-                    contact[i] = 1
-                else:
-                    doubt[i] |= 1 << min(g, 61)
+        for g in range(groups):
+            if not (close >> g) & 1:
+                continue
+            a, b = wide + int(first[g]) * LANES, wide + int(first[g + 1]) * LANES
+            some = flags[: (b - a) // 2]
+            squared_distances(x[a:b], y[a:b], z[a:b], item, squared[: b - a])
+            _nearer(squared[: b - a], reach[a:b], radius, some.view(np.int32))
+            _any_of_rows(some, outer)
+            _nearer(squared[: b - a], reach[size + a : size + b], radius, some.view(np.int32))
+            _any_of_rows(some, inner)
+            for i in range(LANES):
+                shift = 32 * (i % 2)
+                if (outer[i // 2] >> shift) & 1:
+                    if item[2] > 0 and (inner[i // 2] >> shift) & 1:
+                        contact[i] = 1
+                    else:
+                        doubt[i] |= 1 << g
