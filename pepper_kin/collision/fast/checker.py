@@ -14,12 +14,12 @@ from pepper_kin.collision.fast import layout as at
 from pepper_kin.collision.fast.certificate import certified
 from pepper_kin.collision.fast.compiled import CompiledValidity, compile_validity
 from pepper_kin.collision.fast.levers import part_levers
+from pepper_kin.collision.fast.options import LANES, WIDEST
 from pepper_kin.collision.fast.prepared import Prepared, prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.scene import Scene
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.collision.fast.options import LANES, WIDEST
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
@@ -192,7 +192,9 @@ class FastChecker:
 
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
         n = self.pepper.n
-        return as_joint_vectors(self.pepper, a, "a").reshape(n), as_joint_vectors(self.pepper, b, "b").reshape(n)
+        return as_joint_vectors(self.pepper, a, "a").reshape(n), as_joint_vectors(
+            self.pepper, b, "b"
+        ).reshape(n)
 
     def _verdicts(self, flat: Array, threads: int) -> tuple[NDArray[np.uint8], int]:
         from pepper_kin.collision.fast.loop import check_many

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from numba import njit
 
 from pepper_kin.collision.fast.options import OPTIONS
@@ -68,9 +69,17 @@ def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
         half: Half lengths of the box, shape (3,) [m].
     """
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    px, py, pz = x * b[3] + y * b[4] + z * b[5], x * b[6] + y * b[7] + z * b[8], x * b[9] + y * b[10] + z * b[11]
+    px, py, pz = (
+        x * b[3] + y * b[4] + z * b[5],
+        x * b[6] + y * b[7] + z * b[8],
+        x * b[9] + y * b[10] + z * b[11],
+    )
     x, y, z = a[9], a[10], a[11]
-    dx, dy, dz = x * b[3] + y * b[4] + z * b[5], x * b[6] + y * b[7] + z * b[8], x * b[9] + y * b[10] + z * b[11]
+    dx, dy, dz = (
+        x * b[3] + y * b[4] + z * b[5],
+        x * b[6] + y * b[7] + z * b[8],
+        x * b[9] + y * b[10] + z * b[11],
+    )
     hx, hy, hz = half[0], half[1], half[2]
     low, high, at_low, at_high = -ha, ha, 0.0, 0.0
     for k in range(8):
@@ -89,9 +98,7 @@ def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
             t = ((h if k % 2 == 0 else -h) - p) / d
             if not low < t < high:
                 continue
-        slope = (
-            dx * _beyond(px + t * dx, hx) + dy * _beyond(py + t * dy, hy) + dz * _beyond(pz + t * dz, hz)
-        )
+        slope = dx * _beyond(px + t * dx, hx) + dy * _beyond(py + t * dy, hy) + dz * _beyond(pz + t * dz, hz)
         if k == 0:
             at_low = slope
             if slope >= 0.0:

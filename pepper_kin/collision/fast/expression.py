@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,14 +10,22 @@ import numpy as np
 from pepper_kin.collision.fast.solids import BOX, Solid
 from pepper_kin.collision.fast.spheres import spheres_of
 from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.alignment import snapped
 from pepper_kin.symbolic.bodies import numbers
 from pepper_kin.symbolic.functions import make_function
-from pepper_kin.symbolic.alignment import snapped
-from pepper_kin.symbolic.poses import world_poses
 from pepper_kin.symbolic.states import State, make_state, new_inputs
 from pepper_kin.symbolic.tree import Tree, read_tree
-from pepper_kin.symbolic.vectors import IDENTITY, ZERO, Matrix, Vector, add, product, subtract, times
-from pepper_kin.symbolic.vectors import times_transposed
+from pepper_kin.symbolic.vectors import (
+    IDENTITY,
+    ZERO,
+    Matrix,
+    Vector,
+    add,
+    product,
+    subtract,
+    times,
+    times_transposed,
+)
 
 if TYPE_CHECKING:
     import casadi

@@ -17,7 +17,10 @@ FREE, CONTACT, TIE = 0, 1, 2
 """Verdicts: surely further than the threshold, surely nearer, too near to it to tell."""
 
 
-@njit("void(float64, float64[::1], float64[::1], float64[:, ::1], float64[::1], float64[::1], float64)", **OPTIONS)
+@njit(
+    "void(float64, float64[::1], float64[::1], float64[:, ::1], float64[::1], float64[::1], float64)",
+    **OPTIONS,
+)
 def _subtract_support(
     kind: float, half: Array, pose: Array, vertices: Array, direction: Array, result: Array, sign: float
 ) -> None:

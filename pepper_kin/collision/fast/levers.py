@@ -36,7 +36,9 @@ def part_levers(pepper: PepperModel, structure: Structure) -> Array:
     full = np.array(rows).reshape(-1, reaches.count)
     gains = np.abs(pepper.full_map)
     with np.errstate(invalid="ignore"):
-        return np.nan_to_num(np.where(full[:, :, None] > 0, full[:, :, None] * gains[None], 0.0), posinf=np.inf).sum(axis=1)
+        return np.nan_to_num(
+            np.where(full[:, :, None] > 0, full[:, :, None] * gains[None], 0.0), posinf=np.inf
+        ).sum(axis=1)
 
 
 def moved_by(pepper: PepperModel, structure: Structure) -> np.ndarray:

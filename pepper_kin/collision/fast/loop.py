@@ -10,7 +10,6 @@ import numpy as np
 from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
-from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, WIDEST
 from pepper_kin.collision.fast.gjk import CONTACT, FREE
 from pepper_kin.collision.fast.layout import (
     BLOCKED,
@@ -21,32 +20,35 @@ from pepper_kin.collision.fast.layout import (
     DOUBT_CLASSES,
     DOUBT_GROUPS,
     EFFORT,
-    FREE as MOVING,
-    SECTIONS,
     FROZEN,
     GRAVITY_KERNEL,
     GROUPS,
     LANES_IN,
     LANES_OUT,
     LANES_WORK,
-    N,
     NEAR_KERNEL,
     NUMBERS,
     OBJECT_COUNT,
     QUEUE,
     QUEUE_LENGTH,
     ROWS,
+    SECTIONS,
     SELF_MARGIN,
     SINGLE_WORK,
     STATUS,
     TABLE_CELLS,
     TABLE_HEADS,
     TABLES,
+    N,
     section,
     section_bits,
     section_single,
 )
+from pepper_kin.collision.fast.layout import (
+    FREE as MOVING,
+)
 from pepper_kin.collision.fast.native import call_kernel
+from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, WIDEST
 from pepper_kin.collision.fast.settle import settle
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.tables import violations
@@ -118,7 +120,11 @@ def _start(memory: Array, count: int) -> int:
 @njit("void(float64[::1], int64)", **OPTIONS)
 def _sort(memory: Array, kept: int) -> None:
     """Compare the robot's parts coarsely and queue, for each class of pairs, the configurations in which it is near."""
-    numbers, queues, active = section(memory, NUMBERS), section_bits(memory, QUEUE), section(memory, CLASS_ACTIVE)
+    numbers, queues, active = (
+        section(memory, NUMBERS),
+        section_bits(memory, QUEUE),
+        section(memory, CLASS_ACTIVE),
+    )
     given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
     lengths, work = section_bits(memory, QUEUE_LENGTH), section(memory, LANES_WORK)
     classes = int(numbers[CLASSES])
@@ -146,7 +152,11 @@ def _sort(memory: Array, kept: int) -> None:
 @njit("void(float64[::1])", **OPTIONS)
 def _check_self(memory: Array) -> None:
     """Compare the robot's spheres with its own cores, class by class, for the configurations queued for it."""
-    numbers, status, queues = section(memory, NUMBERS), section_bits(memory, STATUS), section_bits(memory, QUEUE)
+    numbers, status, queues = (
+        section(memory, NUMBERS),
+        section_bits(memory, STATUS),
+        section_bits(memory, QUEUE),
+    )
     kernels, lengths = section(memory, CLASS_KERNELS), section_bits(memory, QUEUE_LENGTH)
     given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
     work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_CLASSES)
@@ -170,7 +180,11 @@ def _check_self(memory: Array) -> None:
 @njit("void(float64[::1], int64)", **OPTIONS)
 def _check_scene(memory: Array, kept: int) -> None:
     """Compare the robot's spheres with the scene, for what touches nothing yet."""
-    numbers, status, queue = section(memory, NUMBERS), section_bits(memory, STATUS), section_bits(memory, QUEUE)
+    numbers, status, queue = (
+        section(memory, NUMBERS),
+        section_bits(memory, STATUS),
+        section_bits(memory, QUEUE),
+    )
     given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
     work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_GROUPS)
     if numbers[OBJECT_COUNT] == 0 or numbers[GROUPS] == 0:
@@ -284,4 +298,6 @@ def valid_prefix(a: Any, b: Any, steps: int, memory: Any) -> int:
 
 
 if time.perf_counter() - _BEGIN > _SLOW:
-    _logger.warning("compiled the fast collision check, once on this machine; from now on it is loaded from disk")
+    _logger.warning(
+        "compiled the fast collision check, once on this machine; from now on it is loaded from disk"
+    )

@@ -14,5 +14,5 @@ LANES = host_target().lanes("float32")
 """Configurations side by side in a vector register."""
 ROOM = 64
 """Configurations that go through the stages together."""
-WIDEST = 8.0
+WIDEST = 16.0
 """Beyond this angle or distance [rad or m] single precision is not trusted: the exact cores decide."""

@@ -52,10 +52,14 @@ def prepare(checker: CollisionChecker) -> Prepared:
     balls, spheres = [ball(group) for group in members], [group_spheres(group) for group in members]
 
     def compiled(dtype: str, what: object, make: Callable[[], casadi.Function]) -> Kernel:
-        return compile_function(make, dtype=dtype, key=f"collision {what!r} of {_robot(pepper)} by {_source_digest()}")
+        return compile_function(
+            make, dtype=dtype, key=f"collision {what!r} of {_robot(pepper)} by {_source_digest()}"
+        )
 
     by_class = [
-        compiled("float32", ("class", *map(_pair_key, pairs)), lambda pairs=pairs: pair_bounds(pepper, [pairs]))
+        compiled(
+            "float32", ("class", *map(_pair_key, pairs)), lambda pairs=pairs: pair_bounds(pepper, [pairs])
+        )
         for pairs in classes
     ]
     near = [coarse(pairs) for pairs in classes]
@@ -83,7 +87,10 @@ def prepare(checker: CollisionChecker) -> Prepared:
             numbers[place] = kernel.single_address if place == at.POSE_KERNEL else kernel.block_address
     outer = np.array([*(b.radius for b in balls), *(r for s in spheres for r in s.outer)])
     inner = np.array([*(NO_INNER for _ in balls), *(r for s in spheres for r in s.inner)])
-    outer, inner = outer + SLACK + checker.margin, np.where(inner > SLACK, inner - SLACK + checker.margin, NO_INNER)
+    outer, inner = (
+        outer + SLACK + checker.margin,
+        np.where(inner > SLACK, inner - SLACK + checker.margin, NO_INNER),
+    )
     heads, tables, cells = pack_tables(checker._ranges, checker.self_margin / LEVER)
     every = [*solids, *structure.objects]
     widest = max([k.work_size for k in by_class] + [k.work_size for k in kernels.values() if k is not None])
@@ -92,7 +99,9 @@ def prepare(checker: CollisionChecker) -> Prepared:
         at.NUMBERS: numbers,
         at.CLASS_KERNELS: np.array([k.block_address for k in by_class], dtype=float),
         at.CLASS_ACTIVE: np.ones(len(classes)),
-        at.CLASS_RADII: np.array([[_radius(pairs), _radius(rough)] for pairs, rough in zip(classes, near, strict=True)]),
+        at.CLASS_RADII: np.array(
+            [[_radius(pairs), _radius(rough)] for pairs, rough in zip(classes, near, strict=True)]
+        ),
         at.TABLE_HEADS: heads,
         at.TABLES: tables,
         at.TABLE_CELLS: cells,

@@ -131,7 +131,7 @@ def ball(solids: Sequence[Solid]) -> Solid:
         radii += [solid.radius] * len(points[-1])
     corners, reaches = np.concatenate(points), np.array(radii)
     center = corners.mean(axis=0)
-    for k in range(300):
+    for k in range(60):
         furthest = np.argmax(np.linalg.norm(corners - center, axis=1) + reaches)
         center = center + (corners[furthest] - center) / (k + 2)
     radius = float((np.linalg.norm(corners - center, axis=1) + reaches).max())

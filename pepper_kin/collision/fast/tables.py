@@ -37,7 +37,7 @@ def pack_tables(ranges: Sequence[DependentRange], margin: float) -> tuple[Array,
         rows += [table.positions, table.lower, table.upper]
         cells.append(_cells(table, span / CELLS, margin))
         place += 3 * count
-    return np.array(heads, dtype=float).reshape(-1, HEAD), np.concatenate(rows), np.concatenate(cells)
+    return np.array(heads, dtype=float).ravel(), np.concatenate(rows), np.concatenate(cells)
 
 
 def _cells(table: DependentRange, width: float, margin: float) -> Array:
@@ -70,7 +70,9 @@ def _violates(heads: Array, tables: Array, q: Array, k: int) -> bool:
 
 
 @njit("void(float64[::1], float64[::1], float64[::1], float64[::1], int64, int64[::1])", **OPTIONS)
-def violations(heads: Array, tables: Array, cells: Array, rows: Array, n: int, left: NDArray[np.int64]) -> None:
+def violations(
+    heads: Array, tables: Array, cells: Array, rows: Array, n: int, left: NDArray[np.int64]
+) -> None:
     """Write whether configurations leave a dependent range.
 
     Args:
