@@ -39,7 +39,7 @@ def random_scene(kind, seed, count=8):
 def assert_verdicts_of_coal(fast, q, cylinders=False):
     """The same verdicts; of cylinders, coal's distance decides where its two answers contradict each other.
 
-    coal starts each pair from where the last configuration left it; against flat ends it then misses contacts.
+    coal starts each pair where the last configuration left it; against flat ends it then misses contacts.
     """
     found, expected = fast.in_collision(q), fast.exact.in_collision(q)
     differ = np.flatnonzero(found != expected)
@@ -118,7 +118,8 @@ def test_other_pepper(choice):
 
 
 def test_any_urdf_without_an_srdf():
-    link = '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    link = '<link name="{0}"><inertial><mass value="1"/>'
+    link += '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     link += '</inertial><collision><origin xyz="0.2 0 0"/><geometry>{1}</geometry></collision></link>'
     joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="{3} 0 0"/>'
     joint += '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'

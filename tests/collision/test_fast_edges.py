@@ -118,7 +118,7 @@ def test_function_at_its_address_runs_in_threads():
 
 
 def test_the_last_state_is_the_end_to_the_bit():
-    """1/3 of a way three times does not sum to 1; an end at a range's very edge must still be seen as it is."""
+    """Thirds of a way do not sum to 1; an end at a range's very edge must still be seen as it is."""
     pepper = pk.load_pepper()
     fast = FastChecker(pepper)
     table = next(t for t in dependent_ranges(pepper) if np.isfinite(t.upper[10]))

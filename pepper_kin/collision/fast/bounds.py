@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -55,8 +56,8 @@ SMALL = 0.03
 def distance_bound(excess: float, greatest: float) -> float:
     """Return the least d - R for which d^2 - R^2 is at least `excess`, R being at most `greatest` [m].
 
-    d - R = sqrt(excess + R^2) - R falls with R.  Below zero nothing is known: d is the distance to a core, not
-    how deep it is entered.
+    d - R = sqrt(excess + R^2) - R falls with R.  Below zero nothing is known: d is the distance to a core,
+    not how deep it is entered.
 
     Args:
         excess: A lower bound of d^2 - R^2 [m^2].
@@ -121,8 +122,9 @@ def _scene_bounds(memory: Array, bounds: Array, first: int, count: int, lanes: i
             if compared[o * groups + g] == 0.0:
                 continue
             item = objects[OBJECT_SIZE * o : OBJECT_SIZE * (o + 1)]
+            radius: Any = np.float32(item[1])
             squared_distances(x[a:b], y[a:b], z[a:b], item, squared)
-            least_excess(squared, reach[a:b], np.float32(item[1]), lanes, least)
+            least_excess(squared, reach[a:b], radius, lanes, least)
             for i in range(count):
                 bound = distance_bound(least[i], radii[g] + item[1])
                 bounds[first + i, classes + g] = min(bounds[first + i, classes + g], bound)

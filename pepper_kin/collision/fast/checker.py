@@ -32,7 +32,7 @@ class FastChecker:
 
     Three stages: tabulated joint ranges; spheres that cover the robot (nothing near: free) and spheres inside
     it (one touches: contact), several configurations at a time; and for what spheres leave in doubt, the
-    exact shapes.  What is within 3e-6 m of the threshold, and scenes' meshes that are not convex, coal decides.
+    exact shapes.  What is within 3e-6 m of the threshold, and meshes that are not convex, coal decides.
 
     Args:
         pepper: The robot.
@@ -93,7 +93,7 @@ class FastChecker:
         return touching.reshape(q_all.shape[:-1])
 
     def doubts(self, q: ArrayLike) -> tuple[int, int]:
-        """Return how many of the configurations q, shape (..., n), spheres could not settle, and coal had to."""
+        """Return how many of the configurations q, shape (..., n), are left in doubt by spheres, by all."""
         flat = np.ascontiguousarray(as_joint_vectors(self.pepper, q, "q").reshape(-1, self.pepper.n))
         if not self.supported:
             return len(flat), len(flat)
@@ -137,8 +137,8 @@ class FastChecker:
             resolution: Greatest change of any joint from one state to the next [rad or m].
 
         Raises:
-            InvalidValueError: for vectors of wrong length or with NaN or infinity, or a resolution that is not
-                above 0.
+            InvalidValueError: for vectors of wrong length or with NaN or infinity, or a resolution that is
+                not above 0.
         """
         check_positive("resolution", resolution)
         start, stop = self._ends(a, b)

@@ -23,8 +23,8 @@ from pepper_kin.model.shapes import read_only
 class CompiledValidity:
     """How far a straight edge is valid, for callers in machine code.
 
-    At `address` is `int64 valid_prefix(const double* a, const double* b, int64 steps, double* memory)`.  With a
-    and b the values of the k free joints, it looks at the states a + (b - a) j / steps, j = 1 .. steps (the
+    At `address` is `int64 valid_prefix(const double* a, const double* b, int64 steps, double* memory)`.  With
+    a and b the values of the k free joints, it looks at the states a + (b - a) j / steps, j = 1 .. steps (the
     last is b to the bit) and returns how many come before the first that is not valid: `steps` if all are.
     `memory` is a block of `memory_size` doubles from `new_memory`, one for each thread; the function needs
     neither the interpreter nor its lock.  A state that is too near to contact for certainty (3e-6 m) is not
@@ -90,7 +90,7 @@ def compile_validity(
     n = pepper.n
     q0 = as_joint_vectors(pepper, frozen, "frozen").reshape(n)
     places = _places(free, n)
-    moves = moved_by(pepper, structure)[:, places].any(axis=1)
+    moves = np.asarray(moved_by(pepper, structure)[:, places].any(axis=1))
     classes = len(structure.classes)
     numbers = prepared.sections[at.NUMBERS].copy()
     sections = {**prepared.sections, at.NUMBERS: numbers, at.FROZEN: q0, at.FREE: places.astype(float)}
@@ -114,7 +114,8 @@ def compile_validity(
         sections.update({at.EFFORT: limits, at.SINGLE_WORK: np.zeros(room)})
         kept = (*kept, gravity)
     block = read_only(at.pack({**sections, **active(moves)}))
-    return CompiledValidity(int(valid_prefix.address), block.size, places, block, kept)
+    address: Any = valid_prefix.address
+    return CompiledValidity(int(address), block.size, places, block, kept)
 
 
 def _rests_in_contact(check_rows: Any, memory: Array) -> bool:

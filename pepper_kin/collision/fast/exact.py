@@ -24,8 +24,8 @@ def segment_to_segment(a: Array, ha: float, b: Array, hb: float) -> float:
     """Return the distance of two segments [m].
 
     With r = c_a - c_b and axes u_a, u_b, the nearest points of the lines are at
-    s = ((u_a . u_b) (u_b . r) - u_a . r) / (1 - (u_a . u_b)^2) and t = (u_a . u_b) s + u_b . r; clamped to the
-    segments one after the other (Ericson, Real-Time Collision Detection, 5.1.9).
+    s = ((u_a . u_b) (u_b . r) - u_a . r) / (1 - (u_a . u_b)^2) and t = (u_a . u_b) s + u_b . r; clamped to
+    the segments one after the other (Ericson, Real-Time Collision Detection, 5.1.9).
 
     Args:
         a: Pose: centre, x, y and z axis, shape (12,); the segment lies along z.
@@ -58,8 +58,8 @@ def _beyond(x: float, h: float) -> float:
 def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
     """Return the distance of a segment to a solid box [m]; 0 where they meet.
 
-    The squared distance of the point p + t d to the box is convex in t; its derivative is piecewise linear and
-    rises, with corners where a coordinate passes a face.  Bisection over the corners leaves one straight
+    The squared distance of the point p + t d to the box is convex in t; its derivative is piecewise linear
+    and rises, with corners where a coordinate passes a face.  Bisection over the corners leaves one straight
     piece, whose zero is the answer.
 
     Args:

@@ -133,8 +133,8 @@ def nearer_than(
     """Tell whether two convex cores are nearer than a threshold.
 
     Gilbert, Johnson and Keerthi (1988) with the point of least norm by Wolfe (1976): v, a point of the
-    difference of the cores, bounds their distance by |v| from above and, with w its furthest point towards the
-    origin, by v . w / |v| from below.  The verdict rests on these bounds only, never on convergence.
+    difference of the cores, bounds their distance by |v| from above and, with w its furthest point towards
+    the origin, by v . w / |v| from below.  The verdict rests on these bounds only, never on convergence.
 
     Args:
         kind_a: BOX, CYLINDER or HULL.

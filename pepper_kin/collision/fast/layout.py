@@ -52,8 +52,20 @@ ALIGNMENT = 8
 """Sections, in order; `memory.py` says what is in each."""
 SECTIONS = 35
 
-(N, CLASSES, GROUPS, SPHERES, OBJECT_COUNT, SELF_MARGIN, MARGIN, NEAR_KERNEL, CENTER_KERNEL, POSE_KERNEL, GRAVITY_KERNEL,
- BLOCKED) = range(12)  # fmt: skip
+(
+    N,
+    CLASSES,
+    GROUPS,
+    SPHERES,
+    OBJECT_COUNT,
+    SELF_MARGIN,
+    MARGIN,
+    NEAR_KERNEL,
+    CENTER_KERNEL,
+    POSE_KERNEL,
+    GRAVITY_KERNEL,
+    BLOCKED,
+) = range(12)
 """Places in the section NUMBERS."""
 NUMBERS_SIZE = 12
 

@@ -13,11 +13,11 @@ from pepper_kin.symbolic.alignment import joint_axis
 def part_levers(pepper: PepperModel, structure: Structure) -> Array:
     """Return for each class of pairs and each group to the scene how far it moves per unit of each joint.
 
-    A point p of a body moves by at most |dq_j| l_j for each joint j on the way to it.  Of a revolute joint, l_j
-    is the greatest distance of p from its axis, which is at most the distance of the next joint's origin from
-    the axis, plus the lengths from joint to joint (with the travel of those that slide), plus the distance
-    of p from the last joint's origin.  Of a prismatic joint it is 1.  Two bodies come nearer by at most the
-    sum over the joints between them.
+    A point p of a body moves by at most |dq_j| l_j for each joint j on the way to it.  Of a revolute joint,
+    l_j is the greatest distance of p from its axis, which is at most the distance of the next joint's origin
+    from the axis, plus the lengths from joint to joint (with the travel of those that slide), plus the
+    distance of p from the last joint's origin.  Of a prismatic joint it is 1.  Two bodies come nearer by at
+    most the sum over the joints between them.
 
     Returns:
         Shape (classes + groups, n) [m/rad, or 1]; infinite where a joint that slides has no limits.

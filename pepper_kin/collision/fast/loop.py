@@ -119,7 +119,7 @@ def _start(memory: Array, count: int) -> int:
 
 @njit("void(float64[::1], int64)", **OPTIONS)
 def _sort(memory: Array, kept: int) -> None:
-    """Compare the robot's parts coarsely and queue, for each class of pairs, the configurations in which it is near."""
+    """Compare the robot's parts coarsely; queue the configurations for each class of pairs that is near."""
     numbers, queues, active = (
         section(memory, NUMBERS),
         section_bits(memory, QUEUE),
@@ -151,7 +151,7 @@ def _sort(memory: Array, kept: int) -> None:
 
 @njit("void(float64[::1])", **OPTIONS)
 def _check_self(memory: Array) -> None:
-    """Compare the robot's spheres with its own cores, class by class, for the configurations queued for it."""
+    """Compare the robot's spheres with its own cores, class by class, where queued."""
     numbers, status, queues = (
         section(memory, NUMBERS),
         section_bits(memory, STATUS),
@@ -216,15 +216,15 @@ def _held(memory: Array, row: int) -> bool:
     q, torque = section(memory, ROWS)[n * row : n * row + n], section(memory, LANES_OUT)
     work = section(memory, SINGLE_WORK)
     call_kernel(int(numbers[GRAVITY_KERNEL]), q.ctypes.data, torque.ctypes.data, work.ctypes.data)
+    held = True
     for i in range(n):
-        if abs(torque[i]) > effort[i]:
-            return False
-    return True
+        held = held and abs(torque[i]) <= effort[i]
+    return held
 
 
 @njit("int64(float64[::1], int64)", **OPTIONS)
 def check_rows(memory: Array, count: int) -> int:
-    """Write the verdict on the first `count` configurations in ROWS into STATUS; returns how many were in doubt."""
+    """Write the verdicts on the first `count` configurations into STATUS; returns how many were in doubt."""
     kept = _start(memory, count)
     _sort(memory, kept)
     _check_self(memory)
@@ -288,9 +288,9 @@ def count_valid(memory: Array, a: Array, b: Array, steps: int) -> int:
     return steps
 
 
-@cfunc("int64(CPointer(float64), CPointer(float64), int64, CPointer(float64))", cache=True, nopython=True)
+@cfunc("int64(CPointer(float64), CPointer(float64), int64, CPointer(float64))", cache=True)
 def valid_prefix(a: Any, b: Any, steps: int, memory: Any) -> int:
-    """The same for callers that have addresses only: `int64 f(double* a, double* b, int64, double* memory)`."""
+    """Call `count_valid` for those who have addresses only."""
     spans = carray(memory, (2 * SECTIONS,))
     whole = carray(memory, (int(spans[2 * SECTIONS - 1]),))
     count = int(spans[2 * MOVING + 1] - spans[2 * MOVING])

@@ -20,10 +20,13 @@ from pepper_kin.collision.fast.structure import Structure, ball, coarse, group_s
 from pepper_kin.collision.fast.tables import pack_tables
 from pepper_kin.collision.fast.world import OBJECT_SIZE
 from pepper_kin.kernels import Kernel, compile_function
+from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:
     import casadi
 
+EXPRESSION_FILES = ("expression.py", "spheres.py", "structure.py")
+"""Files of this room on which the kernels depend, besides the solids."""
 NO_INNER = -1e3
 """Inner radius of a sphere that lies in nothing [m]."""
 
@@ -43,76 +46,99 @@ class Prepared:
     kernels: tuple[Kernel, ...]
 
 
+class _Kernels:
+    """Kernels of a structure.
+
+    Args:
+        pepper: The robot.
+        structure: What is compared.
+    """
+
+    def __init__(self, pepper: PepperModel, structure: Structure) -> None:
+        solids = structure.solids
+        self._pepper, self._robot = pepper, hashlib.sha256(pepper.urdf.encode()).hexdigest()
+        self.classes = [[(solids[i], solids[j]) for i, j in pairs] for pairs in structure.classes]
+        self.near = [coarse(pairs) for pairs in self.classes]
+        members = [[solids[i] for i in group] for group in structure.groups]
+        self.balls, self.spheres = [ball(group) for group in members], [group_spheres(g) for g in members]
+        self.by_class = [self._class_kernel(pairs) for pairs in self.classes]
+        centers = [*([b.position] for b in self.balls), *(s.centers for s in self.spheres)]
+        carriers = [*self.balls, *(group[0] for group in members)]
+        self.by_place: dict[int, Kernel] = {
+            at.POSE_KERNEL: self._compiled(
+                "float64", ("poses", *map(_key, solids)), lambda: solid_poses(pepper, solids)
+            )
+        }
+        if self.near:
+            key = ("near", *(tuple(map(_pair_key, pairs)) for pairs in self.near))
+            self.by_place[at.NEAR_KERNEL] = self._compiled(
+                "float32", key, lambda: pair_bounds(pepper, self.near, inner=False)
+            )
+        if members:
+            key = ("centers", *(tuple(map(_key, group)) for group in members))
+            self.by_place[at.CENTER_KERNEL] = self._compiled(
+                "float32", key, lambda: sphere_centers(pepper, carriers, centers)
+            )
+
+    @property
+    def all(self) -> tuple[Kernel, ...]:
+        """All kernels."""
+        return (*self.by_class, *self.by_place.values())
+
+    def _class_kernel(self, pairs: list[tuple[Solid, Solid]]) -> Kernel:
+        key = ("class", *map(_pair_key, pairs))
+        return self._compiled("float32", key, lambda: pair_bounds(self._pepper, [pairs]))
+
+    def _compiled(self, dtype: str, what: object, make: Callable[[], casadi.Function]) -> Kernel:
+        return compile_function(
+            make, dtype=dtype, key=f"collision {what!r} of {self._robot} by {_source_digest()}"
+        )
+
+
 def prepare(checker: CollisionChecker) -> Prepared:
     """Compile or load the kernels of a checker's robot and pack its tables."""
-    pepper, structure = checker.pepper, structure_of(checker)
-    solids = structure.solids
-    classes = [[(solids[i], solids[j]) for i, j in pairs] for pairs in structure.classes]
-    members = [[solids[i] for i in group] for group in structure.groups]
-    balls, spheres = [ball(group) for group in members], [group_spheres(group) for group in members]
+    structure = structure_of(checker)
+    kernels = _Kernels(checker.pepper, structure)
+    sections = {**_constants(checker, structure, kernels), **_room(checker.pepper.n, structure, kernels)}
+    return Prepared(structure, sections, kernels.all)
 
-    def compiled(dtype: str, what: object, make: Callable[[], casadi.Function]) -> Kernel:
-        return compile_function(
-            make, dtype=dtype, key=f"collision {what!r} of {_robot(pepper)} by {_source_digest()}"
-        )
 
-    by_class = [
-        compiled(
-            "float32", ("class", *map(_pair_key, pairs)), lambda pairs=pairs: pair_bounds(pepper, [pairs])
-        )
-        for pairs in classes
-    ]
-    near = [coarse(pairs) for pairs in classes]
-    near_key = ("near", *(tuple(map(_pair_key, pairs)) for pairs in near))
-    kernels = {
-        at.NEAR_KERNEL: compiled("float32", near_key, lambda: pair_bounds(pepper, near, inner=False)) if near else None,
-        at.CENTER_KERNEL: compiled(
-            "float32",
-            ("centers", *(tuple(map(_key, group)) for group in members)),
-            lambda: sphere_centers(
-                pepper,
-                [*balls, *(group[0] for group in members)],
-                [*([b.position] for b in balls), *(s.centers for s in spheres)],
-            ),
-        ) if members else None,
-        at.POSE_KERNEL: compiled("float64", ("poses", *map(_key, solids)), lambda: solid_poses(pepper, solids)),
-    }  # fmt: skip
+def _numbers(checker: CollisionChecker, structure: Structure, kernels: _Kernels) -> Array:
     numbers = np.zeros(at.NUMBERS_SIZE)
-    numbers[at.N], numbers[at.CLASSES], numbers[at.GROUPS] = pepper.n, len(classes), len(members)
-    numbers[at.SPHERES] = sum(len(s.outer) for s in spheres)
-    numbers[at.OBJECT_COUNT] = len(structure.objects)
+    numbers[at.N], numbers[at.CLASSES] = checker.pepper.n, len(structure.classes)
+    numbers[at.GROUPS], numbers[at.OBJECT_COUNT] = len(structure.groups), len(structure.objects)
+    numbers[at.SPHERES] = sum(len(s.outer) for s in kernels.spheres)
     numbers[at.SELF_MARGIN], numbers[at.MARGIN] = checker.self_margin, checker.margin
-    for place, kernel in kernels.items():
-        if kernel is not None:
-            numbers[place] = kernel.single_address if place == at.POSE_KERNEL else kernel.block_address
-    outer = np.array([*(b.radius for b in balls), *(r for s in spheres for r in s.outer)])
+    for place, kernel in kernels.by_place.items():
+        numbers[place] = kernel.single_address if place == at.POSE_KERNEL else kernel.block_address
+    return numbers
+
+
+def _constants(checker: CollisionChecker, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
+    balls, spheres, margin = kernels.balls, kernels.spheres, checker.margin
+    outer = np.array([*(b.radius for b in balls), *(r for s in spheres for r in s.outer)]) + SLACK + margin
     inner = np.array([*(NO_INNER for _ in balls), *(r for s in spheres for r in s.inner)])
-    outer, inner = (
-        outer + SLACK + checker.margin,
-        np.where(inner > SLACK, inner - SLACK + checker.margin, NO_INNER),
-    )
+    inner = np.where(inner > SLACK, inner - SLACK + margin, NO_INNER)
     heads, tables, cells = pack_tables(checker._ranges, checker.self_margin / LEVER)
-    every = [*solids, *structure.objects]
-    widest = max([k.work_size for k in by_class] + [k.work_size for k in kernels.values() if k is not None])
-    width = 2 * len(classes) + 3 * len(outer) + pepper.n + 8
-    sections: dict[int, Array] = {
-        at.NUMBERS: numbers,
-        at.CLASS_KERNELS: np.array([k.block_address for k in by_class], dtype=float),
-        at.CLASS_ACTIVE: np.ones(len(classes)),
-        at.CLASS_RADII: np.array(
-            [[_radius(pairs), _radius(rough)] for pairs, rough in zip(classes, near, strict=True)]
-        ),
+    every = [*structure.solids, *structure.objects]
+    radii = [
+        [_radius(fine), _radius(rough)] for fine, rough in zip(kernels.classes, kernels.near, strict=True)
+    ]
+    members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
+    return {
+        at.NUMBERS: _numbers(checker, structure, kernels),
+        at.CLASS_KERNELS: np.array([k.block_address for k in kernels.by_class], dtype=float),
+        at.CLASS_ACTIVE: np.ones(len(structure.classes)),
+        at.CLASS_RADII: np.array(radii, dtype=float),
         at.TABLE_HEADS: heads,
         at.TABLES: tables,
         at.TABLE_CELLS: cells,
-        at.PAIR_FIRST: _firsts(classes),
+        at.PAIR_FIRST: _firsts(structure.classes),
         at.PAIRS: np.array([pair for pairs in structure.classes for pair in pairs], dtype=float),
         at.SOLIDS: np.array([[s.kind, s.radius, s.bounding_radius, s.filled] for s in every], dtype=float),
         at.SOLID_HALF: np.array([s.half for s in every]),
         at.GROUP_FIRST: _firsts([s.outer for s in spheres]),
-        at.GROUP_SOLIDS: np.array(
-            [(g, i) for g, group in enumerate(structure.groups) for i in group], dtype=float
-        ),
+        at.GROUP_SOLIDS: np.array(members, dtype=float),
         at.GROUP_RADII: np.array([s.outer.max() + SLACK for s in spheres]),
         at.REACH: _singles(np.repeat(np.concatenate([outer, inner]), LANES)),
         at.OBJECTS: np.array([_object_row(s, OBJECT_SIZE) for s in structure.objects]),
@@ -120,24 +146,30 @@ def prepare(checker: CollisionChecker) -> Prepared:
         at.GROUP_OBJECTS: structure.compared.T.astype(float),
         at.VERTEX_FIRST: _firsts([s.vertices for s in every]),
         at.VERTICES: np.concatenate([np.zeros((0, 3)), *(s.vertices for s in every)]),
-        at.POSES: np.concatenate([np.zeros(12 * len(solids)), *(_pose(s) for s in structure.objects)]),
-        at.FROZEN: np.zeros(pepper.n),
-        at.FREE: np.arange(pepper.n, dtype=float),
-        at.EFFORT: np.full(pepper.n, np.inf),
-        at.ROWS: np.zeros(ROOM * pepper.n),
+        at.FROZEN: np.zeros(checker.pepper.n),
+        at.FREE: np.arange(checker.pepper.n, dtype=float),
+        at.EFFORT: np.full(checker.pepper.n, np.inf),
+    }
+
+
+def _room(n: int, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
+    classes, work = len(structure.classes), max(kernel.work_size for kernel in kernels.all)
+    points = len(kernels.balls) + sum(len(s.outer) for s in kernels.spheres)
+    poses = [np.zeros(12 * len(structure.solids)), *(_pose(s) for s in structure.objects)]
+    return {
+        at.POSES: np.concatenate(poses),
+        at.ROWS: np.zeros(ROOM * n),
         at.STATUS: np.zeros(ROOM),
         at.DOUBT_CLASSES: np.zeros(ROOM),
         at.DOUBT_GROUPS: np.zeros(ROOM),
-        at.QUEUE: np.zeros(ROOM * (len(classes) + 1)),
-        at.QUEUE_LENGTH: np.zeros(len(classes)),
-        at.LANES_IN: np.zeros((pepper.n + 1) * LANES),
-        at.LANES_OUT: np.zeros(width * LANES),
-        at.LANES_WORK: np.zeros(widest),
-        at.WORLD: np.zeros((len(outer) + 2) * LANES),
-        at.SINGLE_WORK: np.zeros(widest),
+        at.QUEUE: np.zeros(ROOM * (classes + 1)),
+        at.QUEUE_LENGTH: np.zeros(classes),
+        at.LANES_IN: np.zeros((n + 1) * LANES),
+        at.LANES_OUT: np.zeros((2 * classes + 3 * points + n) * LANES),
+        at.LANES_WORK: np.zeros(work),
+        at.WORLD: np.zeros((points + 2) * LANES),
+        at.SINGLE_WORK: np.zeros(work),
     }
-    kept = tuple(k for k in (*by_class, *kernels.values()) if k is not None)
-    return Prepared(structure, sections, kept)
 
 
 def _radius(pairs: list[tuple[Solid, Solid]]) -> float:
@@ -170,7 +202,7 @@ def _object_row(solid: Solid, size: int) -> Array:
 
 
 def _world_box(solid: Solid) -> Array:
-    """Return the least and the greatest corner of the box around a solid of the scene, along the world's axes."""
+    """Return the least and the greatest corner of the box along the world's axes around a solid."""
     half = np.where(np.isfinite(solid.half), solid.half, 1e6)
     reach = np.abs(solid.rotation) @ half + solid.radius
     return np.concatenate([solid.position - reach, solid.position + reach])
@@ -178,7 +210,8 @@ def _world_box(solid: Solid) -> Array:
 
 def _key(solid: Solid) -> tuple[object, ...]:
     return (
-        solid.joint, solid.kind, solid.rotation.tolist(), solid.position.tolist(), solid.half.tolist(), solid.radius,
+        solid.joint, solid.kind, solid.rotation.tolist(), solid.position.tolist(), solid.half.tolist(),
+        solid.radius,
     )  # fmt: skip
 
 
@@ -186,15 +219,12 @@ def _pair_key(pair: tuple[Solid, Solid]) -> tuple[object, ...]:
     return _key(pair[0]), _key(pair[1])
 
 
-def _robot(pepper: Any) -> str:
-    return hashlib.sha256(pepper.urdf.encode()).hexdigest()
-
-
 @lru_cache(maxsize=1)
 def _source_digest() -> str:
     digest = hashlib.sha256()
     for room in ("symbolic", "model", "collision.fast"):
         for file in sorted(files(f"pepper_kin.{room}").iterdir(), key=lambda f: f.name):
-            if file.name.endswith(".py"):
+            ours = room != "collision.fast" or file.name in EXPRESSION_FILES
+            if file.name.endswith(".py") and ours:
                 digest.update(file.read_bytes())
     return digest.hexdigest()

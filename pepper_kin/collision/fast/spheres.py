@@ -32,8 +32,8 @@ class Spheres(NamedTuple):
 def spheres_of(solid: Solid, waste: float = WASTE, cell: float = CELL) -> Spheres:
     """Cover a solid by spheres.
 
-    A capsule of radius r gets k spheres with centres on its axis, from one end to the other.  At spacing s they
-    cover it if their radius is sqrt(r^2 + (s / 2)^2), while those of radius r about the same centres lie
+    A capsule of radius r gets k spheres with centres on its axis, from one end to the other.  At spacing s
+    they cover it if their radius is sqrt(r^2 + (s / 2)^2), while those of radius r about the same centres lie
     inside.  A box is cut into cells, each with the sphere around it; the largest sphere about the cell's
     centre that stays in the box is the inner one.
 

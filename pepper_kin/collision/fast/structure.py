@@ -63,8 +63,8 @@ def structure_of(checker: CollisionChecker) -> Structure:
     for i, objects in met.items():
         groups.setdefault((all_solids[i].joint, frozenset(objects)), []).append(i)
     compared = np.zeros((len(groups), len(all_solids) - count), dtype=bool)
-    for row, (_, objects) in zip(compared, groups, strict=True):
-        row[list(objects)] = True
+    for row, (_, together) in zip(compared, groups, strict=True):
+        row[list(together)] = True
     return Structure(
         all_solids[:count],
         all_solids[count:],

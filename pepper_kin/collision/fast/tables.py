@@ -13,7 +13,7 @@ from pepper_kin.collision.fast.options import OPTIONS
 from pepper_kin.collision.fast.solids import Array
 
 HEAD = 7
-"""Numbers for each table in TABLE_HEADS: both joints, place in TABLES, rows, margin, first position, cells per rad."""
+"""Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, margin, first position, cells per rad."""
 CELLS = 128
 """Cells of equal width into which a table is cut."""
 CELL = 4

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -28,9 +30,9 @@ from pepper_kin.collision.fast.solids import CYLINDER, Array
 Lanes = NDArray[np.float32]
 
 OBJECT_SIZE = 20
-"""Numbers of an object in OBJECTS: kind, radius, whether inner bounds hold, half lengths, pose (12), 2 free."""
+"""Numbers of an object in OBJECTS: kind, radius, whether inner bounds hold, half lengths, pose (12)."""
 BOX_SIZE = 6
-"""Numbers of an object in OBJECT_BOXES: least and greatest x, y, z of the box around it in the world [m]."""
+"""Numbers of an object in OBJECT_BOXES: least and greatest x, y, z in the world [m]."""
 WORDS = LANES // 2
 """Words of 64 bits that flags of 32 bits in all lanes take."""
 ZERO = np.float32(0.0)
@@ -97,7 +99,7 @@ def least_excess(squared: Lanes, reach: Lanes, radius: float, lanes: int, result
         squared: d^2, sphere by sphere, each in all lanes [m^2].
         reach: R in the same order [m].
         radius: r [m].
-        lanes: LANES; a number that the compiler does not know, for it would unroll the loop, not vectorise it.
+        lanes: LANES; were it a constant, the compiler would unroll the loop, not vectorise it.
         result: Written, one number per lane [m^2].
     """
     result[:] = np.float32(1e30)
@@ -115,8 +117,8 @@ def check_world(memory: Array, contact: NDArray[np.int64], doubt: NDArray[np.int
     """Compare the spheres in LANES_OUT with all objects of the scene.
 
     Args:
-        memory: The block; LANES_OUT holds the centres that the kernel `sphere_centers` has written: x, y and z
-            of the groups' bounding spheres and of all spheres.
+        memory: The block; LANES_OUT holds the centres that the kernel `sphere_centers` has written: x, y and
+            z of the groups' bounding spheres and of all spheres.
         contact: Whether an inner sphere meets an object, written for each lane.
         doubt: Bits of the groups that spheres alone cannot settle, written for each lane.
     """
@@ -145,7 +147,7 @@ def check_world(memory: Array, contact: NDArray[np.int64], doubt: NDArray[np.int
         if close == 0:
             continue
         item = objects[OBJECT_SIZE * o : OBJECT_SIZE * (o + 1)]
-        radius = np.float32(item[1])
+        radius: Any = np.float32(item[1])
         for g in range(groups):
             if not (close >> g) & 1:
                 continue
