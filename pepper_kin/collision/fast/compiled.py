@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,10 @@ from pepper_kin.collision.fast.solids import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 from pepper_kin.model.shapes import read_only
+
+_SIGNATURE = ctypes.CFUNCTYPE(
+    ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +63,13 @@ class CompiledValidity:
         Raises:
             InvalidValueError: for vectors of wrong length, NaN, or fewer than 1 step.
         """
-        from pepper_kin.collision.fast.loop import valid_prefix
-
         if steps < 1:
             raise InvalidValueError("steps", steps, "at least 1")
         k = (self.free.size,)
         start, stop = (np.ascontiguousarray(as_finite(x, name, k)) for x, name in ((a, "a"), (b, "b")))
         block = self.new_memory() if memory is None else memory
-        pointers = [_pointer(x) for x in (start, stop, block)]
-        return int(valid_prefix.ctypes(pointers[0], pointers[1], steps, pointers[2]))
-
-
-def _pointer(array: Array) -> Any:
-    import ctypes
-
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+        pointers = [x.ctypes.data for x in (start, stop, block)]
+        return int(_SIGNATURE(self.address)(pointers[0], pointers[1], steps, pointers[2]))
 
 
 def compile_validity(
