@@ -2,6 +2,7 @@
 
 import coal
 import numpy as np
+import pinocchio
 import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -10,7 +11,7 @@ import pepper_kin as pk
 from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.collision.fast.exact import segment_to_box, segment_to_segment
 from pepper_kin.collision.fast.gjk import CONTACT, FREE, TIE, nearer_than
-from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Solid, solids_of
+from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Part, Solid, parts_of, solid_of
 from pepper_kin.collision.fast.spheres import spheres_of
 from pepper_kin.collision.fast.structure import ball
 from pepper_kin.collision.fast.tables import pack_tables, violations
@@ -141,7 +142,8 @@ def surface_points(solid, rng, count=400):
 
 def test_spheres_cover_and_fill_every_solid_of_the_robot():
     rng = np.random.default_rng(4)
-    for solid in solids_of(pk.collision.checker_for(pk.load_pepper())):
+    for part in parts_of(pk.collision.checker_for(pk.load_pepper())):
+        solid = solid_of(part)
         spheres = spheres_of(solid)
         points = surface_points(solid, rng)
         gaps = np.linalg.norm(points[:, None] - spheres.centers, axis=2) - spheres.outer
@@ -184,3 +186,17 @@ def test_compiled_tables_are_those_of_python(margin):
     expected = np.any([table.violated(q, margin) for table in tables], axis=0)
     np.testing.assert_array_equal(left.astype(bool), expected)
     assert 0.2 < expected.mean() < 0.9
+
+
+def test_a_half_space_is_a_vast_box():
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        pose, normal, offset = random_pose(rng), rng.normal(size=3), rng.uniform(-1, 1)
+        normal /= np.linalg.norm(normal)
+        placement = pinocchio.SE3(pose[3:].reshape(3, 3).T.copy(), pose[:3].copy())
+        item = pinocchio.GeometryObject("floor", 0, 0, placement, coal.Halfspace(normal, offset))
+        solid = solid_of(Part("floor", item, True, 0.0))
+        points = rng.uniform(-3, 3, (200, 3))
+        local = np.array([placement.inverse().act(p) for p in points])
+        inside = (np.abs((points - solid.position) @ solid.rotation) <= solid.half).all(axis=1)
+        np.testing.assert_array_equal(inside, local @ normal <= offset)

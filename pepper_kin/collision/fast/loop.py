@@ -10,7 +10,7 @@ import numpy as np
 from numba import carray, cfunc, njit
 from numpy.typing import NDArray
 
-from pepper_kin.collision.fast.gjk import CONTACT, FREE
+from pepper_kin.collision.fast.gjk import CONTACT, FREE, TIE
 from pepper_kin.collision.fast.layout import (
     BLOCKED,
     CENTER_KERNEL,
@@ -97,7 +97,6 @@ def _start(memory: Array, count: int) -> int:
     tables, cells = section(memory, TABLES), section(memory, TABLE_CELLS)
     classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
     n, kept = int(numbers[N]), 0
-    everything = (1 << 62) - 1
     violations(heads, tables, cells, rows, n, status[:count])
     for i in range(count):
         classes[i] = groups[i] = 0
@@ -112,8 +111,7 @@ def _start(memory: Array, count: int) -> int:
             queue[near] = i
             near += 1
         else:
-            classes[i] = everything
-            groups[i] = everything if numbers[OBJECT_COUNT] > 0 else 0
+            status[i] = TIE
     return near
 
 

@@ -15,4 +15,4 @@ LANES = host_target().lanes("float32")
 ROOM = 64
 """Configurations that go through the stages together."""
 WIDEST = 16.0
-"""Beyond this angle or distance [rad or m] single precision is not trusted: the exact cores decide."""
+"""Beyond this angle or distance [rad or m] single precision is not trusted: such a configuration is a tie."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from pepper_kin.model.shapes import read_only
 
 BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
+
+VAST = 25.0
+"""Half length of the box that stands for a half-space [m]: single precision still tells 4e-6 m there."""
 
 Array = NDArray[np.float64]
 
@@ -57,16 +60,34 @@ class Solid:
         return float(reach) + self.radius
 
 
-def solids_of(checker: CollisionChecker) -> tuple[Solid, ...]:
-    """Return the shapes that a checker compares, in its order: the robot's first, then the scene's."""
-    items = checker._model.geometryObjects
-    return tuple(_solid(owner, item) for owner, item in zip(checker._owners, items, strict=True))
+class Part(NamedTuple):
+    """A shape as a checker holds it.
+
+    Attributes:
+        owner: Name of the link or scene object.
+        item: Pinocchio's geometry object.
+        in_world: Whether it stands in the scene.
+        padding: How far it reaches beyond coal's shape [m].
+    """
+
+    owner: str
+    item: Any
+    in_world: bool
+    padding: float
 
 
-def _solid(owner: str, item: Any) -> Solid:
+def parts_of(checker: CollisionChecker) -> list[Part]:
+    """Return the shapes that a checker compares, in its order; the only look into how it keeps them."""
+    count = checker._robot_count
+    items = zip(checker._owners, checker._model.geometryObjects, strict=True)
+    return [Part(owner, item, number >= count, 0.0) for number, (owner, item) in enumerate(items)]
+
+
+def solid_of(part: Part) -> Solid:
+    """Return a shape as a core grown by a radius."""
     import coal
 
-    shape, pose = item.geometry, item.placement
+    shape, pose = part.item.geometry, part.item.placement
     none = np.zeros((0, 3))
     kind, half, radius, vertices, middle, filled = OTHER, np.full(3, np.inf), 0.0, none, np.zeros(3), True
     if isinstance(shape, coal.Box):
@@ -77,6 +98,8 @@ def _solid(owner: str, item: Any) -> Solid:
         kind, half, radius = BOX, np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
     elif isinstance(shape, coal.Cylinder):
         kind, half = CYLINDER, np.array([shape.radius, shape.radius, shape.halfLength])
+    elif isinstance(shape, coal.Halfspace):
+        return _half_space(part)
     else:
         points = _points(shape)
         if points is not None and len(points):
@@ -86,8 +109,23 @@ def _solid(owner: str, item: Any) -> Solid:
     rotation = np.array(pose.rotation)
     position = rotation @ middle + np.array(pose.translation)
     return Solid(
-        owner, int(item.parentJoint), read_only(rotation), read_only(position), kind, read_only(half), radius,
-        read_only(vertices), filled,
+        part.owner, int(part.item.parentJoint), read_only(rotation), read_only(position), kind,
+        read_only(half), radius + part.padding, read_only(vertices), filled,
+    )  # fmt: skip
+
+
+def _half_space(part: Part) -> Solid:
+    """Return a half-space n . x <= d as a box that holds all of it within VAST of the world's origin."""
+    pose, shape = part.item.placement, part.item.geometry
+    normal = np.array(pose.rotation) @ np.array(shape.n)
+    offset = float(shape.d) + float(normal @ np.array(pose.translation))
+    across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    across /= np.linalg.norm(across)
+    rotation = np.column_stack([across, np.cross(normal, across), normal])
+    position = (offset - VAST) * normal
+    return Solid(
+        part.owner, int(part.item.parentJoint), read_only(rotation), read_only(position), BOX,
+        read_only(np.full(3, VAST)), part.padding, read_only(np.zeros((0, 3))),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_kin.collision.checker import CollisionChecker
-from pepper_kin.collision.fast.solids import BOX, OTHER, Solid, solids_of
+from pepper_kin.collision.fast.solids import BOX, OTHER, Solid, parts_of, solid_of
 from pepper_kin.collision.fast.spheres import Spheres, spheres_of
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -45,8 +45,9 @@ class Structure:
 
 def structure_of(checker: CollisionChecker) -> Structure:
     """Sort the pairs that a checker compares."""
-    all_solids = solids_of(checker)
-    count = checker._robot_count
+    parts = parts_of(checker)
+    all_solids = tuple(solid_of(part) for part in parts)
+    count = sum(not part.in_world for part in parts)
     limbs = _limbs(checker.pepper)
     classes: dict[tuple[int, int], list[tuple[int, int]]] = {}
     met: dict[int, set[int]] = {}
