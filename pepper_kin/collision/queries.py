@@ -11,6 +11,9 @@ from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
 
+FAST_FROM = 5000
+"""Number of configurations from which on the compiled check is loaded; its verdicts are the same."""
+
 
 def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.bool_]:
     """Whether the robot touches itself or the scene.
@@ -26,6 +29,10 @@ def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) 
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
+    if np.size(q) >= FAST_FROM * pepper.n:
+        from pepper_kin.collision.fast import fast_checker_for
+
+        return fast_checker_for(pepper, scene).in_collision(q)
     return checker_for(pepper, scene).in_collision(q)
 
 

@@ -1,0 +1,93 @@
+"""Proof that a whole straight line of configurations is free, not just samples of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pepper_kin.collision.dependent_ranges import DependentRange
+from pepper_kin.collision.fast.solids import Array
+
+DEEPEST = 14
+"""Halvings after which the search for a proof ends."""
+MOST = 4096
+"""Pieces of a line that may wait for a proof at once."""
+
+
+def certified(
+    bounds_of: Callable[[Array], Array],
+    ranges: Sequence[DependentRange],
+    range_margin: float,
+    levers: Array,
+    margins: Array,
+    a: Array,
+    b: Array,
+) -> bool:
+    """Return whether q(t) = a + (b - a) t is proven free for all t in [0, 1].
+
+    Part p of the robot keeps a distance of at least B_p(q) from what it is compared with.  Within a piece of
+    length h around its middle m, that distance changes by at most h / 2 * L_p with
+    L_p = sum_j lever_pj |b_j - a_j|, so that B_p(q(m)) - margin_p > h / 2 * L_p for all p proves the piece.
+    Pieces without proof are halved.  A middle at which some B_p is not above its margin ends the search: no
+    halving helps there.
+
+    Args:
+        bounds_of: Takes (m, n), returns (m, parts) lower bounds [m].
+        ranges: Dependent joint ranges; they are checked exactly.
+        range_margin: Angle that they are narrowed by [rad].
+        levers: (parts, n) [m/rad, or 1].
+        margins: (parts,) [m].
+        a: (n,) [rad or m].
+        b: (n,) [rad or m].
+    """
+    if any(leaves_range(table, range_margin, a, b) for table in ranges):
+        return False
+    change = np.abs(b - a)
+    moving = change > 0
+    motion = levers[:, moving] @ change[moving]
+    if not np.isfinite(motion).all():
+        return False
+    starts, length = np.zeros(1), 1.0
+    for _ in range(DEEPEST):
+        middles = starts + length / 2
+        room = bounds_of(a + (b - a) * middles[:, None]) - margins
+        if not (room > 0).all():
+            return False
+        open_pieces = ~(room > motion * length / 2).all(axis=1)
+        if not open_pieces.any():
+            return True
+        left = starts[open_pieces]
+        length /= 2
+        starts = np.concatenate([left, left + length])
+        if starts.size > MOST:
+            return False
+    return False
+
+
+def leaves_range(table: DependentRange, margin: float, a: Array, b: Array) -> bool:
+    """Return whether a straight line leaves a dependent range anywhere.
+
+    Between two rows of the table the bounds are constant and the line is straight, so that its ends there
+    tell.  The answer is exact but for lines that run along a row of the table, which count with the
+    narrower of both sides.
+    """
+    x0, x1, y0, y1 = a[table.first], b[table.first], a[table.second], b[table.second]
+    if table.violated(np.array([a, b]), margin).any():
+        return True
+    if x0 > x1:
+        x0, x1, y0, y1 = x1, x0, y1, y0
+    edges = np.concatenate([[-np.inf], table.positions, [np.inf]])
+    lower = np.concatenate([table.lower[:1], table.lower, table.lower[-1:]])
+    upper = np.concatenate([table.upper[:1], table.upper, table.upper[-1:]])
+    first = max(int(np.searchsorted(edges, x0, side="right")) - 1, 0)
+    last = min(int(np.searchsorted(edges, x1, side="left")) - 1, len(edges) - 2)
+    for k in range(first, last + 1):
+        low, high = max(lower[k], lower[k + 1]) + margin, min(upper[k], upper[k + 1]) - margin
+        slope = (y1 - y0) / (x1 - x0) if x1 > x0 else 0.0
+        ends = (y0, y1)
+        if x1 > x0:
+            ends = tuple(y0 + slope * (min(max(edge, x0), x1) - x0) for edge in (edges[k], edges[k + 1]))
+        if min(ends) < low or max(ends) > high:
+            return True
+    return False

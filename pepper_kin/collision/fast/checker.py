@@ -1,0 +1,256 @@
+"""The compiled check as Python sees it."""
+
+from __future__ import annotations
+
+import math
+import threading
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision.checker import LEVER, checker_for
+from pepper_kin.collision.fast import layout as at
+from pepper_kin.collision.fast.certificate import certified
+from pepper_kin.collision.fast.compiled import CompiledValidity, compile_validity
+from pepper_kin.collision.fast.levers import part_levers
+from pepper_kin.collision.fast.options import LANES, WIDEST
+from pepper_kin.collision.fast.prepared import Prepared, prepare
+from pepper_kin.collision.fast.resting import resting_contact, resting_distance
+from pepper_kin.collision.fast.solids import Array
+from pepper_kin.collision.scene import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.threads import run_in_pieces
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
+
+TIE = 2
+
+
+class FastChecker:
+    """Collision of a robot with itself and a scene in machine code, with the verdicts of coal.
+
+    Three stages: tabulated joint ranges; spheres that cover the robot (nothing near: free) and spheres inside
+    it (one touches: contact), several configurations at a time; and for what spheres leave in doubt, the
+    exact shapes.  What is within 3e-6 m of the threshold, and meshes that are not convex, coal decides.
+
+    Args:
+        pepper: The robot.
+        scene: The world around it; None for none.
+        margin: Distance to the scene below which `in_collision` says yes [m].
+        self_margin: The same for two parts of the robot [m].
+
+    Raises:
+        InvalidValueError: for a margin that is not a finite number of 0 or more.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        scene: Scene | None = None,
+        margin: float = 0.0,
+        self_margin: float = 0.0,
+    ) -> None:
+        for name, value in (("margin", margin), ("self_margin", self_margin)):
+            if not (math.isfinite(value) and value >= 0):
+                raise InvalidValueError(name, value, "a finite distance of 0 or more [m]")
+        self.pepper = pepper
+        self.exact = checker_for(pepper, scene, float(margin), float(self_margin))
+        self._prepared = prepare(self.exact)
+        self._resting = resting_contact(self.exact, self._prepared.structure.resting)
+        self._block = at.pack(self._prepared.sections)
+        self._local = threading.local()
+        self._lock = threading.Lock()
+        self._still: float | None = None
+        self._bare: tuple[Prepared, Array] | None = None
+
+    @property
+    def supported(self) -> bool:
+        """Whether the compiled check knows the robot's shapes; if not, all is left to coal."""
+        return self._prepared.structure.supported
+
+    def in_collision(self, q: ArrayLike, *, threads: int = 1) -> NDArray[np.bool_]:
+        """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m].
+
+        Args:
+            q: Joint positions.
+            threads: Number of threads that share the configurations; the result does not depend on it.
+
+        Raises:
+            InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        """
+        if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
+            raise InvalidValueError("threads", repr(threads), "an integer of at least 1")
+        q_all = as_joint_vectors(self.pepper, q, "q")
+        if not self.supported:
+            return self.exact.in_collision(q_all)
+        flat = np.ascontiguousarray(q_all.reshape(-1, self.pepper.n))
+        verdicts, _ = self._verdicts(flat, threads)
+        ties = np.flatnonzero(verdicts == TIE)
+        touching = verdicts != 0
+        if ties.size:
+            touching[ties] = self.exact.in_collision(flat[ties])
+        return touching.reshape(q_all.shape[:-1])
+
+    def doubts(self, q: ArrayLike) -> tuple[int, int]:
+        """Return how many of the configurations q, shape (..., n), are left in doubt by spheres, by all."""
+        flat = np.ascontiguousarray(as_joint_vectors(self.pepper, q, "q").reshape(-1, self.pepper.n))
+        if not self.supported:
+            return len(flat), len(flat)
+        verdicts, doubts = self._verdicts(flat, 1)
+        return doubts, int(np.count_nonzero(verdicts == TIE))
+
+    def lower_bound(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return a distance that the robot surely keeps, from itself and the scene.
+
+        It is never above `CollisionChecker.clearance`, and some millimetres to centimetres below; parts that
+        are decided by joint ranges do not count.
+
+        Args:
+            q: Joint positions, shape (..., n) [rad or m].
+
+        Returns:
+            Lower bounds [m], shape (...,); what is not above zero says nothing.  inf where nothing can meet.
+
+        Raises:
+            InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        """
+        q_all = as_joint_vectors(self.pepper, q, "q")
+        bounds = self._part_bounds(np.ascontiguousarray(q_all.reshape(-1, self.pepper.n)))
+        least = bounds.min(axis=1, initial=self._resting_distance())
+        return np.asarray(least.reshape(q_all.shape[:-1]))
+
+    def free_below(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return the same as `lower_bound`, but 0 where it is below zero or a joint range is left."""
+        q_all = as_joint_vectors(self.pepper, q, "q")
+        bound = np.maximum(self.lower_bound(q_all), 0.0)
+        for table in self.exact._ranges:
+            bound = np.where(table.violated(q_all), 0.0, bound)
+        return np.asarray(bound)
+
+    def edge_free(self, a: ArrayLike, b: ArrayLike, resolution: float = 0.01) -> bool:
+        """Whether the states on the straight line from a to b are free, both ends included.
+
+        Args:
+            a: Joint positions, shape (n,) [rad or m].
+            b: Joint positions, shape (n,).
+            resolution: Greatest change of any joint from one state to the next [rad or m].
+
+        Raises:
+            InvalidValueError: for vectors of wrong length or with NaN or infinity, or a resolution that is
+                not above 0.
+        """
+        check_positive("resolution", resolution)
+        start, stop = self._ends(a, b)
+        steps = max(1, math.ceil(float(np.abs(stop - start).max()) / resolution))
+        ways = np.arange(steps + 1)[:, None] / steps
+        states = start + (stop - start) * ways
+        states[-1] = stop
+        return not bool(self.in_collision(states).any())
+
+    def edge_certified(self, a: ArrayLike, b: ArrayLike) -> bool:
+        """Whether it is proven that all of the straight line from a to b is free, not just samples of it.
+
+        See `certificate.certified`.  False says that no proof was found: an edge that passes something
+        within some millimetres may still be free.
+
+        Args:
+            a: Joint positions, shape (n,) [rad or m].
+            b: Joint positions, shape (n,).
+
+        Raises:
+            InvalidValueError: for vectors of wrong length or with NaN or infinity.
+        """
+        start, stop = self._ends(a, b)
+        prepared, levers = self._without_margins()
+        if not self.supported or self._resting:
+            return False
+        classes = len(prepared.structure.classes)
+        margins = np.full(len(levers), self.exact.margin)
+        margins[:classes] = self.exact.self_margin
+        angle = self.exact.self_margin / LEVER
+        return certified(self._part_bounds, self.exact._ranges, angle, levers, margins, start, stop)
+
+    def compiled(
+        self, frozen: ArrayLike, free: ArrayLike, effort_limits: ArrayLike | None = None
+    ) -> CompiledValidity:
+        """Return a function in machine code that tells how far an edge is valid; see `CompiledValidity`.
+
+        Args:
+            frozen: A whole configuration, shape (n,) [rad or m]; joints that are not free stay there.
+            free: Places of the k joints that move, shape (k,).
+            effort_limits: If given, states are valid only where holding still takes no joint more than this,
+                shape (n,) [N m or N].
+
+        Raises:
+            InvalidValueError: for vectors of wrong length or with NaN, places that do not exist or repeat, or
+                a robot whose shapes the compiled check does not know.
+        """
+        if not self.supported:
+            raise InvalidValueError("robot", self.pepper, "collision shapes that are not unbounded")
+        return compile_validity(self.exact, self._prepared, self._resting, frozen, free, effort_limits)
+
+    def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
+        n = self.pepper.n
+        return as_joint_vectors(self.pepper, a, "a").reshape(n), as_joint_vectors(
+            self.pepper, b, "b"
+        ).reshape(n)
+
+    def _verdicts(self, flat: Array, threads: int) -> tuple[NDArray[np.uint8], int]:
+        from pepper_kin.collision.fast.loop import check_many
+
+        verdicts = np.empty(len(flat), np.uint8)
+        if self._resting:
+            verdicts[:] = 1
+            return verdicts, 0
+        doubts: list[int] = []
+
+        def run(start: int, stop: int) -> None:
+            doubts.append(check_many(self._memory(), flat, verdicts, start, stop))
+
+        run_in_pieces(len(flat), threads, 1, run)
+        return verdicts, sum(doubts)
+
+    def _resting_distance(self) -> float:
+        if self._still is None:
+            self._still = resting_distance(self.exact, self._prepared.structure.resting)
+        return self._still
+
+    def _memory(self) -> Array:
+        """Block of this thread."""
+        found: Array | None = getattr(self._local, "memory", None)
+        if found is None:
+            found = self._local.memory = at.aligned_copy(self._block)
+        return found
+
+    def _without_margins(self) -> tuple[Prepared, Array]:
+        with self._lock:
+            if self._bare is None:
+                bare = self._prepared
+                if self.exact.margin or self.exact.self_margin:
+                    bare = prepare(checker_for(self.pepper, self.exact.scene))
+                self._bare = bare, part_levers(self.pepper, bare.structure)
+            return self._bare
+
+    def _part_bounds(self, flat: Array) -> Array:
+        from pepper_kin.collision.fast.bounds import part_bounds
+
+        prepared, levers = self._without_margins()
+        bounds = np.full((len(flat), len(levers)), np.inf)
+        if not self.supported:
+            bounds[:] = -np.inf
+            return bounds
+        memory: Array | None = getattr(self._local, "bare", None)
+        if memory is None:
+            memory = self._local.bare = at.aligned_copy(at.pack(prepared.sections))
+        part_bounds(memory, flat, bounds, LANES)
+        bounds[np.abs(flat).max(axis=1, initial=0.0) > WIDEST] = -np.inf
+        return bounds
+
+
+@lru_cache(maxsize=32)
+def fast_checker_for(
+    pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0, self_margin: float = 0.0
+) -> FastChecker:
+    """Return the fast checker of a robot in a scene, built once and kept for the next call."""
+    return FastChecker(pepper, scene, margin, self_margin)

@@ -1,0 +1,120 @@
+"""One block of doubles with all that compiled checking needs: sections of constants and of room."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pepper_kin.collision.fast.options import OPTIONS
+from pepper_kin.collision.fast.solids import Array
+
+ALIGNMENT = 8
+"""Sections begin at multiples of this many doubles: 64 bytes, a vector register."""
+
+(
+    NUMBERS,
+    CLASS_KERNELS,
+    CLASS_ACTIVE,
+    CLASS_RADII,
+    TABLE_HEADS,
+    TABLES,
+    TABLE_CELLS,
+    PAIR_FIRST,
+    PAIRS,
+    SOLIDS,
+    SOLID_HALF,
+    GROUP_FIRST,
+    GROUP_SOLIDS,
+    GROUP_RADII,
+    REACH,
+    OBJECTS,
+    OBJECT_BOXES,
+    GROUP_OBJECTS,
+    VERTEX_FIRST,
+    VERTICES,
+    FROZEN,
+    FREE,
+    EFFORT,
+    ROWS,
+    STATUS,
+    DOUBT_CLASSES,
+    DOUBT_GROUPS,
+    QUEUE,
+    QUEUE_LENGTH,
+    LANES_IN,
+    LANES_OUT,
+    LANES_WORK,
+    WORLD,
+    POSES,
+    SINGLE_WORK,
+) = range(35)
+"""Sections, in order; `memory.py` says what is in each."""
+SECTIONS = 35
+
+(
+    N,
+    CLASSES,
+    GROUPS,
+    SPHERES,
+    OBJECT_COUNT,
+    SELF_MARGIN,
+    MARGIN,
+    NEAR_KERNEL,
+    CENTER_KERNEL,
+    POSE_KERNEL,
+    GRAVITY_KERNEL,
+    BLOCKED,
+) = range(12)
+"""Places in the section NUMBERS."""
+NUMBERS_SIZE = 12
+
+
+@njit("float64[::1](float64[::1], int64)", **OPTIONS)
+def section(memory: Array, which: int) -> Array:
+    """Return a section of the block as doubles."""
+    return memory[int(memory[2 * which]) : int(memory[2 * which + 1])]
+
+
+@njit("float32[::1](float64[::1], int64)", **OPTIONS)
+def section_single(memory: Array, which: int) -> NDArray[np.float32]:
+    """Return a section of the block as floats."""
+    return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.float32)
+
+
+@njit("int64[::1](float64[::1], int64)", **OPTIONS)
+def section_bits(memory: Array, which: int) -> NDArray[np.int64]:
+    """Return a section of the block as integers."""
+    return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.int64)
+
+
+def pack(sections: dict[int, Array]) -> Array:
+    """Return a block with these sections; the rest is empty.
+
+    Its first numbers are the beginning and end of each section.
+    """
+    place = _round_up(2 * SECTIONS)
+    spans = np.zeros(2 * SECTIONS)
+    for which in range(SECTIONS):
+        size = sections[which].size if which in sections else 0
+        spans[2 * which : 2 * which + 2] = place, place + size
+        place += _round_up(size)
+    block = np.zeros(place)
+    block[: 2 * SECTIONS] = spans
+    for which, values in sections.items():
+        first, last = int(spans[2 * which]), int(spans[2 * which + 1])
+        block[first:last] = np.ravel(values)
+    return block
+
+
+def aligned_copy(block: Array) -> Array:
+    """Return a copy whose first number is at a multiple of 64 bytes."""
+    room = np.empty(block.size + ALIGNMENT)
+    first = (-room.ctypes.data // 8) % ALIGNMENT
+    copy = room[first : first + block.size]
+    copy[:] = block
+    return copy
+
+
+def _round_up(size: int) -> int:
+    return -(-size // ALIGNMENT) * ALIGNMENT

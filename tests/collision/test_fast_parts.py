@@ -1,0 +1,202 @@
+"""The parts of the compiled check against independent oracles."""
+
+import coal
+import numpy as np
+import pinocchio
+import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+import pepper_kin as pk
+from pepper_kin.collision.dependent_ranges import dependent_ranges
+from pepper_kin.collision.fast.exact import segment_to_box, segment_to_segment
+from pepper_kin.collision.fast.gjk import CONTACT, FREE, TIE, nearer_than
+from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Part, Solid, parts_of, solid_of
+from pepper_kin.collision.fast.spheres import spheres_of
+from pepper_kin.collision.fast.structure import ball
+from pepper_kin.collision.fast.tables import pack_tables, violations
+
+NO_VERTICES = np.zeros((0, 3))
+
+
+def random_pose(rng, spread=0.3):
+    turn = Rotation.random(random_state=np.random.RandomState(rng.integers(2**31))).as_matrix()
+    return np.concatenate([rng.uniform(-spread, spread, 3), turn.T.ravel()])
+
+
+def least_over_box(function, half):
+    """Least value of a convex function over a box by a general minimiser, from several starts."""
+    bounds = [(-h, h) for h in half]
+    starts = [np.zeros(len(half)), np.array(half) * 0.9, -np.array(half) * 0.9]
+    return min(minimize(function, x, bounds=bounds, method="L-BFGS-B", tol=1e-14).fun for x in starts)
+
+
+def point_of(pose, local):
+    return pose[:3] + pose[3:].reshape(3, 3).T @ local
+
+
+def test_segments_against_a_general_minimiser():
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        a, b = random_pose(rng), random_pose(rng)
+        ha, hb = rng.uniform(0, 0.3, 2)
+
+        def square(x, a=a, b=b):
+            return np.sum((point_of(a, [0, 0, x[0]]) - point_of(b, [0, 0, x[1]])) ** 2)
+
+        expected = np.sqrt(least_over_box(square, (ha, hb)))
+        assert segment_to_segment(a, ha, b, hb) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("shift", [(0, 0, 0), (0.3, 0, 0), (0.1, 0, 0.5), (0.1, 0.2, -0.37)])
+def test_parallel_segments(shift):
+    a = np.concatenate([np.zeros(3), np.eye(3).ravel()])
+    b = np.concatenate([shift, np.eye(3).ravel()])
+    apart = max(abs(shift[2]) - 0.2 - 0.1, 0.0)
+    assert segment_to_segment(a, 0.2, b, 0.1) == pytest.approx(
+        np.hypot(np.hypot(*shift[:2]), apart), abs=1e-12
+    )
+
+
+def test_segment_and_box_against_a_general_minimiser():
+    rng = np.random.default_rng(1)
+    inside = 0
+    for _ in range(150):
+        a, b = random_pose(rng), random_pose(rng)
+        ha, half = rng.uniform(0, 0.3), rng.uniform(0.01, 0.3, 3)
+        turn = b[3:].reshape(3, 3)
+
+        def square(x, a=a, b=b, turn=turn, half=half):
+            local = np.abs(turn @ (point_of(a, [0, 0, x[0]]) - b[:3])) - half
+            return np.sum(np.maximum(local, 0.0) ** 2)
+
+        expected = np.sqrt(least_over_box(square, (ha,)))
+        assert segment_to_box(a, ha, b, half) == pytest.approx(expected, abs=2e-6)
+        inside += expected < 1e-9
+    assert 10 < inside < 140
+
+
+def shape_of(kind, half, vertices):
+    if kind == BOX:
+        return coal.Box(*(2 * half))
+    return coal.Cylinder(half[0], 2 * half[2])
+
+
+@pytest.mark.parametrize("kinds", [(BOX, BOX), (BOX, CYLINDER), (CYLINDER, CYLINDER)])
+def test_convex_cores_against_coal(kinds):
+    rng = np.random.default_rng(2)
+    verdicts = []
+    for _ in range(300):
+        poses = [random_pose(rng), random_pose(rng)]
+        halves = [rng.uniform(0.02, 0.25, 3) for _ in kinds]
+        for kind, half in zip(kinds, halves, strict=True):
+            if kind == CYLINDER:
+                half[1] = half[0]
+        placed = [coal.Transform3s(p[3:].reshape(3, 3).T.copy(), p[:3].copy()) for p in poses]
+        shapes = [shape_of(k, h, None) for k, h in zip(kinds, halves, strict=True)]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        distance = coal.distance(shapes[0], placed[0], shapes[1], placed[1], request, result)
+        for threshold in (0.0, 0.02, 0.1):
+            found = nearer_than(
+                kinds[0],
+                halves[0],
+                poses[0],
+                NO_VERTICES,
+                kinds[1],
+                halves[1],
+                poses[1],
+                NO_VERTICES,
+                threshold,
+                3e-6,
+            )
+            verdicts.append(found)
+            if abs(distance - threshold) > 1e-5:
+                assert found == (CONTACT if distance < threshold else FREE)
+    assert verdicts.count(TIE) <= 2
+    assert min(verdicts.count(FREE), verdicts.count(CONTACT)) > 50
+
+
+def test_hull_of_a_box_is_the_box():
+    rng = np.random.default_rng(3)
+    signs = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, -1).T
+    for _ in range(100):
+        a, b = random_pose(rng), random_pose(rng)
+        half, other = rng.uniform(0.02, 0.3, 3), rng.uniform(0.02, 0.3, 3)
+        corners = np.ascontiguousarray(signs * half)
+        arguments = (BOX, other, b, NO_VERTICES, 0.03, 3e-6)
+        assert nearer_than(HULL, half, a, corners, *arguments) == nearer_than(
+            BOX, half, a, NO_VERTICES, *arguments
+        )
+
+
+def surface_points(solid, rng, count=400):
+    """Points of a solid's surface, in the frame of its joint."""
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    core = (
+        np.where(rng.random((count, 3)) < 0.5, np.sign(directions), rng.uniform(-1, 1, (count, 3)))
+        * solid.half
+    )
+    return (core + solid.radius * directions) @ solid.rotation.T + solid.position
+
+
+def test_spheres_cover_and_fill_every_solid_of_the_robot():
+    rng = np.random.default_rng(4)
+    for part in parts_of(pk.collision.checker_for(pk.load_pepper())):
+        solid = solid_of(part)
+        spheres = spheres_of(solid)
+        points = surface_points(solid, rng)
+        gaps = np.linalg.norm(points[:, None] - spheres.centers, axis=2) - spheres.outer
+        assert gaps.min(axis=1).max() <= 1e-12
+        directions = rng.normal(size=(50, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        for center, radius in zip(spheres.centers, spheres.inner, strict=True):
+            local = (center + radius * directions - solid.position) @ solid.rotation
+            beyond = np.maximum(np.abs(local) - solid.half, 0.0)
+            assert np.linalg.norm(beyond, axis=1).max() <= solid.radius + 1e-12
+        whole = ball([solid])
+        assert np.linalg.norm(points - whole.position, axis=1).max() <= whole.radius + 1e-12
+
+
+def test_a_cylinder_is_covered():
+    rng = np.random.default_rng(5)
+    half = np.array([0.15, 0.15, 0.3])
+    solid = Solid("", 1, np.eye(3), np.zeros(3), CYLINDER, half, 0.0, NO_VERTICES)
+    spheres = spheres_of(solid)
+    angle, height = rng.uniform(-np.pi, np.pi, 500), rng.uniform(-0.3, 0.3, 500)
+    points = np.column_stack([0.15 * np.cos(angle), 0.15 * np.sin(angle), height])
+    gaps = np.linalg.norm(points[:, None] - spheres.centers, axis=2) - spheres.outer
+    assert gaps.min(axis=1).max() <= 0
+    assert (spheres.inner < 0).all()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.05])
+def test_compiled_tables_are_those_of_python(margin):
+    pepper = pk.load_pepper()
+    tables = dependent_ranges(pepper)
+    rng = np.random.default_rng(6)
+    q = rng.uniform(1.3 * pepper.lower_limits, 1.3 * pepper.upper_limits, (4000, pepper.n))
+    for k, table in enumerate(tables):  # at rows and bounds exactly
+        rows = rng.integers(len(table.positions), size=400)
+        q[400 * k : 400 * (k + 1), table.first] = table.positions[rows]
+        near = np.where(np.isfinite(table.upper[rows]), table.upper[rows], 0.0) - margin
+        q[400 * k : 400 * (k + 1), table.second] = near + rng.choice([-1e-12, 0.0, 1e-12], 400)
+    left = np.zeros(len(q), np.int64)
+    violations(*pack_tables(tables, margin), q.ravel(), pepper.n, left)
+    expected = np.any([table.violated(q, margin) for table in tables], axis=0)
+    np.testing.assert_array_equal(left.astype(bool), expected)
+    assert 0.2 < expected.mean() < 0.9
+
+
+def test_a_half_space_is_a_vast_box():
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        pose, normal, offset = random_pose(rng), rng.normal(size=3), rng.uniform(-1, 1)
+        normal /= np.linalg.norm(normal)
+        placement = pinocchio.SE3(pose[3:].reshape(3, 3).T.copy(), pose[:3].copy())
+        item = pinocchio.GeometryObject("floor", 0, 0, placement, coal.Halfspace(normal, offset))
+        solid = solid_of(Part("floor", item, True, 0.0))
+        points = rng.uniform(-3, 3, (200, 3))
+        local = np.array([placement.inverse().act(p) for p in points])
+        inside = (np.abs((points - solid.position) @ solid.rotation) <= solid.half).all(axis=1)
+        np.testing.assert_array_equal(inside, local @ normal <= offset)
