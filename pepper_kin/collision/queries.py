@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -13,6 +15,8 @@ from pepper_kin.model import PepperModel
 
 FAST_FROM = 5000
 """Number of configurations from which on the compiled check is loaded; its verdicts are the same."""
+FAST_FROM_WHEN_LOADED = 8
+"""The same once it is loaded."""
 
 
 def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.bool_]:
@@ -29,7 +33,8 @@ def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) 
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    if np.size(q) >= FAST_FROM * pepper.n:
+    least = FAST_FROM_WHEN_LOADED if "pepper_kin.collision.fast.loop" in sys.modules else FAST_FROM
+    if np.size(q) >= least * pepper.n:
         from pepper_kin.collision.fast import fast_checker_for
 
         return fast_checker_for(pepper, scene).in_collision(q)

@@ -4,6 +4,7 @@ from pepper_kin.ik.batch import BatchResult, solve_batch
 from pepper_kin.ik.placement import PlacementResult, PlacementStatus, PlacementWeights, floor_map, place_base
 from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
 from pepper_kin.ik.servo import DifferentialStep, Servo, ServoState, ServoStatus, differential_step
+from pepper_kin.ik.solutions import solutions
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks import (
     AxisAlignment,
@@ -64,6 +65,7 @@ __all__ = [
     "differential_step",
     "floor_map",
     "place_base",
+    "solutions",
     "solve",
     "solve_batch",
 ]

@@ -42,14 +42,14 @@ def find_clear(
         spent += count
         seed = budget.seed + 104_729 * number
         found = alternatives(collisions.pepper, tasks, q0, movable, seed, count, budget.max_iterations)
-        for q in _free(found, collisions):
+        for q in clear_ones(found, collisions):
             return q, spent
         if count < ROUNDS[0]:
             break
     return None
 
 
-def _free(solutions: list[Array], collisions: Collisions) -> Iterator[Array]:
+def clear_ones(solutions: list[Array], collisions: Collisions) -> Iterator[Array]:
     """Yield the solutions that touch nothing, those first that the motors can hold."""
     if not solutions:
         return

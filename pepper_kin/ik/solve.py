@@ -89,9 +89,9 @@ def solve(
     begin = time.perf_counter()
     check_choice("solver", solver, ALL_SOLVERS)
     parts = tuple(flatten_tasks(pepper, tasks))
-    start = _checked_start(pepper, q0)
+    start = checked_start(pepper, q0)
     movable = None if joints is None else movable_joints(pepper, joints)
-    _check_scene(scene)
+    check_scene(scene)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
     request = Request(pepper, balanced(parts), start, movable, scene, budget)
     found = _find_at_once(request) if solver == "fast" else None
@@ -226,7 +226,13 @@ def _checked_budget(
     )
 
 
-def _checked_start(pepper: PepperModel, q0: ArrayLike | None) -> Array:
+def checked_start(pepper: PepperModel, q0: ArrayLike | None) -> Array:
+    """Return where to start, within the limits, shape (n,).
+
+    Raises:
+        InvalidValueError: for a q0 of wrong shape, or with NaN or infinity.
+        LimitError: for a q0 outside the joint limits.
+    """
     if q0 is None:
         return _neutral(pepper)
     if isinstance(q0, np.ndarray) and q0.dtype == np.float64 and q0.shape == (pepper.n,):
@@ -248,7 +254,12 @@ def _neutral(pepper: PepperModel) -> Array:
     return found
 
 
-def _check_scene(scene: object) -> None:
+def check_scene(scene: object) -> None:
+    """Refuse what is no scene.
+
+    Raises:
+        InvalidValueError: unless it is a Scene or None.
+    """
     if scene is None:
         return
     from pepper_kin.collision import Scene

@@ -105,7 +105,8 @@ def reach(
         tasks.append(LookAt(gaze, camera=CAMERA))
     clock = _Clock(on_stage)
     clock.enter("inverse kinematics and path")
-    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout)
+    # A command is started anew each time: compiling for a minute would pay after hundreds of them.
+    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout, compiled=False)
 
     def outcome(message: str, **more: Any) -> ReachOutcome:
         fields: dict[str, Any] = {"trajectory": None, "certificate": None, "run": None, "figures": {}}

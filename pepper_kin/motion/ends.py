@@ -11,14 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import IKResult, Task, solve
+from pepper_kin.ik import IKResult, Task, solutions, solve
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
+from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.validity import holds
 
-IK_SOLVER = "placo"
-"""Here one solution is looked for, not thousands: "fast" would first compile for tens of seconds, once."""
+INTERPRETED_SOLVER = "placo"
+"""Where nothing shall be compiled."""
+
+FURTHER = 3
+"""Solutions of a goal's tasks besides the first."""
 
 
 def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tuple[PlanStatus, str] | None:
@@ -41,7 +45,7 @@ def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tu
 
 
 def goals_of(
-    checker: CollisionChecker,
+    checks: Checks,
     start: NDArray[np.float64],
     goal: ArrayLike | Sequence[Any],
     joints: str | Sequence[str] | None,
@@ -51,14 +55,16 @@ def goals_of(
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
-    Tasks are solved with the margin to the scene first, and without it where that fails.
+    Tasks are solved with the margin to the scene first, and without it where that fails; with
+    machine code, further solutions are looked for.
     """
-    pepper = checker.pepper
+    pepper, checker = checks.pepper, checks.exact
+    solver = "fast" if checks.compiled else INTERPRETED_SOLVER
     if _are_tasks(goal):
         tasks = cast("Sequence[Task]", goal)
         for scene in (checker.scene.padded(margin), checker.scene):
             ik = solve(
-                pepper, tasks, q0=start, solver=IK_SOLVER, scene=scene, seed=seed, joints=joints,
+                pepper, tasks, q0=start, solver=solver, scene=scene, seed=seed, joints=joints,
                 timeout=timeout / 3,
             )  # fmt: skip
             if ik.success and fault_of(checker, ik.q, "goal") is None:
@@ -66,6 +72,9 @@ def goals_of(
         if not ik.success:
             return np.empty((0, pepper.n)), ik, (PlanStatus.NO_IK, ik.report())
         candidates, result = ik.q[None], ik
+        if checks.compiled:
+            more = solutions(pepper, tasks, start, count=FURTHER, scene=scene, seed=seed, joints=joints)
+            candidates = np.concatenate([candidates, more])
     else:
         candidates, result = np.atleast_2d(as_joint_vectors(pepper, goal, "goal")), None
         if candidates.ndim != 2:

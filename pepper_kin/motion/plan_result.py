@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision import CollisionChecker
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory.path import as_cubic_path
 
 
 class PlanStatus(Enum):
@@ -55,7 +60,6 @@ class Plan:
         goal: The configuration reached, shape (n,); None unless solved.
         ik: Result of inverse kinematics where the goal was given as tasks.
         length: Length of the path in joint space [rad and m mixed]; nan unless solved.
-        clearance: Smallest distance along the path, recomputed by coal [m]; nan unless solved.
         states_checked: Number of configurations asked about.
         time: Wall time [s].
         seed: Seed: the same problem and seed give the same plan.
@@ -68,11 +72,20 @@ class Plan:
     goal: NDArray[np.float64] | None = None
     ik: IKResult | None = None
     length: float = float("nan")
-    clearance: float = float("nan")
     states_checked: int = 0
     time: float = 0.0
     seed: int = 0
     planner: str = "rrt_connect"
+    evidence: Callable[[], float] | None = field(default=None, repr=False)
+
+    @cached_property
+    def clearance(self) -> float:
+        """Smallest distance along the path, computed by coal when first asked for [m]; nan unless solved."""
+        return float("nan") if self.evidence is None else self.evidence()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Travel with the clearance instead of the means to compute it."""
+        return {**self.__dict__, "clearance": self.clearance, "evidence": None}
 
     @property
     def success(self) -> bool:
@@ -81,7 +94,8 @@ class Plan:
 
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""
-        return f"{self.message} {self.status.advice}"
+        room = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
+        return f"{self.message}{room} {self.status.advice}"
 
 
 class Ending:
@@ -96,3 +110,22 @@ class Ending:
         return Plan(
             status, message, self.joint_names, time=elapsed, seed=self.seed, planner=self.planner, **more
         )
+
+    def solved(self, checker: CollisionChecker, path: NDArray[np.float64], message: str, **more: Any) -> Plan:
+        """Return the plan of a path, shape (k, n)."""
+        length = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+        return self(
+            PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]), length=length,
+            evidence=lambda: _clearance_along(checker, path), **more,
+        )  # fmt: skip
+
+
+def _clearance_along(checker: CollisionChecker, path: NDArray[np.float64]) -> float:
+    """Return the smallest distance along the spline through way-points, four times between any two [m]."""
+    dense = path
+    if len(path) > 1:
+        spline = as_cubic_path(checker.pepper, path)
+        pieces = np.arange(len(spline.breaks) - 1)
+        parts = [spline.at(pieces, x * np.diff(spline.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
+        dense = np.concatenate([*parts, path[-1:]])
+    return float(checker.clearance(dense).min())

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
-from pepper_kin.collision import CollisionChecker, Scene, checker_for
+from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_positive, check_within_limits
-from pepper_kin.model.shapes import read_only
+from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.ends import fault_of, free_joints, goals_of
 from pepper_kin.motion.metric import joint_reaches
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.validity import validity
+from pepper_kin.motion.search import find_path
 from pepper_kin.motion.waypoints import waypoints_of
-from pepper_kin.trajectory.path import as_cubic_path
 
-PLANNERS = ("rrt_connect",)
+PLANNERS = ("rrt_connect", "rrt_star")
 RESOLUTION = 0.01  # [m], in the metric of `joint_reaches`
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
 
@@ -38,6 +38,7 @@ def plan(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 5.0,
+    compiled: bool = True,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -45,9 +46,11 @@ def plan(
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
         goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
-            from several starts: any solution that is free and can be held will do.
+            from several starts; of the solutions that are free and can be held the one with the shortest
+            path is taken.
         scene: The world around the robot.
-        planner: "rrt_connect": bidirectional RRT, then short-cutting and smoothing.
+        planner: "rrt_connect": bidirectional RRT; "rrt_star": keeps improving until its time is up; or a name
+            of `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
@@ -55,6 +58,9 @@ def plan(
         seed: Seed of all random choices.
         timeout: Time budget of IK and search [s].  Short-cutting stops after a number of attempts, so that
             the same seed gives the same path, or after as much time again.
+        compiled: Whether checks and search run as machine code, which the first use on a machine compiles for
+            about a minute.  False: coal and interpreted code, hundreds of times slower; the goal's tasks are
+            then solved by placo, one solution only.
 
     Returns:
         The plan; without a path, its status and message tell why.
@@ -67,37 +73,36 @@ def plan(
     begin = time.perf_counter()
     q_start = _checked_start(pepper, start, planner, margin, timeout)
     ended = Ending(pepper, begin, seed, planner)
-    checker = checker_for(pepper, scene)
-    fault = fault_of(checker, q_start, "start")
+    checks = Checks(pepper, scene, bool(compiled))
+    fault = fault_of(checks.exact, q_start, "start")
     if fault is not None:
         return ended(*fault)
-    goals, ik, fault = goals_of(checker, q_start, goal, joints, margin, seed, timeout)
+    goals, ik, fault = goals_of(checks, q_start, goal, joints, margin, seed, timeout)
     if fault is not None:
         return ended(*fault, ik=ik)
     free = free_joints(pepper, joints, q_start, goals)
     if free.size == 0:
-        message = "Start and goal are the same."
-        return ended(PlanStatus.SOLVED, message, ik=ik, **_path_figures(checker, q_start[None]))
-    kept, kept_self = _margins(checker, q_start, goals, margin)
-    problem = _problem(checker_for(pepper, scene, kept, kept_self), q_start, goals, free)
-    relaxed = _problem(checker_for(pepper, scene, kept / 2, kept_self / 2), q_start, goals, free)
+        return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", ik=ik)
+    kept, kept_self = checks.margins(q_start, goals, margin)
+    problem = _problem(checks, q_start, goals, free, (kept, kept_self))
+    half = checks.oracle(q_start, free, (kept / 2, kept_self / 2), for_edges=False)
+    relaxed = replace(problem, oracle=half)
     left = max(timeout - (time.perf_counter() - begin), 1e-3)
-    result = planners.rrt_connect(problem, seed=seed, timeout=left)
+    result = find_path(problem, planner, seed=seed, timeout=left, compare=ik is not None)
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
     embed = _embedding(q_start, free, problem)
     path = waypoints_of(pepper, problem, relaxed, result.path, embed, seed=seed, timeout=timeout)
-    figures = _path_figures(checker, path)
-    message = f"Path of {len(path)} way-points with a clearance of {figures['clearance'] * 1000:.1f} mm."
-    return ended(PlanStatus.SOLVED, message, ik=ik, states_checked=result.states_checked, **figures)
+    message = f"Path of {len(path)} way-points."
+    return ended.solved(checks.exact, path, message, ik=ik, states_checked=result.states_checked)
 
 
 def _checked_start(
     pepper: PepperModel, start: ArrayLike, planner: str, margin: float, timeout: float
 ) -> NDArray[np.float64]:
     """Check what was asked for; return the start, shape (n,)."""
-    check_choice("planner", planner, PLANNERS)
+    check_choice("planner", planner, PLANNERS + planners.available_ompl_planners())
     check_positive("timeout", timeout, "[s]")
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
@@ -121,58 +126,15 @@ def _embedding(
     return embed
 
 
-def _path_figures(checker: CollisionChecker, path: NDArray[np.float64]) -> dict[str, Any]:
-    """Return what a plan says of its path: way-points, goal, length and clearance of the spline."""
-    dense = path
-    if len(path) > 1:
-        spline = as_cubic_path(checker.pepper, path)
-        pieces = np.arange(len(spline.breaks) - 1)
-        thirds = [spline.at(pieces, x * np.diff(spline.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
-        dense = np.concatenate([*thirds, path[-1:]])
-    return {
-        "path": read_only(path),
-        "goal": read_only(path[-1]),
-        "length": float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1))),
-        "clearance": float(checker.clearance(dense).min()),
-    }
-
-
-def _margins(
-    checker: CollisionChecker, start: NDArray[np.float64], goals: NDArray[np.float64], margin: float
-) -> tuple[float, float]:
-    """Return the margins kept to the scene and to the robot itself [m]: as wanted, or what the ends allow."""
-    alone = checker_for(checker.pepper)
-    room = min(float(alone.clearance(start)), float(alone.clearance(goals).max()))
-    kept_self = min(margin, max(room, 0.0) / 2)
-    if not _ends_are_free(checker, start, goals, 0.0, kept_self):
-        kept_self = 0.0
-    kept = margin
-    while kept > 1e-4:
-        if _ends_are_free(checker, start, goals, kept, kept_self):
-            return kept, kept_self
-        kept /= 2
-    return 0.0, kept_self
-
-
-def _ends_are_free(
-    checker: CollisionChecker,
-    start: NDArray[np.float64],
-    goals: NDArray[np.float64],
-    margin: float,
-    self_margin: float,
-) -> bool:
-    padded = checker_for(checker.pepper, checker.scene, margin, self_margin)
-    return not padded.in_collision(start) and not padded.in_collision(goals).all()
-
-
 def _problem(
-    checker: CollisionChecker,
+    checks: Checks,
     start: NDArray[np.float64],
     goals: NDArray[np.float64],
     free: NDArray[np.int64],
+    margins: tuple[float, float],
 ) -> planners.Problem:
-    pepper = checker.pepper
-    held = tuple((item.frame, item.extent) for item in checker.scene.attached.values())
+    pepper = checks.pepper
+    held = tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
     ends = np.vstack([start, goals])
     spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, ends.min(axis=0) - spare)
@@ -182,7 +144,7 @@ def _problem(
         upper=upper[free],
         start=np.clip(start, lower, upper)[free],
         goals=np.clip(goals, lower, upper)[:, free],
-        oracle=validity(checker, start, free),
+        oracle=checks.oracle(start, free, margins, for_edges=True),
         weights=joint_reaches(pepper, held)[free],
         resolution=RESOLUTION,
         labels=tuple(pepper.joint_names[j] for j in free),

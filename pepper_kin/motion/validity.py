@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,15 @@ from pepper_kin.collision import CollisionChecker
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.model import PepperModel
 
+if TYPE_CHECKING:
+    from pepper_kin.collision.fast import FastChecker
+
 TORQUE_SHARE = 0.95
 """Share of each joint's effort that holding still may take; the rest is left to move with."""
 
 
 def validity(
-    checker: CollisionChecker, frozen: NDArray[np.float64], free: NDArray[np.int64]
+    checker: CollisionChecker | FastChecker, frozen: NDArray[np.float64], free: NDArray[np.int64]
 ) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
     """Return the planner's oracle for some joints of a robot, the others standing still.
 

@@ -16,6 +16,9 @@ _PIECES = 6
 _MOST_WAYPOINTS = 400
 _SHORTCUTS = 80
 
+# States checked along the final curve, in each length of the problem's resolution.
+_FINER, _FINER_INTERPRETED = 20.0, 1.5
+
 
 def waypoints_of(
     pepper: PepperModel,
@@ -45,20 +48,22 @@ def waypoints_of(
     Returns:
         Way-points, shape (m, n) [rad or m]; the polyline's own ends come first and last.
     """
-    resolution = problem.counting_oracle().resolution
+    compiled = isinstance(problem.oracle, planners.CompiledValidity)
+    # Machine code looks at the final curve far more closely, so that short-cuts need not be.
+    fine = problem.spacing if compiled else problem.spacing / 4
     short = planners.shortcut(
-        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=resolution / 2 / 2
+        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=fine
     )
     for candidate in (short, path):
         try:
             curve = planners.smooth(relaxed, candidate, spacing=candidate.length / _PIECES)
         except InfeasibleError:
             continue
-        found = _interpolated(pepper, relaxed, curve, embed)
+        found = _interpolated(pepper, relaxed, curve, embed, _FINER if compiled else _FINER_INTERPRETED)
         if found is not None:
             return found
     # A polyline with no room to round its corners: way-points so dense that their spline follows it.
-    return embed(short.resample(resolution).points)
+    return embed(short.resample(problem.spacing).points)
 
 
 def _interpolated(
@@ -66,12 +71,13 @@ def _interpolated(
     problem: planners.Problem,
     curve: planners.SmoothPath,
     embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    finer: float,
 ) -> NDArray[np.float64] | None:
     """Return the fewest equidistant points of a curve whose spline is valid; None where none are."""
     pieces = _PIECES
     while pieces <= _MOST_WAYPOINTS:
         points = embed(curve(np.linspace(curve.breaks[0], curve.breaks[-1], pieces + 1)))
-        if _spline_is_valid(problem, as_cubic_path(pepper, points), embed):
+        if _spline_is_valid(problem, as_cubic_path(pepper, points), embed, finer):
             return points
         pieces *= 2
     return None
@@ -81,11 +87,12 @@ def _spline_is_valid(
     problem: planners.Problem,
     spline: CubicPath,
     embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    finer: float,
 ) -> bool:
     moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
     ends = spline.at(np.arange(len(spline.breaks) - 1), np.diff(spline.breaks))
     lengths = problem.metric.distance(spline.coefficients[:, 0][:, moving], ends[:, moving])
-    counts = np.maximum(2, np.ceil(1.5 * lengths / problem.counting_oracle().resolution).astype(int))
+    counts = np.maximum(2, np.ceil(finer * lengths / problem.spacing).astype(int))
     states = np.concatenate(
         [
             spline.at(np.full(count, i), np.linspace(0, h, count))

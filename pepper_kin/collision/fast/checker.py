@@ -188,7 +188,9 @@ class FastChecker:
         """
         if not self.supported:
             raise InvalidValueError("robot", self.pepper, "collision shapes that are not unbounded")
-        return compile_validity(self.exact, self._prepared, self._resting, frozen, free, effort_limits)
+        return compile_validity(
+            self.exact, self._prepared, self._block, self._resting, frozen, free, effort_limits
+        )
 
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
         n = self.pepper.n

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.batch import kernel
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast import layout as at
-from pepper_kin.collision.fast.levers import moved_by
 from pepper_kin.collision.fast.prepared import Prepared
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
-from pepper_kin.model.shapes import read_only
 
 _SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
@@ -75,44 +73,48 @@ class CompiledValidity:
 def compile_validity(
     checker: CollisionChecker,
     prepared: Prepared,
+    block: Array,
     resting_contact: bool,
     frozen: ArrayLike,
     free: ArrayLike,
     effort_limits: ArrayLike | None,
 ) -> CompiledValidity:
-    """Return the validity of edges of some joints; see `FastChecker.compiled`."""
+    """Return the validity of edges of some joints; see `FastChecker.compiled`.  `block` is not changed."""
     from pepper_kin.collision.fast.loop import check_rows, valid_prefix
 
     pepper, structure = checker.pepper, prepared.structure
-    n = pepper.n
+    n, classes = pepper.n, len(structure.classes)
     q0 = as_joint_vectors(pepper, frozen, "frozen").reshape(n)
     places = _places(free, n)
-    moves = np.asarray(moved_by(pepper, structure)[:, places].any(axis=1))
-    classes = len(structure.classes)
-    numbers = prepared.sections[at.NUMBERS].copy()
-    sections = {**prepared.sections, at.NUMBERS: numbers, at.FROZEN: q0, at.FREE: places.astype(float)}
-    compared = structure.compared.T.astype(float)
+    moves = np.asarray(prepared.moved_by[:, places].any(axis=1))
+    compared = structure.compared.T
+    memory = at.aligned_copy(block)
+    at.section(memory, at.FROZEN)[:] = q0
+    at.section(memory, at.FREE)[: places.size] = places
+    at.shorten(memory, at.FREE, places.size)
 
-    def active(which: NDArray[np.bool_]) -> dict[int, Array]:
-        return {at.CLASS_ACTIVE: which[:classes].astype(float), at.GROUP_OBJECTS: compared * which[classes:]}
+    def compare(which: NDArray[np.bool_]) -> None:
+        at.section(memory, at.CLASS_ACTIVE)[:] = which[:classes]
+        at.section(memory, at.GROUP_OBJECTS)[:] = (compared & which[classes:]).ravel()
 
-    nothing = {at.TABLE_HEADS: np.zeros(0)}  # the ranges of joints are left to each state
-    still = at.aligned_copy(at.pack({**sections, **active(~moves), **nothing}))
-    at.section(still, at.ROWS)[:n] = q0
-    numbers[at.BLOCKED] = float(resting_contact or _rests_in_contact(check_rows, still))
+    compare(~moves)
+    heads = at.shorten(memory, at.TABLE_HEADS, 0)  # the ranges of joints are left to each state
+    at.section(memory, at.ROWS)[:n] = q0
+    numbers = at.section(memory, at.NUMBERS)
+    numbers[at.BLOCKED] = float(resting_contact or _rests_in_contact(check_rows, memory))
+    at.shorten(memory, at.TABLE_HEADS, heads)
+    compare(moves)
     kept: tuple[Any, ...] = (*prepared.kernels, valid_prefix)
     if effort_limits is not None:
-        gravity = kernel(pepper, "gravity_torque")
-        numbers[at.GRAVITY_KERNEL] = gravity.single_address
-        room = max(gravity.work_size, sections[at.SINGLE_WORK].size)
         limits = np.asarray(effort_limits, dtype=float)
         if limits.shape != (n,) or np.isnan(limits).any():
             raise InvalidValueError("effort_limits", repr(limits)[:80], f"{n} numbers, one per joint")
-        sections.update({at.EFFORT: limits, at.SINGLE_WORK: np.zeros(room)})
+        gravity = kernel(pepper, "gravity_torque")
+        numbers[at.GRAVITY_KERNEL] = gravity.single_address
+        at.section(memory, at.EFFORT)[:] = limits
         kept = (*kept, gravity)
-    block = read_only(at.pack({**sections, **active(moves)}))
-    address: Any = valid_prefix.address
-    return CompiledValidity(int(address), block.size, places, block, kept)
+    memory.setflags(write=False)
+    return CompiledValidity(int(cast("Any", valid_prefix).address), memory.size, places, memory, kept)
 
 
 def _rests_in_contact(check_rows: Any, memory: Array) -> bool:

@@ -107,6 +107,13 @@ def pack(sections: dict[int, Array]) -> Array:
     return block
 
 
+def shorten(memory: Array, which: int, size: int) -> int:
+    """Change the size of a section to no more than it was made with; returns the size that it had."""
+    begin, end = int(memory[2 * which]), int(memory[2 * which + 1])
+    memory[2 * which + 1] = begin + size
+    return end - begin
+
+
 def aligned_copy(block: Array) -> Array:
     """Return a copy whose first number is at a multiple of 64 bytes."""
     room = np.empty(block.size + ALIGNMENT)

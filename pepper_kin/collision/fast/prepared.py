@@ -8,12 +8,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pepper_kin.batch import kernel
 from pepper_kin.collision.checker import LEVER, CollisionChecker
 from pepper_kin.collision.fast import layout as at
 from pepper_kin.collision.fast.expression import SLACK, pair_bounds, reaches, solid_poses, sphere_centers
+from pepper_kin.collision.fast.levers import moved_by
 from pepper_kin.collision.fast.options import LANES, ROOM
 from pepper_kin.collision.fast.solids import OTHER, Array, Solid
 from pepper_kin.collision.fast.structure import Structure, ball, coarse, group_spheres, structure_of
@@ -39,11 +43,13 @@ class Prepared:
         structure: What is compared.
         sections: Constants and room, as `layout.pack` takes them.
         kernels: Kept alive for their addresses.
+        moved_by: Which joints move the two sides of a part against one another, shape (classes + groups, n).
     """
 
     structure: Structure
     sections: dict[int, Array]
     kernels: tuple[Kernel, ...]
+    moved_by: NDArray[np.bool_]
 
 
 class _Kernels:
@@ -60,7 +66,11 @@ class _Kernels:
         self.classes = [[(solids[i], solids[j]) for i, j in pairs] for pairs in structure.classes]
         self.near = [coarse(pairs) for pairs in self.classes]
         members = [[solids[i] for i in group] for group in structure.groups]
+        self.moved_by = moved_by(pepper, structure)
         self.balls, self.spheres = [ball(group) for group in members], [group_spheres(g) for g in members]
+        self.radii = [
+            [_radius(fine), _radius(rough)] for fine, rough in zip(self.classes, self.near, strict=True)
+        ]
         self.by_class = [self._class_kernel(pairs) for pairs in self.classes]
         centers = [*([b.position] for b in self.balls), *(s.centers for s in self.spheres)]
         carriers = [*self.balls, *(group[0] for group in members)]
@@ -98,9 +108,21 @@ class _Kernels:
 def prepare(checker: CollisionChecker) -> Prepared:
     """Compile or load the kernels of a checker's robot and pack its tables."""
     structure = structure_of(checker)
-    kernels = _Kernels(checker.pepper, structure)
-    sections = {**_constants(checker, structure, kernels), **_room(checker.pepper.n, structure, kernels)}
-    return Prepared(structure, sections, kernels.all)
+    kernels = _kernels_of(checker.pepper, structure)
+    sections = {**_constants(checker, structure, kernels), **_room(checker.pepper, structure, kernels)}
+    return Prepared(structure, sections, kernels.all, kernels.moved_by)
+
+
+_kept: WeakKeyDictionary[PepperModel, dict[object, _Kernels]] = WeakKeyDictionary()
+
+
+def _kernels_of(pepper: PepperModel, structure: Structure) -> _Kernels:
+    """Return the kernels of a structure; scenes with the same things in the robot's hands share them."""
+    key = (tuple(map(_key, structure.solids)), structure.classes, structure.groups)
+    kept = _kept.setdefault(pepper, {})
+    if key not in kept:
+        kept[key] = _Kernels(pepper, structure)
+    return kept[key]
 
 
 def _numbers(checker: CollisionChecker, structure: Structure, kernels: _Kernels) -> Array:
@@ -109,8 +131,8 @@ def _numbers(checker: CollisionChecker, structure: Structure, kernels: _Kernels)
     numbers[at.GROUPS], numbers[at.OBJECT_COUNT] = len(structure.groups), len(structure.objects)
     numbers[at.SPHERES] = sum(len(s.outer) for s in kernels.spheres)
     numbers[at.SELF_MARGIN], numbers[at.MARGIN] = checker.self_margin, checker.margin
-    for place, kernel in kernels.by_place.items():
-        numbers[place] = kernel.single_address if place == at.POSE_KERNEL else kernel.block_address
+    for place, one in kernels.by_place.items():
+        numbers[place] = one.single_address if place == at.POSE_KERNEL else one.block_address
     return numbers
 
 
@@ -121,15 +143,12 @@ def _constants(checker: CollisionChecker, structure: Structure, kernels: _Kernel
     inner = np.where(inner > SLACK, inner - SLACK + margin, NO_INNER)
     heads, tables, cells = pack_tables(checker._ranges, checker.self_margin / LEVER)
     every = [*structure.solids, *structure.objects]
-    radii = [
-        [_radius(fine), _radius(rough)] for fine, rough in zip(kernels.classes, kernels.near, strict=True)
-    ]
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
     return {
         at.NUMBERS: _numbers(checker, structure, kernels),
         at.CLASS_KERNELS: np.array([k.block_address for k in kernels.by_class], dtype=float),
         at.CLASS_ACTIVE: np.ones(len(structure.classes)),
-        at.CLASS_RADII: np.array(radii, dtype=float),
+        at.CLASS_RADII: np.array(kernels.radii, dtype=float),
         at.TABLE_HEADS: heads,
         at.TABLES: tables,
         at.TABLE_CELLS: cells,
@@ -152,8 +171,10 @@ def _constants(checker: CollisionChecker, structure: Structure, kernels: _Kernel
     }
 
 
-def _room(n: int, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
-    classes, work = len(structure.classes), max(kernel.work_size for kernel in kernels.all)
+def _room(pepper: PepperModel, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
+    n = pepper.n
+    classes, work = len(structure.classes), max(one.work_size for one in kernels.all)
+    gravity_work = kernel(pepper, "gravity_torque").work_size  # compiled validity asks it too
     points = len(kernels.balls) + sum(len(s.outer) for s in kernels.spheres)
     poses = [np.zeros(12 * len(structure.solids)), *(_pose(s) for s in structure.objects)]
     return {
@@ -168,7 +189,7 @@ def _room(n: int, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
         at.LANES_OUT: np.zeros((2 * classes + 3 * points + n) * LANES),
         at.LANES_WORK: np.zeros(work),
         at.WORLD: np.zeros((points + 2) * LANES),
-        at.SINGLE_WORK: np.zeros(work),
+        at.SINGLE_WORK: np.zeros(max(work, gravity_work)),
     }
 
 
@@ -210,8 +231,8 @@ def _world_box(solid: Solid) -> Array:
 
 def _key(solid: Solid) -> tuple[object, ...]:
     return (
-        solid.joint, solid.kind, solid.rotation.tolist(), solid.position.tolist(), solid.half.tolist(),
-        solid.radius,
+        solid.joint, solid.kind, tuple(map(tuple, solid.rotation.tolist())), tuple(solid.position.tolist()),
+        tuple(solid.half.tolist()), solid.radius, solid.vertices.tobytes(),
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.options import OPTIONS
 from pepper_kin.collision.fast.solids import Array
+from pepper_kin.model.shapes import read_only
 
 HEAD = 7
 """Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, margin, first position, cells per rad."""
@@ -21,7 +22,8 @@ CELL = 4
 fourth it is surely kept."""
 
 
-def pack_tables(ranges: Sequence[DependentRange], margin: float) -> tuple[Array, Array, Array]:
+@lru_cache(maxsize=64)
+def pack_tables(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Array, Array, Array]:
     """Return the sections TABLE_HEADS, TABLES and TABLE_CELLS.
 
     Args:
@@ -37,7 +39,8 @@ def pack_tables(ranges: Sequence[DependentRange], margin: float) -> tuple[Array,
         rows += [table.positions, table.lower, table.upper]
         cells.append(_cells(table, span / CELLS, margin))
         place += 3 * count
-    return np.array(heads, dtype=float).ravel(), np.concatenate(rows), np.concatenate(cells)
+    packed = np.array(heads, dtype=float).ravel(), np.concatenate(rows), np.concatenate(cells)
+    return read_only(packed[0]), read_only(packed[1]), read_only(packed[2])
 
 
 def _cells(table: DependentRange, width: float, margin: float) -> Array:

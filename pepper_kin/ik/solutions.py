@@ -1,0 +1,78 @@
+"""Several solutions of one problem: tasks of a hand leave joints to choose, and a planner likes a choice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.ik.clear import clear_ones
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.problem import flatten_tasks, movable_joints
+from pepper_kin.ik.solve import check_scene, checked_start, whole_number
+from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+
+APART = 0.1
+"""Solutions that differ by less than this in every joint count as one [rad or m]."""
+
+
+def solutions(
+    pepper: PepperModel,
+    tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
+    q0: ArrayLike | None = None,
+    *,
+    count: int = 8,
+    scene: Scene | None = None,
+    seed: int = 0,
+    joints: str | Sequence[str] | None = None,
+    starts: int = 64,
+    max_iterations: int = 150,
+) -> Array:
+    """Return different joint positions that fulfil tasks: those that motors can hold first, nearest first.
+
+    Found by the fast solver from starts that lie ever farther from q0.  The same arguments give the same
+    solutions.  For the best one and, where there is none, the reason, ask `solve`.
+
+    Args:
+        pepper: The robot.
+        tasks: What to fulfil.
+        q0: Where to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
+        count: Largest number of solutions.
+        scene: What to keep clear of; None for nothing.
+        seed: Draws the starts.
+        joints: A joint group's name, or names of the joints that may move; the others keep q0.  None for all.
+        starts: Number of starts.
+        max_iterations: Steps from each start.
+
+    Returns:
+        Joint positions [rad or m], shape (m, n) with m <= count, read-only; any two differ by 0.1 or more in
+        some joint.  No rows where nothing was found.
+
+    Raises:
+        InvalidValueError: for no task, or numbers that are none, NaN or infinite.
+        UnknownNameError: for a frame, joint or group that the robot lacks.
+        LimitError: for a q0 outside the joint limits.
+    """
+    from pepper_kin.ik.fast import alternatives
+
+    parts = tuple(flatten_tasks(pepper, tasks))
+    start = checked_start(pepper, q0)
+    movable = None if joints is None else movable_joints(pepper, joints)
+    check_scene(scene)
+    wanted, tried = whole_number("count", count, 1), whole_number("starts", starts, 1)
+    steps = whole_number("max_iterations", max_iterations, 1)
+    found = alternatives(pepper, parts, start, movable, whole_number("seed", seed, 0), tried, steps)
+    kept: list[Array] = []
+    for q in clear_ones(found, Collisions(pepper, scene)):
+        if all(np.abs(q - other).max() >= APART for other in kept):
+            kept.append(q)
+        if len(kept) == wanted:
+            break
+    return read_only(np.array(kept).reshape(-1, pepper.n))

@@ -1,0 +1,57 @@
+"""Which planner searches, and which of several goals is worth its path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pepper_kin import planners
+
+ITERATIONS_TO_COMPARE = 300
+"""Samples for the path to each further goal, once there is a path to one."""
+
+SHORTCUTS_TO_COMPARE = 30
+"""Short-cuts before paths to different goals are compared."""
+
+
+def find_path(
+    problem: planners.Problem, planner: str, *, seed: int, timeout: float, compare: bool
+) -> planners.Result:
+    """Search a path.
+
+    Args:
+        problem: What to plan.
+        planner: "rrt_connect", "rrt_star" or a name of OMPL's.
+        seed: Seed of all random choices.
+        timeout: Time budget [s].
+        compare: Whether paths to further goals are searched too, and the shortest is returned.
+    """
+    if planner == "rrt_star":
+        return planners.rrt_star(problem, seed=seed, timeout=timeout)
+    if planner != "rrt_connect":
+        return planners.ompl_plan(problem, planner, seed=seed, timeout=timeout)
+    first = planners.rrt_connect(problem, seed=seed, timeout=timeout)
+    if first.path is None or not compare or len(problem.goals) == 1:
+        return first
+    best, shortest = first, _shortened(problem, first.path, seed).length
+    checked, spent = first.states_checked, first.time
+    for k, goal in enumerate(problem.goals):
+        if (
+            k == first.goal_index
+            or spent >= timeout
+            or problem.metric.distance(problem.start, goal) >= shortest
+        ):
+            continue
+        one = replace(problem, goals=goal)
+        found = planners.rrt_connect(
+            one, seed=seed, timeout=timeout - spent, max_iterations=ITERATIONS_TO_COMPARE
+        )
+        checked, spent = checked + found.states_checked, spent + found.time
+        if found.path is not None:
+            length = _shortened(one, found.path, seed).length
+            if length < shortest:
+                best, shortest = replace(found, goal_index=k), length
+    return replace(best, states_checked=checked, time=spent)
+
+
+def _shortened(problem: planners.Problem, path: planners.Path, seed: int) -> planners.Path:
+    return planners.shortcut(problem, path, seed=seed, iterations=SHORTCUTS_TO_COMPARE)
