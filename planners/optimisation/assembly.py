@@ -125,7 +125,11 @@ class Objective:
         self._jerk = third.T @ third
         self._jerk_weight = weights.jerk / weights.jerk_scale**2
         limits = (None, bounds.velocity, bounds.acceleration)
-        self._rates = [(o, spline.difference(o) / 1.0, limits[o]) for o in (1, 2)]
+        self._rates = [(o, spline.difference(o), limits[o]) for o in (1, 2)]
+
+    def samples(self, term: Term, control: FloatArray) -> FloatArray:
+        """Return the positions at a term's samples, shape (K, n), of control points, shape (C, n)."""
+        return self._samplings[term.per_interval].basis[0] @ control
 
     def cost(self, control: FloatArray, duration: float) -> float:
         """Return the cost without barriers of control points, shape (C, n), and a duration."""
@@ -186,7 +190,8 @@ class Objective:
         system.corner += 12.5 / duration**2 * cost
         for distance in range(self.spline.degree + 1):
             diagonal = np.diagonal(self._jerk, distance)[:, None]
-            system.add_diagonals(0, distance, 2 / duration**5 * diagonal * self._jerk_weight)
+            part = 2 / duration**5 * diagonal * self._jerk_weight
+            system.diagonals[: len(part), distance] += part
         return cost
 
     def _box_slacks(self, control: FloatArray, duration: float) -> list[FloatArray]:
@@ -209,7 +214,7 @@ class Objective:
         width = self._position_box()[2]
         below, above = slacks[0], slacks[1]
         system.gradient[FIXED:-FIXED] += mu / width * (1 / above - 1 / below)
-        system.add_diagonals(FIXED, 0, mu / width**2 * (1 / above**2 + 1 / below**2))
+        system.diagonals[FIXED:-FIXED, 0] += mu / width**2 * (1 / above**2 + 1 / below**2)
         for (order, difference, limit), up, down in zip(
             self._rates, slacks[2::2], slacks[3::2], strict=True
         ):
@@ -222,12 +227,11 @@ class Objective:
             system.slope += float((slope * by_duration).sum())
             system.corner += float((curvature * by_duration**2).sum())
             count = len(difference)
+            curvature *= scale**2
             entries = [np.diagonal(difference, k)[:count, None] for k in range(order + 1)]
             for i in range(order + 1):
                 for j in range(i + 1):
-                    weights = entries[i] * entries[j] * curvature * scale**2
-                    index = np.arange(weights.shape[1])
-                    system.blocks[j : j + count, i - j, index, index] += weights
+                    system.diagonals[j : j + count, i - j] += entries[i] * entries[j] * curvature
         return sum(_logarithms(slack) for slack in slacks)
 
 

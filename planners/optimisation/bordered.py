@@ -17,6 +17,7 @@ class BorderedBand:
 
     Attributes:
         blocks: Blocks (i + d, i) of A for d = 0 ... reach, shape (C, reach + 1, n, n).
+        diagonals: A view of their diagonals, shape (C, reach + 1, n).
         border: b, shape (C, n).
         corner: c.
         gradient: Right-hand side of the control points, shape (C, n).
@@ -25,13 +26,9 @@ class BorderedBand:
 
     def __init__(self, count: int, reach: int, n: int) -> None:
         self.blocks = np.zeros((count, reach + 1, n, n))
+        self.diagonals = np.einsum("cdii->cdi", self.blocks)
         self.border, self.gradient = np.zeros((count, n)), np.zeros((count, n))
         self.corner = self.slope = 0.0
-
-    def add_diagonals(self, first: int, distance: int, weights: FloatArray) -> None:
-        """Add diagonal blocks, weights of shape (k, n), to blocks (i + distance, i), i = first ... ."""
-        index = np.arange(weights.shape[1])
-        self.blocks[first : first + len(weights), distance, index, index] += weights
 
     def solve(self, fixed: int, damping: float, free_border: bool) -> tuple[FloatArray, float, float]:
         """Return minus the solution for (gradient, slope), and how much the quadratic model falls.

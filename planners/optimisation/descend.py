@@ -15,8 +15,9 @@ from pepper_kin.planners.vectors import FloatArray, finite_points, positive_numb
 
 _ARMIJO = 1e-4
 _SHORTEST = 1e-5  # step lengths below are given up
-_FIRST_MU, _LAST_MU = 3e-2, 2e-5
-_SHRINK = 0.25  # of mu, once its minimum is near
+_FIRST_MU, _LAST_MU = 2e-3, 1e-4
+_SHRINK = 0.4  # of mu, after a step of good length or near its minimum
+_LONG = 0.5
 _NEAR = 0.3  # squared Newton decrement over mu
 
 
@@ -27,6 +28,7 @@ class OptimisationStatus(Enum):
     OUT_OF_ITERATIONS = "out_of_iterations"
     OUT_OF_TIME = "out_of_time"
     STALLED = "stalled"
+    STOPPED = "stopped"
     START_INFEASIBLE = "start_infeasible"
 
     @property
@@ -40,6 +42,7 @@ _ADVICE = {
     OptimisationStatus.OUT_OF_ITERATIONS: "The motion keeps all limits; more iterations make it cheaper.",
     OptimisationStatus.OUT_OF_TIME: "The motion keeps all limits; more time makes it cheaper.",
     OptimisationStatus.STALLED: "The motion keeps all limits; start elsewhere to find a cheaper one.",
+    OptimisationStatus.STOPPED: "The caller ended the search; the motion keeps all limits.",
     OptimisationStatus.START_INFEASIBLE: "Start from a slower motion, or one further from the constraints.",
 }
 
@@ -78,7 +81,7 @@ def descend(
     max_iterations: int = 60,
     timeout: float = float("inf"),
     tolerance: float = _LAST_MU,
-    after_step: Callable[[FloatArray, float], None] | None = None,
+    after_step: Callable[[FloatArray, float], bool] | None = None,
 ) -> Descent:
     """Lower the cost of a motion by Newton steps on cost + mu * barrier, with mu falling.
 
@@ -95,8 +98,8 @@ def descend(
         max_iterations: Number of steps at most.
         timeout: Wall time after which the best motion so far is returned [s].
         tolerance: Weight of the barrier at which the search ends, in units of the cost.
-        after_step: Called with control points and duration after each step, as to tighten constraints, which
-            must leave that motion feasible.
+        after_step: Called with control points and duration after each step.  It may tighten constraints, if
+            that motion stays feasible; where it returns True the search ends.
 
     Returns:
         The descent; its motion costs no more than the start.
@@ -132,11 +135,13 @@ def descend(
             continue
         length = _search(objective, x, t, step, t_step, slope, cost + mu * walls, mu)
         x, t = x + length * step, t + length * t_step
-        if length and after_step is not None:
-            after_step(spline.control_points(x), t)
+        if length and after_step is not None and after_step(spline.control_points(x), t):
+            cost = objective.cost(spline.control_points(x), t)
+            return ended(OptimisationStatus.STOPPED, iteration + 1)
         damping = max(damping / 5, 1e-9) if length > 0.5 else min(damping * 4, 1e3)
         failures = 0 if length else failures + 1
-        if -slope < _NEAR * mu or failures > 1:
+        near = -slope < _NEAR * mu or failures > 1
+        if near or (mu > tolerance and length >= _LONG):
             if mu <= tolerance:
                 cost = objective.cost(spline.control_points(x), t)
                 status = OptimisationStatus.STALLED if failures > 1 else OptimisationStatus.CONVERGED

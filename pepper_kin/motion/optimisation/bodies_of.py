@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @lru_cache(maxsize=16)
 def bodies_of(
-    pepper: PepperModel, scene: Scene, scene_margin: float, self_margin: float
+    pepper: PepperModel, scene: Scene, margin: float
 ) -> tuple[Bodies, tuple[str, ...]]:
     """Return the bodies of a robot in a scene, and the frames whose poses they need.
 
@@ -29,8 +29,7 @@ def bodies_of(
     Args:
         pepper: The robot.
         scene: The world around it.
-        scene_margin: Distance kept to the scene [m].
-        self_margin: Distance that parts of the robot keep from each other [m].
+        margin: Distance that each pair keeps [m].
     """
     frames, frame_joint = _frames_of_joints(pepper)
     rows: list[tuple[int, Array, float]] = []
@@ -51,7 +50,7 @@ def bodies_of(
         rows.append((-1, *_core(item.geometry, item.transform_object_to_world)))
         owners.append(item.name)
         parents.append(0)
-    pairs, gaps = _pairs(pepper, owners, parents, count, scene_margin, self_margin)
+    pairs, gaps = _pairs(pepper, owners, parents, count, margin)
     cores = np.array([row[1] for row in rows]).reshape(-1, COLUMNS)
     radius = np.array([row[2] for row in rows], float)
     frame = np.array([row[0] for row in rows], np.int64)
@@ -117,18 +116,17 @@ def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.bool_]:
 
 
 def _pairs(
-    pepper: PepperModel, owners: list[str], parents: list[int], count: int, margin: float, self_margin: float
+    pepper: PepperModel, owners: list[str], parents: list[int], count: int, margin: float
 ) -> tuple[NDArray[np.int64], Array]:
     disabled = pepper.semantics.disabled_pairs
-    pairs, gaps = [], []
+    pairs = []
     for i in range(count):
         for j in range(i + 1, len(owners)):
             names = (min(owners[i], owners[j]), max(owners[i], owners[j]))
             if parents[i] == parents[j] or (j < count and names in disabled):
                 continue
             pairs.append((i, j))
-            gaps.append(self_margin if j < count else margin)
-    return np.array(pairs, np.int64).reshape(-1, 2), np.array(gaps, float)
+    return np.array(pairs, np.int64).reshape(-1, 2), np.full(len(pairs), margin)
 
 
 def _core(geometry: Geometry, pose: Array) -> tuple[Array, float]:

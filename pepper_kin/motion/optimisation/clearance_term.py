@@ -30,17 +30,14 @@ class ClearanceTerm:
     Args:
         moving: The joints that move.
         scene: The world around the robot.
-        margin: Distance to keep to the scene [m].
-        self_margin: Distance that parts of the robot keep from each other [m].
+        margin: Distance to keep to the scene and between parts of the robot [m].
         per_interval: Samples in each interval of the spline.
     """
 
-    def __init__(
-        self, moving: Moving, scene: Scene, margin: float, self_margin: float, per_interval: int
-    ) -> None:
+    def __init__(self, moving: Moving, scene: Scene, margin: float, per_interval: int) -> None:
         self.per_interval, self.wall = per_interval, Wall.ABOVE_ZERO
-        self._moving = moving
-        self._bodies, self._frames = bodies_of(moving.pepper, scene, margin, self_margin)
+        self._moving, self._margin = moving, margin
+        self._bodies, self._frames = bodies_of(moving.pepper, scene, margin)
         self._poses = kernel(moving.pepper, "frame_poses", self._frames) if self._frames else None
         # d/dq = (d/dq_full) E, where mimic joints follow by q_full = E q + e.
         self._columns = np.ascontiguousarray(moving.pepper.full_map[:, moving.joints])
@@ -53,15 +50,24 @@ class ClearanceTerm:
         """
         return self._near(q, False)[0][:, 0]
 
+    def __len__(self) -> int:
+        return len(self._bodies.pairs)
+
     def start_from(self, q: Array) -> None:
         """Lower the floors under a motion's distances, given at the samples, shape (K, k)."""
-        distances = self.distances(q)
-        self._floor = np.where(distances > _SPARE, 0.0, distances - 2 * _SPARE)[:, None]
+        self._floor = self._floor_under(q)
 
     def tighten(self, q: Array) -> None:
-        """Raise the floors to zero at samples that keep the margin now."""
+        """Raise the floors where a motion keeps more distance now; it stays above them."""
         if np.min(self._floor) < 0.0:
-            self._floor = np.where(self.distances(q)[:, None] > _SPARE, 0.0, self._floor)
+            self._floor = np.maximum(self._floor, self._floor_under(q))
+
+    def _floor_under(self, q: Array) -> Array:
+        distances = self.distances(q)
+        # Half of what separates bodies may be used up, but no more: the floor must not let them touch.
+        apart = distances + self._margin
+        spare = np.where(apart > 0, np.minimum(2 * _SPARE, apart / 2), 2 * _SPARE)
+        return np.where(distances > _SPARE, 0.0, distances - spare)[:, None]
 
     def values(self, q: Array, v: Array, a: Array) -> Array:
         """Return the slacks, shape (K, MOST_PAIRS), at states of the moving joints."""

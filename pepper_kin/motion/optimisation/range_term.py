@@ -29,6 +29,7 @@ class _Edge:
         sign: 1 for a lower, -1 for an upper edge.
         x: Tabulated positions, rising [rad], shape (m,).
         y: Edge at them [rad], shape (m,).
+        slope: Its slope between them, shape (m - 1,).
     """
 
     first: int
@@ -36,6 +37,7 @@ class _Edge:
     sign: float
     x: Array
     y: Array
+    slope: Array
 
 
 class RangeTerm:
@@ -69,39 +71,38 @@ class RangeTerm:
 
     def start_from(self, q: Array) -> None:
         """Lower the floors under a motion, given at the samples, shape (K, k)."""
-        room = self._room(self._moving.positions(q))[0]
+        room = self._room(self._moving.positions(q))
         self._floor = np.where(room > _SPARE, 0.0, room - 2 * _SPARE)
 
     def tighten(self, q: Array) -> None:
         """Raise the floors to zero at samples that are inside now."""
         if np.min(self._floor) < 0.0:
-            room = self._room(self._moving.positions(q))[0]
+            room = self._room(self._moving.positions(q))
             self._floor = np.where(room > _SPARE, 0.0, self._floor)
 
     def values(self, q: Array, v: Array, a: Array) -> Array:
         """Return the slacks, shape (K, number of edges), at states of the moving joints."""
-        return (self._room(self._moving.positions(q))[0] - self._floor) / (INFLUENCE - self._floor)
+        return (self._room(self._moving.positions(q)) - self._floor) / (INFLUENCE - self._floor)
 
     def rows(self, q: Array, v: Array, a: Array) -> Rows:
         """Return the slacks and their derivatives."""
-        room, slopes = self._room(self._moving.positions(q))
+        whole = self._moving.positions(q)
+        room = self._room(whole)
         by_position = np.zeros((*room.shape, self._moving.pepper.n))
         for k, edge in enumerate(self._edges):
+            piece = np.searchsorted(edge.x[1:-1], whole[:, edge.first])
             by_position[:, k, edge.second] = edge.sign
-            by_position[:, k, edge.first] = -edge.sign * slopes[:, k]
+            by_position[:, k, edge.first] = -edge.sign * edge.slope[piece]
         span = INFLUENCE - self._floor
         scaled = by_position[:, :, self._moving.joints] / np.broadcast_to(span, room.shape)[..., None]
         return Rows((room - self._floor) / span, scaled)
 
-    def _room(self, q: Array) -> tuple[Array, Array]:
-        """Return what is left to each edge [rad], and the edge's slope, shape (K, E) each."""
-        room, slopes = np.empty((2, len(q), len(self._edges)))
+    def _room(self, q: Array) -> Array:
+        """Return what is left to each edge, shape (K, E) [rad]."""
+        room = np.empty((len(q), len(self._edges)))
         for k, edge in enumerate(self._edges):
-            x = q[:, edge.first]
-            piece = np.clip(np.searchsorted(edge.x, x) - 1, 0, len(edge.x) - 2)
-            slopes[:, k] = np.diff(edge.y)[piece] / np.diff(edge.x)[piece]
-            room[:, k] = edge.sign * (q[:, edge.second] - np.interp(x, edge.x, edge.y))
-        return room, slopes
+            room[:, k] = edge.sign * (q[:, edge.second] - np.interp(q[:, edge.first], edge.x, edge.y))
+        return room
 
 
 def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> list[_Edge]:
@@ -115,5 +116,7 @@ def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> 
             continue
         padded = np.pad(values, 1, mode="edge")
         tightest = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
-        found.append(_Edge(table.first, table.second, sign, table.positions, sign * tightest))
+        edge = sign * tightest
+        slope = np.diff(edge) / np.diff(table.positions)
+        found.append(_Edge(table.first, table.second, sign, table.positions, edge, slope))
     return found
