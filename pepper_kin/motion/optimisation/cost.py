@@ -30,14 +30,15 @@ class Cost:
 
     Attributes:
         time: Weight of the duration [1/s].
-        jerk: Weight of the jerk [s]: by default a rough motion of the whole body (J = 500/s) costs as
-            much as 5 ms; 1e-4 makes motions markedly softer and some per cent longer.
+        jerk: Weight of the jerk [s].  By default 100/s cost as much as 10 ms; motions of the whole body have
+            50 to 500/s, along a path in the shortest time up to 3000/s.  1e-3 makes motions soft and some
+            per cent longer, 1e-6 leaves it to the duration alone.
         effort: Weight of the effort [1/s].
         clearance: Weight of being near to things [1/s].
     """
 
     time: float = 1.0
-    jerk: float = 1e-5
+    jerk: float = 1e-4
     effort: float = 0.0
     clearance: float = 0.0
 

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 INFLUENCE = 0.3
 """Angles beyond the range's end by this do not act on a motion [rad]."""
 _SPARE = 0.005  # [rad]
+_RAMP = 0.05  # [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +111,22 @@ def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> 
     found = []
     for sign, column, limit in ((1.0, table.lower, lower), (-1.0, table.upper, upper)):
         own = sign * limit[table.second]
-        # Between two rows the tighter one holds; so at each row does the tightest of it and its neighbours.
         values = np.clip(sign * column + margin, own - INFLUENCE, own + 2.0)
         if values.max() <= own - INFLUENCE:
             continue
-        padded = np.pad(values, 1, mode="edge")
-        tightest = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
-        edge = sign * tightest
-        slope = np.diff(edge) / np.diff(table.positions)
-        found.append(_Edge(table.first, table.second, sign, table.positions, edge, slope))
+        x, y = _ramps(table.positions, values)
+        found.append(_Edge(table.first, table.second, sign, x, sign * y, sign * np.diff(y) / np.diff(x)))
     return found
+
+
+def _ramps(x: Array, values: Array) -> tuple[Array, Array]:
+    """Return corners of the lowest continuous function with short ramps above a table's steps.
+
+    Between two rows the greater value holds.  Where that steps up, the ramp ends at the step, where it steps
+    down, it begins there.
+    """
+    steps = np.concatenate([values[:1], np.maximum(values[:-1], values[1:]), values[-1:]])
+    width = min(_RAMP, float(np.diff(x).min()) / 3)
+    begin = np.where(np.diff(steps) > 0, x - width, x)
+    corners = np.stack([begin, begin + width], axis=1).ravel()
+    return corners, np.stack([steps[:-1], steps[1:]], axis=1).ravel()

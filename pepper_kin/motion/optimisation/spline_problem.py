@@ -74,8 +74,8 @@ class SplineProblem:
         lower, upper = pepper.lower_limits[joints], pepper.upper_limits[joints]
         inside = np.where(np.isfinite(upper - lower), _INSIDE * (upper - lower), 0.0)
         self._first = np.clip(self._spline.fit(path[:, joints]), lower + inside, upper - inside)
-        assert limits.torque is not None  # noqa: S101
-        torque = TorqueTerm(self._moving, _TORQUE_SHARE * limits.torque, 1)
+        efforts = pepper.effort_limits if limits.torque is None else limits.torque
+        torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1)
         self._ranges = RangeTerm(self._moving, 0.0, 2)
         self._clearance = ClearanceTerm(self._moving, scene, margin, 4)
         near = ClosenessTerm(ClearanceTerm(self._moving, scene, 0.0, 2))
