@@ -5,14 +5,17 @@ objective = Objective(spline, Bounds(lower, upper, velocity, acceleration), Weig
 found = descend(objective, spline.fit(states), duration)
 """
 
-from pepper_kin.planners.optimisation.assembly import Bounds, Objective
-from pepper_kin.planners.optimisation.descend import Descent, OptimisationStatus, descend
-from pepper_kin.planners.optimisation.rows import Rows, Term, Wall, Weights
-from pepper_kin.planners.optimisation.spline import RestSpline
+from .assembly import Bounds, Objective
+from .descend import Descent, OptimisationStatus, descend
+from .effort import EffortMotion, EffortStatus, minimum_effort
+from .rows import Rows, Term, Wall, Weights
+from .spline import RestSpline
 
 __all__ = [
     "Bounds",
     "Descent",
+    "EffortMotion",
+    "EffortStatus",
     "Objective",
     "OptimisationStatus",
     "RestSpline",
@@ -21,4 +24,5 @@ __all__ = [
     "Wall",
     "Weights",
     "descend",
+    "minimum_effort",
 ]

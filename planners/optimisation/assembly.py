@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.planners.optimisation.bordered import BorderedBand
-from pepper_kin.planners.optimisation.rows import Rows, Term, Weights
-from pepper_kin.planners.optimisation.spline import RestSpline
-from pepper_kin.planners.vectors import FloatArray
+from ..vectors import FloatArray
+from .bordered import BorderedBand
+from .rows import Rows, Term, Weights
+from .spline import RestSpline
 
 FIXED = 3
 """Control points at either end that start and goal fix."""
@@ -69,7 +69,7 @@ class Sampling:
             curvature: Second derivative by each row, shape (K, R).
         """
         (_, v, a), (f0, f1, f2) = state, self.local
-        parts = [(f0, rows.by_position, None, 0)]
+        parts: list[tuple[FloatArray, FloatArray, FloatArray | None, int]] = [(f0, rows.by_position, None, 0)]
         if rows.by_velocity is not None:
             parts.append((f1 / duration, rows.by_velocity, v, 1))
         if rows.by_acceleration is not None:
@@ -124,8 +124,8 @@ class Objective:
         third = spline.basis(s, 3) * np.sqrt(np.tile(gauss / 2, spline.intervals) / spline.intervals)[:, None]
         self._jerk = third.T @ third
         self._jerk_weight = weights.jerk / weights.jerk_scale**2
-        limits = (None, bounds.velocity, bounds.acceleration)
-        self._rates = [(o, spline.difference(o), limits[o]) for o in (1, 2)]
+        limits = ((1, bounds.velocity), (2, bounds.acceleration))
+        self._rates = [(order, spline.difference(order), limit) for order, limit in limits]
 
     def samples(self, term: Term, control: FloatArray) -> FloatArray:
         """Return the positions at a term's samples, shape (K, n), of control points, shape (C, n)."""
@@ -215,9 +215,7 @@ class Objective:
         below, above = slacks[0], slacks[1]
         system.gradient[FIXED:-FIXED] += mu / width * (1 / above - 1 / below)
         system.diagonals[FIXED:-FIXED, 0] += mu / width**2 * (1 / above**2 + 1 / below**2)
-        for (order, difference, limit), up, down in zip(
-            self._rates, slacks[2::2], slacks[3::2], strict=True
-        ):
+        for (order, difference, limit), up, down in zip(self._rates, slacks[2::2], slacks[3::2], strict=True):
             scale = 1.0 / (limit * duration**order)
             share = 1.0 - up
             slope, curvature = mu * (1 / up - 1 / down), mu * (1 / up**2 + 1 / down**2)

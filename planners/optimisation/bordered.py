@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pepper_kin.planners.vectors import FloatArray
+from ..vectors import FloatArray
 
 
 class BorderedBand:

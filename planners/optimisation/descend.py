@@ -10,14 +10,16 @@ from enum import Enum
 import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.planners.optimisation.assembly import FIXED, Objective
-from pepper_kin.planners.vectors import FloatArray, finite_points, positive_number, read_only
+
+from ..vectors import FloatArray, finite_points, positive_number, read_only
+from .assembly import FIXED, Objective
 
 _ARMIJO = 1e-4
 _SHORTEST = 1e-5  # step lengths below are given up
 _FIRST_MU, _LAST_MU = 2e-3, 1e-4
 _SHRINK = 0.4  # of mu, after a step of good length or near its minimum
 _LONG = 0.5
+_MOST_DAMPING = 1e9
 _NEAR = 0.3  # squared Newton decrement over mu
 
 
@@ -85,10 +87,10 @@ def descend(
 ) -> Descent:
     """Lower the cost of a motion by Newton steps on cost + mu * barrier, with mu falling.
 
-    The start must keep all limits with room to spare, and so does every iterate: the search along a step stops
-    before the first wall (A. Fiacco and G. McCormick, Nonlinear Programming: Sequential Unconstrained
-    Minimization Techniques, 1968).  Matrices are Gauss and Newton's: of constraints only first derivatives are
-    needed.
+    The start must keep all limits with room to spare, and so does every iterate: the search along a step
+    stops before the first wall (A. Fiacco and G. McCormick, Nonlinear Programming: Sequential Unconstrained
+    Minimization Techniques, 1968).  Matrices are Gauss and Newton's: of constraints only first derivatives
+    are needed.
 
     Args:
         objective: Costs and constraints.
@@ -102,7 +104,7 @@ def descend(
             that motion stays feasible; where it returns True the search ends.
 
     Returns:
-        The descent; its motion costs no more than the start.
+        The descent; its motion keeps all limits, unless the start did not.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, or a duration that is not above zero.
@@ -112,43 +114,60 @@ def descend(
     x = np.array(finite_points("unknowns", unknowns, spline.n))
     if len(x) != spline.size:
         raise InvalidValueError("unknowns", f"{len(x)} control points", f"{spline.size} control points")
-    t = positive_number("duration", duration)
-    first_cost = cost = objective.cost(spline.control_points(x), t)
+    walk = _Walk(objective, x, positive_number("duration", duration), free_duration, tolerance)
+    first_cost = objective.cost(spline.control_points(x), walk.t)
+    status, iterations = OptimisationStatus.START_INFEASIBLE, 0
+    if objective.barrier(spline.control_points(x), walk.t) < np.inf:
+        status = OptimisationStatus.OUT_OF_ITERATIONS
+        while iterations < max_iterations:
+            if time.perf_counter() - begin > timeout:
+                status = OptimisationStatus.OUT_OF_TIME
+                break
+            iterations += 1
+            moved, ending = walk.step()
+            if moved and after_step is not None and after_step(spline.control_points(walk.x), walk.t):
+                ending = OptimisationStatus.STOPPED
+            if ending is not None:
+                status = ending
+                break
+    cost = objective.cost(spline.control_points(walk.x), walk.t)
+    return Descent(
+        status, read_only(walk.x), walk.t, cost, first_cost, iterations, walk.mu, time.perf_counter() - begin
+    )
 
-    def ended(status: OptimisationStatus, iterations: int) -> Descent:
-        spent = time.perf_counter() - begin
-        return Descent(status, read_only(x), t, cost, first_cost, iterations, mu, spent)
 
-    mu, damping = _FIRST_MU, 1e-6
-    if not objective.barrier(spline.control_points(x), t) < np.inf:
-        return ended(OptimisationStatus.START_INFEASIBLE, 0)
-    failures = 0
-    for iteration in range(max_iterations):
-        if time.perf_counter() - begin > timeout:
-            return ended(OptimisationStatus.OUT_OF_TIME, iteration)
-        control = spline.control_points(x)
-        system, cost, walls = objective.system(control, t, mu)
+class _Walk:
+    """A motion, control points x and duration t, that goes downhill step by step."""
+
+    def __init__(
+        self, objective: Objective, x: FloatArray, t: float, free_duration: bool, tolerance: float
+    ) -> None:
+        self.x, self.t, self.mu = x, t, max(_FIRST_MU, tolerance)
+        self._objective, self._free, self._tolerance = objective, free_duration, tolerance
+        self._damping, self._failures = 1e-6, 0
+
+    def step(self) -> tuple[bool, OptimisationStatus | None]:
+        """Make a step and lower mu where due; return whether it moved, and how the walk ended, if it did."""
+        objective = self._objective
+        control = objective.spline.control_points(self.x)
+        system, cost, walls = objective.system(control, self.t, self.mu)
         try:
-            step, t_step, slope = system.solve(FIXED, damping, free_duration)
+            step, t_step, slope = system.solve(FIXED, self._damping, self._free)
         except np.linalg.LinAlgError:
-            damping = max(10 * damping, 1e-6)
-            continue
-        length = _search(objective, x, t, step, t_step, slope, cost + mu * walls, mu)
-        x, t = x + length * step, t + length * t_step
-        if length and after_step is not None and after_step(spline.control_points(x), t):
-            cost = objective.cost(spline.control_points(x), t)
-            return ended(OptimisationStatus.STOPPED, iteration + 1)
-        damping = max(damping / 5, 1e-9) if length > 0.5 else min(damping * 4, 1e3)
-        failures = 0 if length else failures + 1
-        near = -slope < _NEAR * mu or failures > 1
-        if near or (mu > tolerance and length >= _LONG):
-            if mu <= tolerance:
-                cost = objective.cost(spline.control_points(x), t)
-                status = OptimisationStatus.STALLED if failures > 1 else OptimisationStatus.CONVERGED
-                return ended(status, iteration + 1)
-            mu, failures = max(_SHRINK * mu, tolerance), 0
-    cost = objective.cost(spline.control_points(x), t)
-    return ended(OptimisationStatus.OUT_OF_ITERATIONS, max_iterations)
+            self._damping *= 10
+            return False, None if self._damping < _MOST_DAMPING else OptimisationStatus.STALLED
+        value = cost + self.mu * walls
+        length = _search(objective, self.x, self.t, step, t_step, slope, value, self.mu)
+        self.x, self.t = self.x + length * step, self.t + length * t_step
+        self._damping = max(self._damping / 5, 1e-9) if length > _LONG else min(self._damping * 4, 1e3)
+        self._failures = 0 if length else self._failures + 1
+        near = -slope < _NEAR * self.mu or self._failures > 1
+        if near and self.mu <= self._tolerance:
+            stalled = self._failures > 1
+            return length > 0, OptimisationStatus.STALLED if stalled else OptimisationStatus.CONVERGED
+        if near or length >= _LONG:
+            self.mu, self._failures = max(_SHRINK * self.mu, self._tolerance), 0
+        return length > 0, None
 
 
 def _search(

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pepper_kin.planners.vectors import FloatArray
+from ..vectors import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,7 @@ class Wall(Enum):
 
     def barrier(self, values: FloatArray) -> float:
         """Return the sum of -log(distance to the wall); inf where a value is not allowed."""
-        if self is Wall.WITHIN_ONE:
-            room = 1.0 - values**2
-        else:
-            room = np.minimum(values, 1.0)
+        room = 1.0 - values**2 if self is Wall.WITHIN_ONE else np.minimum(values, 1.0)
         if room.size and not room.min() > 0.0:
             return float("inf")
         return -float(np.log(room).sum())

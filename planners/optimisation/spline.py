@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.planners.vectors import FloatArray, finite_points, finite_vector, read_only
+
+from ..vectors import FloatArray, finite_points, finite_vector, read_only
 
 _DEGREES = (3, 5)
 
@@ -21,11 +22,11 @@ class RestSpline:
 
         q(s) = sum_i c_i N_i(s),    i = 0 ... M + p - 1,
 
-    where p is the degree and M the number of intervals.  The first and the last three control points are start
-    and goal, which makes velocity and acceleration vanish at both ends; the others are the unknowns x.  Each
-    derivative is a spline again, whose control points are differences of these (C. de Boor, A Practical Guide
-    to Splines, 1978), and a spline never leaves the hull of its control points: limits that control points
-    obey hold everywhere.  For degree 3, control points of the acceleration are its values at the knots.
+    where p is the degree and M the number of intervals.  The first and the last three control points are
+    start and goal, which makes velocity and acceleration vanish at both ends; the others are the unknowns.
+    Each derivative is a spline again, whose control points are differences of these (C. de Boor, A Practical
+    Guide to Splines, 1978), and a spline never leaves the hull of its control points: limits that control
+    points obey hold everywhere.  For degree 3, control points of the acceleration are its values at knots.
 
     Attributes:
         start: First state, shape (n,).

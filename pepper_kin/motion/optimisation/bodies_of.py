@@ -18,9 +18,7 @@ Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=16)
-def bodies_of(
-    pepper: PepperModel, scene: Scene, margin: float
-) -> tuple[Bodies, tuple[str, ...]]:
+def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies, tuple[str, ...]]:
     """Return the bodies of a robot in a scene, and the frames whose poses they need.
 
     Pairs are those that `CollisionChecker` measures, less those that never move against each other.  Meshes
@@ -57,15 +55,14 @@ def bodies_of(
     joint_frame, joint_axis, slides = _joints(pepper, frames)
     carried = _carried(pepper, parents)
     reach = _reaches(cores) + radius
-    bodies = Bodies(
-        frame, cores, radius, reach, carried, joint_frame, joint_axis, slides, pairs, gaps
-    )
+    bodies = Bodies(frame, cores, radius, reach, carried, joint_frame, joint_axis, slides, pairs, gaps)
     return bodies, frames
 
 
 def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, int]]:
     """Return one link for each moving joint of the model, and Pinocchio's joint -> place of its link."""
-    model, first = pepper.pinocchio_model, {}
+    model = pepper.pinocchio_model
+    first: dict[int, str] = {}
     for name in pepper.frame_names:
         first.setdefault(model.frames[pepper.frame_id(name)].parentJoint, name)
     joints = [j for j in range(1, model.njoints) if j in first]
@@ -81,9 +78,7 @@ def _joints(pepper: PepperModel, frames: tuple[str, ...]) -> tuple[Any, Array, A
     import pinocchio
 
     model = pepper.pinocchio_model
-    order = sorted(
-        range(len(frames)), key=lambda k: model.joints[_parent(pepper, frames[k])].idx_v
-    )
+    order = sorted(range(len(frames)), key=lambda k: model.joints[_parent(pepper, frames[k])].idx_v)
     axes, origins, slides = [], [], []
     for k in order:
         joint = model.joints[_parent(pepper, frames[k])]

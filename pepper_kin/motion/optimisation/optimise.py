@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,8 @@ from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
-from pepper_kin.motion.optimisation.cost import Cost, Figures, figures_of
+from pepper_kin.motion.optimisation.cost import Cost, figures_of
 from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
-from pepper_kin.motion.optimisation.spline_problem import SplineProblem
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimisation import Descent, OptimisationStatus
 from pepper_kin.trajectory import Trajectory, retime
@@ -23,6 +23,9 @@ from pepper_kin.trajectory.limit_use import Limits, measure_use
 from pepper_kin.trajectory.path import PathLike
 from pepper_kin.trajectory.time_law import slower
 from pepper_kin.trajectory.trajectory import sample_times
+
+if TYPE_CHECKING:
+    from pepper_kin.motion.optimisation.spline_problem import SplineProblem
 
 Array = NDArray[np.float64]
 
@@ -85,95 +88,114 @@ def optimise(
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: where torque limits forbid the path to start from.
     """
+    from pepper_kin.motion.optimisation.spline_problem import SplineProblem  # loads Numba: only here
+
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    weights, world = cost or Cost(), scene if scene is not None else Scene()
     wanted = None if duration is None else check_positive("duration", duration, "s")
     check_positive("timeout", timeout, "s")
-    scales = {
-        "velocity_scale": velocity_scale,
-        "acceleration_scale": acceleration_scale,
-        "torque_scale": torque_scale,
-    }
-    before = _timed(pepper, path, scales)
+    before = _timed(pepper, path, velocity_scale, acceleration_scale, torque_scale)
     limits = Limits(
         pepper.velocity_limits * velocity_scale,
         pepper.acceleration_limits * acceleration_scale,
         pepper.effort_limits * torque_scale,
     )
+    weights, world = cost or Cost(), scene if scene is not None else Scene()
     problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals)
     descent = problem.descend(wanted, max_iterations, timeout)
-    judged = _judge(pepper, problem, descent, before, world, weights, limits, margin, wanted)
-    return Optimised(
-        judged.status, judged.message, judged.trajectory or before, before,
-        judged.figures or judged.figures_before, judged.figures_before, weights, judged.clearance, descent,
-        time.perf_counter() - begin,
-    )  # fmt: skip
+    judged = _Judge(pepper, problem, before, world, weights, limits, margin, wanted)(descent)
+    return replace(judged, time=time.perf_counter() - begin)
 
 
-@dataclass(frozen=True, eq=False)
-class _Verdict:
-    status: OptimisedStatus
-    message: str
-    figures_before: Figures
-    trajectory: Trajectory | None = None
-    figures: Figures | None = None
-    clearance: float = float("nan")
-
-
-def _timed(pepper: PepperModel, path: Plan | Trajectory | PathLike, scales: dict[str, float]) -> Trajectory:
+def _timed(
+    pepper: PepperModel,
+    path: Plan | Trajectory | PathLike,
+    velocity_scale: float,
+    acceleration_scale: float,
+    torque_scale: float,
+) -> Trajectory:
+    """Return the motion to start from: the one that was given, or along a path in the shortest time."""
+    for name, share in (
+        ("velocity_scale", velocity_scale),
+        ("acceleration_scale", acceleration_scale),
+        ("torque_scale", torque_scale),
+    ):
+        if check_positive(name, share) > 1.0:
+            raise InvalidValueError(name, share, "a number in (0, 1]")
     if isinstance(path, Trajectory):
         if path.joint_names != pepper.joint_names:
-            raise InvalidValueError("joints of the trajectory", path.joint_names, pepper.joint_names)
+            raise InvalidValueError(
+                "joints of the trajectory", ", ".join(path.joint_names), ", ".join(pepper.joint_names)
+            )
         return path
     if isinstance(path, Plan):
         if path.path is None:
             raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
         path = path.path
-    return retime(pepper, path, **scales)  # type: ignore[arg-type]
+    return retime(
+        pepper,
+        path,
+        velocity_scale=velocity_scale,
+        acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale,
+    )
 
 
-def _judge(
-    pepper: PepperModel,
-    problem: SplineProblem,
-    descent: Descent,
-    before: Trajectory,
-    scene: Scene,
-    cost: Cost,
-    limits: Limits,
-    margin: float,
-    wanted: float | None,
-) -> _Verdict:
-    """Examine what the search found; return it if it is clear and cheaper than the motion before."""
-    old = figures_of(pepper, before)
-    if descent.status is OptimisationStatus.START_INFEASIBLE:
-        what = "No slow motion near the path" if wanted is None else f"No motion of {wanted:.3g} s near the path"
-        return _Verdict(OptimisedStatus.NO_ROOM, f"{what} keeps all limits.", old)
-    found = problem.trajectory(descent)
-    q = found(sample_times(found.duration, _STEP))
-    stretch = measure_use(pepper, q, limits).stretch
-    if not np.isfinite(stretch):
-        return _Verdict(OptimisedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.", old)
-    if stretch > 1.0:
-        found = slower(found, stretch * _MORE)
-    clearance = _clearance(pepper, problem, scene, q.position)
-    needed = min(_KEPT * margin, 0.9 * problem.clearance_before)
-    if not clearance > max(needed, 0.0):
-        text = f"The optimised motion comes as near as {clearance * 1000:.1f} mm to something."
-        return _Verdict(OptimisedStatus.NOT_CLEAR, text, old)
-    new = figures_of(pepper, found)
-    gain = f"{before.duration:.3f} s to {found.duration:.3f} s, jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
-    if wanted is None and not new.cost(cost) < old.cost(cost) and cost.clearance == 0:
-        return _Verdict(OptimisedStatus.NOT_CHEAPER, f"The best found would go from {gain}.", old)
-    message = f"Went from {gain} in {descent.iterations} steps."
-    return _Verdict(OptimisedStatus.IMPROVED, message, old, found, new, clearance)
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """Examines what a search found, and returns it if it is clear and cheaper than the motion before."""
 
+    pepper: PepperModel
+    problem: SplineProblem
+    before: Trajectory
+    scene: Scene
+    cost: Cost
+    limits: Limits
+    margin: float
+    wanted: float | None
 
-def _clearance(pepper: PepperModel, problem: SplineProblem, scene: Scene, q: Array) -> float:
-    """Return the least distance along a motion [m] by coal; -inf where neighbouring bodies touch."""
-    if any(table.violated(q).any() for table in dependent_ranges(pepper)):
-        return -float("inf")
-    nearest = np.argsort(problem.distances(q), kind="stable")[:_COAL_STATES]
-    return float(checker_for(pepper, scene).clearance(q[nearest]).min(initial=np.inf))
+    def __call__(self, descent: Descent) -> Optimised:
+        """Return the outcome of a descent."""
+        old = figures_of(self.pepper, self.before)
+
+        def refused(status: OptimisedStatus, message: str) -> Optimised:
+            return Optimised(
+                status, message, self.before, self.before, old, old, self.cost, float("nan"), descent, 0.0
+            )
+
+        if descent.status is OptimisationStatus.START_INFEASIBLE:
+            what = "slow motion" if self.wanted is None else f"motion of {self.wanted:.3g} s"
+            return refused(OptimisedStatus.NO_ROOM, f"No {what} near the path keeps all limits.")
+        found = self.problem.trajectory(descent)
+        states = found(sample_times(found.duration, _STEP))
+        stretch = measure_use(self.pepper, states, self.limits).stretch
+        if not np.isfinite(stretch):
+            return refused(OptimisedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
+        if stretch > 1.0:
+            found = slower(found, stretch * _MORE)
+        clearance = self._clearance(states.position)
+        if not clearance > max(min(_KEPT * self.margin, 0.9 * self.problem.clearance_before), 0.0):
+            text = f"The optimised motion comes as near as {clearance * 1000:.1f} mm to something."
+            return refused(OptimisedStatus.NOT_CLEAR, text)
+        new = figures_of(self.pepper, found)
+        gain = (
+            f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
+            f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
+        )
+        judged_by_cost = self.wanted is None and self.cost.clearance == 0
+        if judged_by_cost and not new.cost(self.cost) < old.cost(self.cost):
+            return refused(OptimisedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
+        message = f"Went from {gain} in {descent.iterations} steps."
+        return Optimised(
+            OptimisedStatus.IMPROVED, message, found, self.before, new, old, self.cost, clearance, descent,
+            0.0,
+        )  # fmt: skip
+
+    def _clearance(self, q: Array) -> float:
+        """Return the least distance along a motion [m] by coal; -inf where neighbouring bodies touch."""
+        if any(table.violated(q).any() for table in dependent_ranges(self.pepper)):
+            return -float("inf")
+        nearest = np.argsort(self.problem.distances(q), kind="stable")[:_COAL_STATES]
+        return float(checker_for(self.pepper, self.scene).clearance(q[nearest]).min(initial=np.inf))

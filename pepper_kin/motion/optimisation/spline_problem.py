@@ -18,7 +18,6 @@ from pepper_kin.planners.optimisation import (
     Bounds,
     Descent,
     Objective,
-    OptimisationStatus,
     RestSpline,
     Weights,
     descend,
@@ -43,7 +42,7 @@ class SplineProblem:
     Args:
         pepper: The robot.
         before: The motion to start from.
-        scene: The world around the robot.
+        scene: The world around the robot; None to look neither at it nor at the robot itself.
         cost: Weights.
         limits: Limits of velocity, acceleration and torque.
         margin: Distance to keep [m].
@@ -57,7 +56,7 @@ class SplineProblem:
         self,
         pepper: PepperModel,
         before: Trajectory,
-        scene: Scene,
+        scene: Scene | None,
         cost: Cost,
         limits: Limits,
         margin: float,
@@ -76,10 +75,12 @@ class SplineProblem:
         self._first = np.clip(self._spline.fit(path[:, joints]), lower + inside, upper - inside)
         efforts = pepper.effort_limits if limits.torque is None else limits.torque
         torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1)
-        self._ranges = RangeTerm(self._moving, 0.0, 2)
-        self._clearance = ClearanceTerm(self._moving, scene, margin, 4)
-        near = ClosenessTerm(ClearanceTerm(self._moving, scene, 0.0, 2))
-        self._floors = [term for term in (self._ranges, self._clearance) if len(term)]
+        self._clearance = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
+        constraints: list[RangeTerm | ClearanceTerm] = []
+        if scene is not None:
+            constraints = [RangeTerm(self._moving, 0.0, 2), self._clearance]
+        near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
+        self._floors = [term for term in constraints if len(term)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
             self._spline,
