@@ -16,10 +16,10 @@ from .assembly import FIXED, Objective
 
 _ARMIJO = 1e-4
 _SHORTEST = 1e-5  # step lengths below are given up
-_FIRST_MU, _LAST_MU = 2e-3, 1e-4
+_FIRST_MU, _LAST_MU = 2e-3, 1e-4  # shares of the cost
 _SHRINK = 0.4  # of mu, after a step of good length or near its minimum
 _LONG = 0.5
-_MOST_DAMPING = 1e9
+_LIGHT, _MOST_DAMPING = 0.1, 1e6
 _NEAR = 0.3  # squared Newton decrement over mu
 
 
@@ -60,7 +60,7 @@ class Descent:
         cost: Cost without barriers.
         first_cost: The same of the start.
         iterations: Number of Newton steps.
-        mu: Last weight of the barrier.
+        mu: Last weight of the barrier, in units of the cost.
         time: Wall time [s].
     """
 
@@ -99,7 +99,8 @@ def descend(
         free_duration: Whether the duration may change.
         max_iterations: Number of steps at most.
         timeout: Wall time after which the best motion so far is returned [s].
-        tolerance: Weight of the barrier at which the search ends, in units of the cost.
+        tolerance: Last mu as a share of the cost: with k limits that act, the cost found exceeds the nearest
+            minimum by about k times that share.
         after_step: Called with control points and duration after each step.  It may tighten constraints, if
             that motion stays feasible; where it returns True the search ends.
 
@@ -142,9 +143,10 @@ class _Walk:
     def __init__(
         self, objective: Objective, x: FloatArray, t: float, free_duration: bool, tolerance: float
     ) -> None:
-        self.x, self.t, self.mu = x, t, max(_FIRST_MU, tolerance)
+        self.x, self.t = x, t
         self._objective, self._free, self._tolerance = objective, free_duration, tolerance
-        self._damping, self._failures = 1e-6, 0
+        self._share, self._damping = max(_FIRST_MU, tolerance), 1e-6
+        self.mu = self._share * objective.cost(objective.spline.control_points(x), t)
 
     def step(self) -> tuple[bool, OptimisationStatus | None]:
         """Make a step and lower mu where due; return whether it moved, and how the walk ended, if it did."""
@@ -156,17 +158,22 @@ class _Walk:
         except np.linalg.LinAlgError:
             self._damping *= 10
             return False, None if self._damping < _MOST_DAMPING else OptimisationStatus.STALLED
-        value = cost + self.mu * walls
+        value, damping = cost + self.mu * walls, self._damping
         length = _search(objective, self.x, self.t, step, t_step, slope, value, self.mu)
         self.x, self.t = self.x + length * step, self.t + length * t_step
-        self._damping = max(self._damping / 5, 1e-9) if length > _LONG else min(self._damping * 4, 1e3)
-        self._failures = 0 if length else self._failures + 1
-        near = -slope < _NEAR * self.mu or self._failures > 1
-        if near and self.mu <= self._tolerance:
-            stalled = self._failures > 1
-            return length > 0, OptimisationStatus.STALLED if stalled else OptimisationStatus.CONVERGED
+        if length:
+            self._damping = max(self._damping / 5, 1e-9) if length > _LONG else min(4 * self._damping, 1e3)
+        else:
+            self._damping *= 100
+        stuck = self._damping > _MOST_DAMPING
+        # A damped step promises little wherever it is made.
+        near = stuck or (length > 0 and -slope < _NEAR * self.mu and damping <= _LIGHT)
+        if near and self._share <= self._tolerance:
+            return length > 0, OptimisationStatus.STALLED if stuck else OptimisationStatus.CONVERGED
         if near or length >= _LONG:
-            self.mu, self._failures = max(_SHRINK * self.mu, self._tolerance), 0
+            self._share = max(_SHRINK * self._share, self._tolerance)
+            self.mu = min(self.mu, self._share * cost)
+            self._damping = min(self._damping, 1.0)
         return length > 0, None
 
 

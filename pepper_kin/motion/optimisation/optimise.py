@@ -92,10 +92,7 @@ def optimise(
 
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
-    if not (np.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    wanted = None if duration is None else check_positive("duration", duration, "s")
-    check_positive("timeout", timeout, "s")
+    wanted = _checked(margin, timeout, duration)
     before = _timed(pepper, path, velocity_scale, acceleration_scale, torque_scale)
     limits = Limits(
         pepper.velocity_limits * velocity_scale,
@@ -107,6 +104,13 @@ def optimise(
     descent = problem.descend(wanted, max_iterations, timeout)
     judged = _Judge(pepper, problem, before, world, weights, limits, margin, wanted)(descent)
     return replace(judged, time=time.perf_counter() - begin)
+
+
+def _checked(margin: float, timeout: float, duration: float | None) -> float | None:
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    check_positive("timeout", timeout, "s")
+    return None if duration is None else check_positive("duration", duration, "s")
 
 
 def _timed(
@@ -177,8 +181,9 @@ class _Judge:
             found = slower(found, stretch * _MORE)
         clearance = self._clearance(states.position)
         if not clearance > max(min(_KEPT * self.margin, 0.9 * self.problem.clearance_before), 0.0):
-            text = f"The optimised motion comes as near as {clearance * 1000:.1f} mm to something."
-            return refused(OptimisedStatus.NOT_CLEAR, text)
+            near = f"comes as near as {clearance * 1000:.1f} mm to something"
+            text = near if np.isfinite(clearance) else "lets neighbouring links touch, by their joint ranges"
+            return refused(OptimisedStatus.NOT_CLEAR, f"The optimised motion {text}.")
         new = figures_of(self.pepper, found)
         gain = (
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "

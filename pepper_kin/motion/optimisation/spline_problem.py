@@ -32,6 +32,7 @@ _FIT_SAMPLES = 12  # of the first motion, for each interval
 _TORQUE_SHARE = 0.99  # of the limit at knots: between them torques may rise a little
 _FIRST_STRETCH, _STRETCH, _MOST_STRETCHES = 1.1, 1.2, 25
 _INSIDE = 1e-4  # of the range: how far first control points keep from position limits
+_RANGE_MARGIN = 0.002  # [m] kept by neighbouring bodies, whose ranges change in steps between samples
 _SMALL = 1e-9  # weight of the jerk where only time counts: keeps the problem well posed
 _SHORT = 0.995  # of the wanted duration, from which the search slows down to it
 
@@ -78,7 +79,7 @@ class SplineProblem:
         self._clearance = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
         constraints: list[RangeTerm | ClearanceTerm] = []
         if scene is not None:
-            constraints = [RangeTerm(self._moving, 0.0, 2), self._clearance]
+            constraints = [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._clearance]
         near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
         self._floors = [term for term in constraints if len(term)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
