@@ -5,10 +5,14 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision.dependent_ranges import dependent_ranges
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.motion.optimisation.balance_term import INFLUENCE as BALANCE_INFLUENCE
+from pepper_kin.motion.optimisation.balance_term import BalanceTerm
 from pepper_kin.motion.optimisation.clearance_term import INFLUENCE, ClearanceTerm
 from pepper_kin.motion.optimisation.moving import Moving
 from pepper_kin.motion.optimisation.range_term import RangeTerm
 from pepper_kin.motion.optimisation.torque_term import TorqueTerm
+from pepper_kin.trajectory.balance import edge_moments, support_polygon
 
 SCENE = (
     pk.Scene()
@@ -79,6 +83,27 @@ def test_torques_and_their_derivatives():
         (rows.by_acceleration, differences(lambda x: term.values(q, v, x), a)),
     ):
         np.testing.assert_allclose(part, numeric, atol=1e-5)
+
+
+def test_balance_and_its_derivatives():
+    pepper = pk.load_pepper()
+    term = BalanceTerm(moving_of(pepper), 0.01, 1)
+    q, v, a = (random_states(pepper, 30, seed=s) for s in (3, 4, 5))
+    rows = term.rows(q, v, a)
+    polygon = support_polygon(pepper)
+    weight = 9.81 * pk.dynamics.total_mass(pepper) * BALANCE_INFLUENCE
+    np.testing.assert_allclose(rows.value, edge_moments(pepper, polygon, q, v, a, 0.01) / weight, atol=1e-9)
+    for part, numeric in (
+        (rows.by_position, differences(lambda x: term.values(x, v, a), q)),
+        (rows.by_velocity, differences(lambda x: term.values(q, x, a), v)),
+        (rows.by_acceleration, differences(lambda x: term.values(q, v, x), a)),
+    ):
+        np.testing.assert_allclose(part, numeric, atol=1e-5)
+
+
+def test_balance_of_a_moving_base_is_refused():
+    with pytest.raises(InvalidValueError, match="expected None for a robot without wheels"):
+        BalanceTerm(moving_of(pk.load_pepper(base="planar")), 0.0, 1)
 
 
 def test_ranges_lie_inside_the_tables():

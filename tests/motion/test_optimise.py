@@ -123,6 +123,16 @@ def test_scales_of_limits_are_kept(over_the_table):
     assert np.all(np.abs(state.acceleration) <= 0.5 * pepper.acceleration_limits)
 
 
+def test_balance_is_kept_where_asked(over_the_table):
+    pepper, plan, _ = over_the_table
+    found = optimise(pepper, plan, TABLE, balance=0.005, max_iterations=80)
+    assert found.success, found.message
+    check = found.trajectory.check(pepper, TABLE)
+    assert check.balance.ok, check.balance.sentence()
+    assert check.balance.value >= 0.005 - 1e-3
+    assert check.clearance.ok
+
+
 def test_joints_that_stand_still_in_the_path_stay_still():
     pepper = pk.load_pepper()
     stand = pepper.posture("Stand")

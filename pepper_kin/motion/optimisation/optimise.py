@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 SOLVERS = ("newton",)
 _STEP = 0.001  # [s], between the states at which the result is examined
-_COAL_STATES = 40  # of them, the nearest to anything, are measured by coal
+_COAL_STATES = 16  # of them, the nearest to anything, are measured by coal
 _MORE = 1.0 + 1e-6
 _KEPT = 0.5  # share of the margin that the motion between samples must keep
 
@@ -48,20 +48,20 @@ def optimise(
     velocity_scale: float = 1.0,
     acceleration_scale: float = 1.0,
     torque_scale: float = 1.0,
+    balance: float | None = None,
     max_iterations: int = 40,
     timeout: float = 5.0,
     solver: str = "newton",
 ) -> Optimised:
-    """Make a motion cheaper: path and timing together, within all limits.
+    """Make a motion cheaper, path and timing together, within all limits.
 
-    The motion is a cubic B-spline from rest to rest, with continuous accelerations that begin and end at
-    zero.  Unknowns are its control points and its duration.  Limits of position and velocity hold at control
-    points and so everywhere, those of acceleration at knots, where it is extreme; torques hold at knots,
-    clearances at four samples in each interval.  A feasible interior-point method
-    (`planners.optimisation.descend`) lowers the cost; torques, distances and their exact derivatives come
-    from compiled code for all samples at once.  The result is then examined every millisecond: time is
-    stretched where a torque is exceeded, and where distances are not kept, or nothing was gained, the motion
-    before is returned.
+    The motion is a cubic B-spline from rest to rest whose accelerations are continuous and zero at both ends.
+    Unknowns are its control points and its duration.  Limits of position and velocity hold at control points
+    and so everywhere, those of acceleration at knots, where it is extreme; torques hold at knots, clearances
+    at four samples in each interval.  A feasible interior-point method (`planners.optimisation.descend`)
+    lowers the cost; values and exact derivatives come from compiled code.  The result is examined every
+    millisecond: time is stretched where a torque is exceeded, and where distances are not kept, or nothing
+    was gained, the motion before is returned.
 
     Args:
         pepper: The robot.
@@ -76,8 +76,10 @@ def optimise(
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
+            lets the base be held from below.
         max_iterations: Newton steps at most.
-        timeout: Wall time of the search after which the best motion so far is taken [s].
+        timeout: Wall time of the search [s]; the best motion so far is then taken.
         solver: "newton".
 
     Returns:
@@ -93,16 +95,14 @@ def optimise(
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
     wanted = _checked(margin, timeout, duration)
-    before = _timed(pepper, path, velocity_scale, acceleration_scale, torque_scale)
-    limits = Limits(
-        pepper.velocity_limits * velocity_scale,
-        pepper.acceleration_limits * acceleration_scale,
-        pepper.effort_limits * torque_scale,
-    )
+    before = _timed(pepper, path, velocity_scale, acceleration_scale, torque_scale, balance)
+    velocity, acceleration = pepper.velocity_limits, pepper.acceleration_limits
+    torque = pepper.effort_limits * torque_scale
+    limits = Limits(velocity * velocity_scale, acceleration * acceleration_scale, torque, balance)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals)
-    descent = problem.descend(wanted, max_iterations, timeout)
-    judged = _Judge(pepper, problem, before, world, weights, limits, margin, wanted)(descent)
+    judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted)
+    judged = judge(problem.descend(wanted, max_iterations, timeout))
     return replace(judged, time=time.perf_counter() - begin)
 
 
@@ -119,6 +119,7 @@ def _timed(
     velocity_scale: float,
     acceleration_scale: float,
     torque_scale: float,
+    balance: float | None,
 ) -> Trajectory:
     """Return the motion to start from: the one that was given, or along a path in the shortest time."""
     for name, share in (
@@ -144,6 +145,7 @@ def _timed(
         velocity_scale=velocity_scale,
         acceleration_scale=acceleration_scale,
         torque_scale=torque_scale,
+        balance=balance,
     )
 
 

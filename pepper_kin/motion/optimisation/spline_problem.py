@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.motion.optimisation.balance_term import BalanceTerm
 from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm
 from pepper_kin.motion.optimisation.closeness_term import ClosenessTerm
 from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
@@ -45,7 +46,7 @@ class SplineProblem:
         before: The motion to start from.
         scene: The world around the robot; None to look neither at it nor at the robot itself.
         cost: Weights.
-        limits: Limits of velocity, acceleration and torque.
+        limits: Limits of velocity, acceleration, torque and balance.
         margin: Distance to keep [m].
         intervals: Pieces of the spline.
 
@@ -82,12 +83,13 @@ class SplineProblem:
             constraints = [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._clearance]
         near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
         self._floors = [term for term in constraints if len(term)]
+        standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
             self._spline,
             Bounds(lower, upper, velocity, acceleration),
             Weights(cost.time, max(cost.jerk, _SMALL), jerk_scale(pepper)[joints]),
-            [torque, *self._floors],
+            [torque, *standing, *self._floors],
             [
                 (cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)),
                 (cost.clearance, near),
