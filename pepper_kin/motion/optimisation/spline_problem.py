@@ -49,6 +49,7 @@ class SplineProblem:
         limits: Limits of velocity, acceleration, torque and balance.
         margin: Distance to keep [m].
         intervals: Pieces of the spline.
+        all_joints: Whether joints that stand still in the motion to start from may move, too.
 
     Attributes:
         clearance_before: Least distance of the motion to start from, at samples [m]; see `distances`.
@@ -63,11 +64,15 @@ class SplineProblem:
         limits: Limits,
         margin: float,
         intervals: int,
+        *,
+        all_joints: bool = False,
     ) -> None:
         path = before(np.linspace(0.0, before.duration, _FIT_SAMPLES * max(int(intervals), 4) + 1)).position
         joints = np.flatnonzero(np.ptp(path, axis=0) > _STILL)
         if joints.size == 0:
             raise InvalidValueError("path", "a path of zero length", "start and goal that differ")
+        if all_joints:
+            joints = np.arange(pepper.n)
         self._moving = Moving(pepper, joints, path[0])
         self._spline = RestSpline(path[0, joints], path[-1, joints], intervals)
         self._before, self._cost, self._limits = before, cost, limits

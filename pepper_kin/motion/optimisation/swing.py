@@ -92,8 +92,8 @@ def minimum_effort_swing(
     """Find the motion of given duration from rest to rest that takes the least effort.
 
     It minimises the integral of sum_j (tau_j / greatest tau_j)^2 dt, tau = M(q) a + C(q, v) v + g(q), within
-    the limits of position, velocity, acceleration and torque.  Neither obstacles nor the robot itself are
-    looked at: `optimise` with `Cost(time=0, jerk=0, effort=1)` and a duration does.
+    the limits of position, velocity, acceleration and torque; all joints may move.  Neither obstacles nor the
+    robot itself are looked at: `optimise` with `Cost(time=0, jerk=0, effort=1)` and a duration does.
 
     Args:
         pepper: The robot.
@@ -165,7 +165,7 @@ def _by_newton(
         pepper.joint_units,
     ).to_trajectory()  # fmt: skip
     weights = Cost(time=0.0, jerk=0.0, effort=1.0)
-    problem = SplineProblem(pepper, straight, None, weights, _limits(pepper), 0.0, intervals)
+    problem = SplineProblem(pepper, straight, None, weights, _limits(pepper), 0.0, intervals, all_joints=True)
     found = problem.descend(duration, max_iterations, float("inf"))
     if found.status is OptimisationStatus.START_INFEASIBLE:
         return SwingStatus.INFEASIBLE, None, found.iterations
