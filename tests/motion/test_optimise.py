@@ -157,6 +157,25 @@ def test_straight_line_through_an_obstacle_is_never_returned_as_improved():
         assert found.report()
 
 
+def test_straight_line_that_grazes_an_obstacle_is_repaired():
+    """A ball beside the way of the left hand: the search leaves it, though that costs some time."""
+    pepper = pk.load_pepper()
+    arm = {"LShoulderRoll": 0.3, "LElbowRoll": -0.1}
+    start, goal = (pepper.joint_vector({**arm, "LShoulderPitch": pitch}) for pitch in (1.3, 0.1))
+    middle = pepper.joint_vector({**arm, "LShoulderPitch": 0.7})
+    hand = pk.kinematics.frame_pose(pepper, middle, "LArm_effector")[:3, 3]
+    scene = pk.Scene().add_sphere("ball", 0.04, hand + np.array([0.0, -0.06, 0.0]))
+    ends = np.stack([start, goal])
+    ends[1, pepper.joint_index("LShoulderRoll")] += 0.02  # lets the joint move
+    straight = ends[0] + np.linspace(0, 1, 200)[:, None] * (ends[1] - ends[0])
+    assert pk.collision.in_collision(pepper, straight, scene).any()
+    found = optimise(pepper, ends, scene)
+    assert found.success, found.message
+    assert not found.before.check(pepper, scene).clearance.ok
+    at_start = float(pk.collision.clearance(pepper, start, scene))  # the other wrist is near the pelvis
+    assert found.trajectory.check(pepper, scene).clearance.value >= min(0.005, 0.9 * at_start) > 0
+
+
 def test_too_short_a_duration_gives_the_motion_before(over_the_table):
     pepper, plan, _ = over_the_table
     found = optimise(pepper, plan, TABLE, duration=0.05)

@@ -1,4 +1,8 @@
-"""Distances of the nearest bodies at many states, with their derivatives, compiled."""
+"""Distances of the nearest bodies at many states, with their derivatives, compiled.
+
+Numba keeps the machine code beside this file (or in its own cache folder) and renews it when this file
+changes, but not when only `nearest.py` does: after work on that, remove `__pycache__`.
+"""
 
 from __future__ import annotations
 

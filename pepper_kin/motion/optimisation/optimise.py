@@ -83,7 +83,7 @@ def optimise(
         solver: "newton".
 
     Returns:
-        The result; its trajectory is never worse than the one to start from.
+        The result; its trajectory is never worse than the one to start from (which may collide if it does).
 
     Raises:
         InvalidValueError: for an option out of range, a plan without a path, or a wrong path.
@@ -191,7 +191,7 @@ class _Judge:
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
         )
-        judged_by_cost = self.wanted is None and self.cost.clearance == 0
+        judged_by_cost = self.wanted is None and self.cost.clearance == 0 and self._before_is_clear()
         if judged_by_cost and not new.cost(self.cost) < old.cost(self.cost):
             return refused(OptimisedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
         message = f"Went from {gain} in {descent.iterations} steps."
@@ -199,6 +199,11 @@ class _Judge:
             OptimisedStatus.IMPROVED, message, found, self.before, new, old, self.cost, clearance, descent,
             0.0,
         )  # fmt: skip
+
+    def _before_is_clear(self) -> bool:
+        q = self.before(sample_times(self.before.duration, _STEP)).position
+        touching = any(table.violated(q).any() for table in dependent_ranges(self.pepper))
+        return self.problem.clearance_before > 0 and not touching
 
     def _clearance(self, q: Array) -> float:
         """Return the least distance along a motion [m] by coal; -inf where neighbouring bodies touch."""
