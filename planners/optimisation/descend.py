@@ -19,7 +19,7 @@ _SHORTEST = 1e-5  # step lengths below are given up
 _FIRST_MU, _LAST_MU = 2e-3, 1e-4  # shares of the cost
 _SHRINK = 0.4  # of mu, after a step of good length or near its minimum
 _LONG = 0.5
-_LIGHT, _MOST_DAMPING = 1e-5, 1e6
+_LIGHT, _MOST_DAMPING = 1e-3, 1e6
 _NEAR = 0.3  # squared Newton decrement over mu
 
 
