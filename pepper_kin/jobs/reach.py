@@ -25,6 +25,9 @@ CAMERA = "CameraTop_frame"
 BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
 SETTLE = 0.5  # [s] that the twin goes on after the motion's end
 
+COMPILED = False
+"""A newcomer's first command must not compile for a minute before it plans."""
+
 
 @dataclass(frozen=True, eq=False)
 class ReachOutcome:
@@ -105,8 +108,7 @@ def reach(
         tasks.append(LookAt(gaze, camera=CAMERA))
     clock = _Clock(on_stage)
     clock.enter("inverse kinematics and path")
-    # A command is started anew each time: compiling for a minute would pay after hundreds of them.
-    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout, compiled=False)
+    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout, compiled=COMPILED)
 
     def outcome(message: str, **more: Any) -> ReachOutcome:
         fields: dict[str, Any] = {"trajectory": None, "certificate": None, "run": None, "figures": {}}

@@ -1,7 +1,16 @@
-"""From a goal and a scene to a checked path."""
+"""From a goal and a scene to a checked path, and from a path to a motion that is short and smooth."""
 
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.curves import Arc, Curve, Line
+from pepper_kin.motion.optimisation import (
+    Cost,
+    Optimised,
+    OptimisedStatus,
+    Swing,
+    SwingStatus,
+    minimum_effort_swing,
+    optimise,
+)
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
 
@@ -9,10 +18,17 @@ __all__ = [
     "Arc",
     "CartesianPath",
     "CartesianStatus",
+    "Cost",
     "Curve",
     "Line",
+    "Optimised",
+    "OptimisedStatus",
     "Plan",
     "PlanStatus",
+    "Swing",
+    "SwingStatus",
     "cartesian_path",
+    "minimum_effort_swing",
+    "optimise",
     "plan",
 ]

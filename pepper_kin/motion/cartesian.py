@@ -264,14 +264,16 @@ class _Follower:
         ]
         if self.direction is not None:
             tasks.append(ik.Point(self.hand, self._turned(before), weight=DIRECTION_WEIGHT, tolerance=np.pi))
-        reason = None
+        reasons = []
         for joints, scene in self.ways:
             result = ik.solve(self.pepper, tasks, q0=before, joints=joints, scene=scene, restarts=0)
             fault = self._fault(result, before)
             if fault is None:
                 return result.q
-            reason = reason or fault
-        return cast("tuple[CartesianStatus, str]", reason)
+            reasons.append(fault)
+        # An obstacle that stops one of the ways says more than what the body did in another.
+        objects = self.exact.scene.names
+        return next((r for r in reasons if any(name in r[1] for name in objects)), reasons[0])
 
     def _turned(self, before: Array) -> Array:
         """Return the direction to ask for next: as far towards the wished one as a stop may turn the hand."""

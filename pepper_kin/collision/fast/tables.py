@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.options import OPTIONS
 from pepper_kin.collision.fast.solids import Array
-from pepper_kin.model.shapes import read_only
 
 HEAD = 7
 """Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, margin, first position, cells per rad."""
@@ -22,7 +21,6 @@ CELL = 4
 fourth it is surely kept."""
 
 
-@lru_cache(maxsize=64)
 def pack_tables(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Array, Array, Array]:
     """Return the sections TABLE_HEADS, TABLES and TABLE_CELLS.
 
@@ -30,6 +28,12 @@ def pack_tables(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Arra
         ranges: The tables.
         margin: Angle that the second joint keeps from a contact [rad].
     """
+    heads, rows, cells = _packed(ranges, margin)
+    return heads.copy(), rows.copy(), cells.copy()
+
+
+@lru_cache(maxsize=64)
+def _packed(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Array, Array, Array]:
     heads, rows, cells, place = [], [np.zeros(0)], [np.zeros(0)], 0
     for table in ranges:
         count = len(table.positions)
@@ -39,8 +43,7 @@ def pack_tables(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Arra
         rows += [table.positions, table.lower, table.upper]
         cells.append(_cells(table, span / CELLS, margin))
         place += 3 * count
-    packed = np.array(heads, dtype=float).ravel(), np.concatenate(rows), np.concatenate(cells)
-    return read_only(packed[0]), read_only(packed[1]), read_only(packed[2])
+    return np.array(heads, dtype=float).ravel(), np.concatenate(rows), np.concatenate(cells)
 
 
 def _cells(table: DependentRange, width: float, margin: float) -> Array:

@@ -1,0 +1,89 @@
+"""How firmly the robot stands on its wheels, as slacks."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.batch import kernel
+from pepper_kin.dynamics import total_mass
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels import Kernel, compile_function
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.optimisation.moving import Moving
+from pepper_kin.planners.optimisation import Rows, Wall
+from pepper_kin.trajectory.balance import support_polygon
+
+if TYPE_CHECKING:
+    import casadi
+
+Array = NDArray[np.float64]
+
+INFLUENCE = 0.03
+"""Distances of the zero-moment point from an edge beyond the margin by this do not act on a motion [m]."""
+_GRAVITY = 9.81  # [m/s^2]
+
+
+class BalanceTerm:
+    """(i . (-n_y, n_x) - (i . p + margin) f_z) / (weight INFLUENCE) of each edge of the wheels' triangle.
+
+    (f, n) is the wrench of the floor, p a vertex of the edge, i the unit vector that points inward; see
+    `trajectory.balance.edge_moments`.  It is linear in the wrench, whose derivatives are CasADi's.
+
+    Args:
+        moving: The joints that move.
+        margin: Distance that the zero-moment point keeps from the edges [m].
+        per_interval: Samples in each interval of the spline.
+
+    Raises:
+        InvalidValueError: for a robot without Pepper's wheels, or with a base that moves.
+    """
+
+    def __init__(self, moving: Moving, margin: float, per_interval: int) -> None:
+        self.per_interval, self.wall = per_interval, Wall.ABOVE_ZERO
+        self._moving, pepper = moving, moving.pepper
+        polygon = support_polygon(pepper)
+        if polygon is None or "BaseX" in pepper.joint_names:
+            raise InvalidValueError(
+                "balance", margin, "None for a robot without wheels or with a moving base"
+            )
+        edge = np.roll(polygon, -1, axis=0) - polygon
+        inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+        map_of_wrench = np.zeros((len(edge), 6))
+        map_of_wrench[:, 2] = -((inward * polygon).sum(axis=1) + margin)
+        map_of_wrench[:, 3], map_of_wrench[:, 4] = inward[:, 1], -inward[:, 0]
+        self._map = map_of_wrench / (_GRAVITY * total_mass(pepper) * INFLUENCE)
+        self._wrench, self._derivatives = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
+
+    def values(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the slacks, shape (K, 3), at states of the moving joints."""
+        return np.asarray(self._wrench(*self._whole(q, v, a))) @ self._map.T
+
+    def rows(self, q: Array, v: Array, a: Array) -> Rows:
+        """Return the slacks and their derivatives."""
+        parts = self._derivatives(*self._whole(q, v, a))
+        joints = self._moving.joints
+        return Rows(self.values(q, v, a), *(self._map @ np.asarray(part)[:, :, joints] for part in parts))
+
+    def _whole(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        return self._moving.positions(q), self._moving.rates(v), self._moving.rates(a)
+
+
+@lru_cache(maxsize=8)
+def _wrench_derivatives(pepper: PepperModel) -> Kernel:
+    """Return the kernel (q, v, a) -> derivatives of the floor's wrench by each, (6, n) three times."""
+
+    def build() -> casadi.Function:
+        import casadi
+
+        from pepper_kin import symbolic
+
+        state = [casadi.SX.sym(name, pepper.n) for name in ("q", "v", "a")]
+        wrench = symbolic.base_wrench(pepper)(*state)
+        slopes = [casadi.cse(casadi.jacobian(wrench, part)) for part in state]
+        return casadi.Function("base_wrench_derivatives", state, slopes)
+
+    return compile_function(build())

@@ -1,0 +1,89 @@
+"""What a motion costs, and how much of it a trajectory has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.dynamics import inverse_dynamics
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+JERK_STEP = 0.01
+"""Time between the accelerations whose differences are taken as jerk [s]."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Weights of what makes a motion expensive.
+
+        time T + jerk J + effort E + clearance C
+        J = integral of sum_j (jerk_j / greatest acceleration_j)^2 dt   [1/s]
+        E = integral of sum_j (torque_j / greatest torque_j)^2 dt       [s]
+        C = integral of sum (1 - distance / CLEARANCE_WISH)^2 dt        [s], over the nearest pairs of bodies
+                                                                        that are nearer than that
+
+    Attributes:
+        time: Weight of the duration [1/s].
+        jerk: Weight of the jerk [s].  By default 100/s cost as much as 10 ms; motions of the whole body have
+            50 to 500/s, along a path in the shortest time up to 3000/s.  1e-3 makes motions soft and some
+            per cent longer, 1e-6 leaves it to the duration alone.
+        effort: Weight of the effort [1/s].
+        clearance: Weight of being near to things [1/s].
+    """
+
+    time: float = 1.0
+    jerk: float = 1e-4
+    effort: float = 0.0
+    clearance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, bool) or not (np.isfinite(value) and value >= 0):
+                raise InvalidValueError(f"weight of {item.name}", value, "a finite number of 0 or more")
+        if self.time == 0 and self.jerk == 0 and self.effort == 0 and self.clearance == 0:
+            raise InvalidValueError("weights", "0 for all", "at least one above 0")
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Measured on a trajectory.
+
+    Attributes:
+        duration: T [s].
+        jerk: J [1/s], by differences of the accelerations every `JERK_STEP`, rest before and after included:
+            finite also where accelerations jump.
+        effort: E [s].
+    """
+
+    duration: float
+    jerk: float
+    effort: float
+
+    def cost(self, cost: Cost) -> float:
+        """Return what duration, jerk and effort cost together."""
+        return cost.time * self.duration + cost.jerk * self.jerk + cost.effort * self.effort
+
+
+def jerk_scale(pepper: PepperModel) -> Array:
+    """Return the jerk of each joint that counts as 1: its greatest acceleration per second, shape (n,)."""
+    finite = np.isfinite(pepper.acceleration_limits)
+    return np.where(finite, pepper.acceleration_limits, 1.0)
+
+
+def figures_of(pepper: PepperModel, trajectory: Trajectory) -> Figures:
+    """Measure a trajectory."""
+    steps = max(int(np.ceil(trajectory.duration / JERK_STEP)), 2)
+    dt = trajectory.duration / steps
+    state = trajectory(np.linspace(0.0, trajectory.duration, steps + 1))
+    acceleration = np.pad(state.acceleration, ((1, 1), (0, 0)))
+    jerk = np.diff(acceleration, axis=0) / (dt * jerk_scale(pepper))
+    share = inverse_dynamics(pepper, *state) / pepper.effort_limits
+    effort = np.trapezoid((share**2).sum(axis=1), dx=dt)
+    return Figures(trajectory.duration, float((jerk**2).sum() * dt), float(effort))

@@ -1,0 +1,213 @@
+"""From a path or a motion to a shorter and smoother motion within all limits."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import Scene, checker_for
+from pepper_kin.collision.dependent_ranges import dependent_ranges
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.motion.optimisation.cost import Cost, figures_of
+from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
+from pepper_kin.motion.plan_result import Plan
+from pepper_kin.planners.optimisation import Descent, OptimisationStatus
+from pepper_kin.trajectory import Trajectory, retime
+from pepper_kin.trajectory.limit_use import Limits, measure_use
+from pepper_kin.trajectory.path import PathLike
+from pepper_kin.trajectory.time_law import slower
+from pepper_kin.trajectory.trajectory import sample_times
+
+if TYPE_CHECKING:
+    from pepper_kin.motion.optimisation.spline_problem import SplineProblem
+
+Array = NDArray[np.float64]
+
+SOLVERS = ("newton",)
+_STEP = 0.001  # [s], between the states at which the result is examined
+_COAL_STATES = 16  # of them, the nearest to anything, are measured by coal
+_MORE = 1.0 + 1e-6
+_KEPT = 0.5  # share of the margin that the motion between samples must keep
+
+
+def optimise(
+    pepper: PepperModel,
+    path: Plan | Trajectory | PathLike,
+    scene: Scene | None = None,
+    *,
+    cost: Cost | None = None,
+    duration: float | None = None,
+    margin: float = 0.01,
+    intervals: int = 20,
+    velocity_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
+    torque_scale: float = 1.0,
+    balance: float | None = None,
+    max_iterations: int = 40,
+    timeout: float = 5.0,
+    solver: str = "newton",
+) -> Optimised:
+    """Make a motion cheaper, path and timing together, within all limits.
+
+    The motion is a cubic B-spline from rest to rest whose accelerations are continuous and zero at both ends.
+    Unknowns are its control points and its duration.  Limits of position and velocity hold at control points
+    and so everywhere, those of acceleration at knots, where it is extreme; torques hold at knots, clearances
+    at four samples in each interval.  A feasible interior-point method (`planners.optimisation.descend`)
+    lowers the cost; values and exact derivatives come from compiled code.  The result is examined every
+    millisecond: time is stretched where a torque is exceeded, and where distances are not kept, or nothing
+    was gained, the motion before is returned.
+
+    Args:
+        pepper: The robot.
+        path: A plan, a trajectory, or a path as `retime` takes it (two configurations: a straight line).
+            Joints that do not move in it stay still.
+        scene: The world around the robot.
+        cost: Weights of time, jerk, effort and closeness; by default time and a little jerk.
+        duration: Duration that the motion shall have [s]; by default it is free.
+        margin: Distance to keep to the scene and between parts of the robot [m]; less where the path to
+            start from is nearer than that, and never less than half of that in between samples.
+        intervals: Pieces of the spline, at least 4: more can follow sharper turns, and take longer.
+        velocity_scale: Share of the velocity limits to use, in (0, 1].
+        acceleration_scale: Share of the acceleration limits to use, in (0, 1].
+        torque_scale: Share of the effort limits to use, in (0, 1].
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
+            lets the base be held from below.
+        max_iterations: Newton steps at most.
+        timeout: Wall time of the search [s]; the best motion so far is then taken.
+        solver: "newton".
+
+    Returns:
+        The result; its trajectory is never worse than the one to start from (which may collide if it does).
+
+    Raises:
+        InvalidValueError: for an option out of range, a plan without a path, or a wrong path.
+        LimitError: where the path leaves the position limits, naming the joint.
+        InfeasibleError: where torque limits forbid the path to start from.
+    """
+    from pepper_kin.motion.optimisation.spline_problem import SplineProblem  # loads Numba: only here
+
+    begin = time.perf_counter()
+    check_choice("solver", solver, SOLVERS)
+    wanted = _checked(margin, timeout, duration)
+    before = _timed(pepper, path, velocity_scale, acceleration_scale, torque_scale, balance)
+    velocity, acceleration = pepper.velocity_limits, pepper.acceleration_limits
+    torque = pepper.effort_limits * torque_scale
+    limits = Limits(velocity * velocity_scale, acceleration * acceleration_scale, torque, balance)
+    weights, world = cost or Cost(), scene if scene is not None else Scene()
+    problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals)
+    judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted)
+    judged = judge(problem.descend(wanted, max_iterations, timeout))
+    return replace(judged, time=time.perf_counter() - begin)
+
+
+def _checked(margin: float, timeout: float, duration: float | None) -> float | None:
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    check_positive("timeout", timeout, "s")
+    return None if duration is None else check_positive("duration", duration, "s")
+
+
+def _timed(
+    pepper: PepperModel,
+    path: Plan | Trajectory | PathLike,
+    velocity_scale: float,
+    acceleration_scale: float,
+    torque_scale: float,
+    balance: float | None,
+) -> Trajectory:
+    """Return the motion to start from: the one that was given, or along a path in the shortest time."""
+    for name, share in (
+        ("velocity_scale", velocity_scale),
+        ("acceleration_scale", acceleration_scale),
+        ("torque_scale", torque_scale),
+    ):
+        if check_positive(name, share) > 1.0:
+            raise InvalidValueError(name, share, "a number in (0, 1]")
+    if isinstance(path, Trajectory):
+        if path.joint_names != pepper.joint_names:
+            raise InvalidValueError(
+                "joints of the trajectory", ", ".join(path.joint_names), ", ".join(pepper.joint_names)
+            )
+        return path
+    if isinstance(path, Plan):
+        if path.path is None:
+            raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
+        path = path.path
+    return retime(
+        pepper,
+        path,
+        velocity_scale=velocity_scale,
+        acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale,
+        balance=balance,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """Examines what a search found, and returns it if it is clear and cheaper than the motion before."""
+
+    pepper: PepperModel
+    problem: SplineProblem
+    before: Trajectory
+    scene: Scene
+    cost: Cost
+    limits: Limits
+    margin: float
+    wanted: float | None
+
+    def __call__(self, descent: Descent) -> Optimised:
+        """Return the outcome of a descent."""
+        old = figures_of(self.pepper, self.before)
+
+        def refused(status: OptimisedStatus, message: str) -> Optimised:
+            return Optimised(
+                status, message, self.before, self.before, old, old, self.cost, float("nan"), descent, 0.0
+            )
+
+        if descent.status is OptimisationStatus.START_INFEASIBLE:
+            what = "slow motion" if self.wanted is None else f"motion of {self.wanted:.3g} s"
+            return refused(OptimisedStatus.NO_ROOM, f"No {what} near the path keeps all limits.")
+        found = self.problem.trajectory(descent)
+        states = found(sample_times(found.duration, _STEP))
+        stretch = measure_use(self.pepper, states, self.limits).stretch
+        if not np.isfinite(stretch):
+            return refused(OptimisedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
+        if stretch > 1.0:
+            found = slower(found, stretch * _MORE)
+        clearance = self._clearance(states.position)
+        if not clearance > max(min(_KEPT * self.margin, 0.9 * self.problem.clearance_before), 0.0):
+            near = f"comes as near as {clearance * 1000:.1f} mm to something"
+            text = near if np.isfinite(clearance) else "lets neighbouring links touch, by their joint ranges"
+            return refused(OptimisedStatus.NOT_CLEAR, f"The optimised motion {text}.")
+        new = figures_of(self.pepper, found)
+        gain = (
+            f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
+            f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
+        )
+        judged_by_cost = self.wanted is None and self.cost.clearance == 0 and self._before_is_clear()
+        if judged_by_cost and not new.cost(self.cost) < old.cost(self.cost):
+            return refused(OptimisedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
+        message = f"Went from {gain} in {descent.iterations} steps."
+        return Optimised(
+            OptimisedStatus.IMPROVED, message, found, self.before, new, old, self.cost, clearance, descent,
+            0.0,
+        )  # fmt: skip
+
+    def _before_is_clear(self) -> bool:
+        q = self.before(sample_times(self.before.duration, _STEP)).position
+        touching = any(table.violated(q).any() for table in dependent_ranges(self.pepper))
+        return self.problem.clearance_before > 0 and not touching
+
+    def _clearance(self, q: Array) -> float:
+        """Return the least distance along a motion [m] by coal; -inf where neighbouring bodies touch."""
+        if any(table.violated(q).any() for table in dependent_ranges(self.pepper)):
+            return -float("inf")
+        nearest = np.argsort(self.problem.distances(q), kind="stable")[:_COAL_STATES]
+        return float(checker_for(self.pepper, self.scene).clearance(q[nearest]).min(initial=np.inf))

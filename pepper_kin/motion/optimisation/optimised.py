@@ -1,0 +1,81 @@
+"""What the optimisation of a motion returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from pepper_kin.motion.optimisation.cost import Cost, Figures
+from pepper_kin.planners.optimisation import Descent
+from pepper_kin.trajectory import Trajectory
+
+
+class OptimisedStatus(Enum):
+    """How the optimisation of a motion ended; `advice` says what to try."""
+
+    IMPROVED = "improved"
+    NOT_CHEAPER = "not_cheaper"
+    NOT_CLEAR = "not_clear"
+    NO_ROOM = "no_room"
+
+    @property
+    def advice(self) -> str:
+        """One sentence: what to try."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    OptimisedStatus.IMPROVED: "Examine it with check().",
+    OptimisedStatus.NOT_CHEAPER: "Take the motion as it is, or weigh jerk more.",
+    OptimisedStatus.NOT_CLEAR: "Give a path that keeps more distance, more intervals or a smaller margin.",
+    OptimisedStatus.NO_ROOM: "Give a path further from limits, more intervals, or a longer duration.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Optimised:
+    """The outcome of `optimise`.
+
+    Attributes:
+        status: How it ended.
+        message: What happened, in a sentence with numbers.
+        trajectory: The optimised motion where it was improved, else the one before.
+        before: The motion that was given; where a path was given, along it in the shortest time.
+        figures: Duration, jerk and effort of `trajectory`.
+        figures_before: The same of `before`.
+        cost: The weights.
+        clearance: Least distance of `trajectory` to the scene and between parts of the robot, measured by
+            coal at the instants that came nearest [m]; nan where it is `before`.
+        descent: How the search itself ended; None where it had no start.
+        time: Wall time [s], the timing of a given path included.
+    """
+
+    status: OptimisedStatus
+    message: str
+    trajectory: Trajectory
+    before: Trajectory
+    figures: Figures
+    figures_before: Figures
+    cost: Cost
+    clearance: float
+    descent: Descent | None
+    time: float
+
+    @property
+    def success(self) -> bool:
+        """Whether the motion was improved."""
+        return self.status is OptimisedStatus.IMPROVED
+
+    @property
+    def shorter_by(self) -> float:
+        """Share of the duration that was saved; negative where the motion became longer."""
+        return 1.0 - self.figures.duration / self.figures_before.duration
+
+    @property
+    def smoother_by(self) -> float:
+        """Share of the jerk that was saved."""
+        return 1.0 - self.figures.jerk / self.figures_before.jerk
+
+    def report(self) -> str:
+        """Say in plain words what was gained, and what to try."""
+        return f"{self.message} {self.status.advice}"

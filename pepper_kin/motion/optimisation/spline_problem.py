@@ -1,0 +1,170 @@
+"""A robot's motion as a spline to optimise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.optimisation.balance_term import BalanceTerm
+from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm
+from pepper_kin.motion.optimisation.closeness_term import ClosenessTerm
+from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
+from pepper_kin.motion.optimisation.moving import Moving
+from pepper_kin.motion.optimisation.range_term import RangeTerm
+from pepper_kin.motion.optimisation.torque_term import TorqueTerm
+from pepper_kin.planners.optimisation import (
+    Bounds,
+    Descent,
+    Objective,
+    RestSpline,
+    Weights,
+    descend,
+)
+from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.limit_use import Limits
+
+Array = NDArray[np.float64]
+
+_STILL = 1e-9  # [rad or m]; joints that move less do not move
+_FIT_SAMPLES = 12  # of the first motion, for each interval
+_TORQUE_SHARE = 0.99  # of the limit at knots: between them torques may rise a little
+_FIRST_STRETCH, _STRETCH, _MOST_STRETCHES = 1.1, 1.2, 25
+_INSIDE = 1e-4  # of the range: how far first control points keep from position limits
+_RANGE_MARGIN = 0.002  # [m] kept by neighbouring bodies, whose ranges change in steps between samples
+_SMALL = 1e-9  # weight of the jerk where only time counts: keeps the problem well posed
+_SHORT = 0.995  # of the wanted duration, from which the search slows down to it
+
+
+class SplineProblem:
+    """The control points and the duration of a motion, with all its limits.
+
+    Args:
+        pepper: The robot.
+        before: The motion to start from.
+        scene: The world around the robot; None to look neither at it nor at the robot itself.
+        cost: Weights.
+        limits: Limits of velocity, acceleration, torque and balance.
+        margin: Distance to keep [m].
+        intervals: Pieces of the spline.
+        all_joints: Whether joints that stand still in the motion to start from may move, too.
+
+    Attributes:
+        clearance_before: Least distance of the motion to start from, at samples [m]; see `distances`.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        before: Trajectory,
+        scene: Scene | None,
+        cost: Cost,
+        limits: Limits,
+        margin: float,
+        intervals: int,
+        *,
+        all_joints: bool = False,
+    ) -> None:
+        path = before(np.linspace(0.0, before.duration, _FIT_SAMPLES * max(int(intervals), 4) + 1)).position
+        joints = np.flatnonzero(np.ptp(path, axis=0) > _STILL)
+        if joints.size == 0:
+            raise InvalidValueError("path", "a path of zero length", "start and goal that differ")
+        if all_joints:
+            joints = np.arange(pepper.n)
+        self._moving = Moving(pepper, joints, path[0])
+        self._spline = RestSpline(path[0, joints], path[-1, joints], intervals)
+        self._before, self._cost, self._limits = before, cost, limits
+        self._margin = margin
+        lower, upper = pepper.lower_limits[joints], pepper.upper_limits[joints]
+        inside = np.where(np.isfinite(upper - lower), _INSIDE * (upper - lower), 0.0)
+        self._first = np.clip(self._spline.fit(path[:, joints]), lower + inside, upper - inside)
+        efforts = pepper.effort_limits if limits.torque is None else limits.torque
+        torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1)
+        self._clearance = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
+        constraints: list[RangeTerm | ClearanceTerm] = []
+        if scene is not None:
+            constraints = [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._clearance]
+        near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
+        self._floors = [term for term in constraints if len(term)]
+        standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
+        velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
+        self._objective = Objective(
+            self._spline,
+            Bounds(lower, upper, velocity, acceleration),
+            Weights(cost.time, max(cost.jerk, _SMALL), jerk_scale(pepper)[joints]),
+            [torque, *standing, *self._floors],
+            [
+                (cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)),
+                (cost.clearance, near),
+            ],
+        )
+        self.clearance_before = float(self.distances(path).min())
+
+    def distances(self, q: Array) -> Array:
+        """Return the least distances at whole configurations, shape (m, n) -> (m,) [m].
+
+        They are cut off at `margin + INFLUENCE`.
+        """
+        return self._clearance.distances(q[:, self._moving.joints]) + self._margin
+
+    def descend(self, wanted: float | None, max_iterations: int, timeout: float) -> Descent:
+        """Search from the first motion, made slow enough to keep all limits.
+
+        Args:
+            wanted: Duration that the motion shall have [s]; None where it is free.
+            max_iterations: Newton steps at most.
+            timeout: Wall time [s].
+
+        Returns:
+            The descent.
+        """
+        objective, spline = self._objective, self._spline
+        control = spline.control_points(self._first)
+        for term in self._floors:
+            term.start_from(objective.samples(term, control))
+        duration = self._feasible_duration(control)
+        if wanted is None:
+            return descend(
+                objective, self._first, duration,
+                max_iterations=max_iterations, timeout=timeout, after_step=self._tighten,
+            )  # fmt: skip
+        x = self._first
+        if duration >= wanted:
+            hurry = Objective(
+                spline, objective.bounds, Weights(1.0, _SMALL, objective.weights.jerk_scale),
+                objective.constraints,
+            )  # fmt: skip
+            short = descend(
+                hurry, x, duration, max_iterations=max_iterations, timeout=timeout,
+                after_step=lambda c, t: self._tighten(c, t) or t < _SHORT * wanted,
+            )  # fmt: skip
+            x = short.unknowns
+        return descend(
+            objective, x, wanted, free_duration=False,
+            max_iterations=max_iterations, timeout=timeout, after_step=self._tighten,
+        )  # fmt: skip
+
+    def trajectory(self, descent: Descent) -> Trajectory:
+        """Return the motion of all joints that a descent found."""
+        pepper, moving = self._moving.pepper, self._moving
+        breaks, pieces = self._spline.pieces(descent.unknowns, descent.duration)
+        coefficients = np.zeros((len(pieces), pieces.shape[1], pepper.n))
+        coefficients[:, 0] = moving.rest
+        coefficients[:, :, moving.joints] = pieces
+        return Trajectory(pepper.joint_names, breaks, coefficients, pepper.joint_units)
+
+    def _feasible_duration(self, control: Array) -> float:
+        """Return a duration in which a motion keeps all limits with room to spare, if there is one."""
+        duration = _FIRST_STRETCH * self._before.duration
+        for _ in range(_MOST_STRETCHES):
+            if self._objective.barrier(control, duration) < np.inf:
+                break
+            duration *= _STRETCH
+        return 1.05 * duration
+
+    def _tighten(self, control: Array, duration: float) -> bool:
+        for term in self._floors:
+            term.tighten(self._objective.samples(term, control))
+        return False

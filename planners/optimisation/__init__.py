@@ -1,0 +1,28 @@
+"""Motions from rest to rest, made cheap within limits: B-splines and a feasible interior-point method.
+
+spline = RestSpline(start, goal, intervals=20)
+objective = Objective(spline, Bounds(lower, upper, velocity, acceleration), Weights(1.0, 1e-4, scale), [term])
+found = descend(objective, spline.fit(states), duration)
+"""
+
+from .assembly import Bounds, Objective
+from .descend import Descent, OptimisationStatus, descend
+from .effort import EffortMotion, EffortStatus, minimum_effort
+from .rows import Rows, Term, Wall, Weights
+from .spline import RestSpline
+
+__all__ = [
+    "Bounds",
+    "Descent",
+    "EffortMotion",
+    "EffortStatus",
+    "Objective",
+    "OptimisationStatus",
+    "RestSpline",
+    "Rows",
+    "Term",
+    "Wall",
+    "Weights",
+    "descend",
+    "minimum_effort",
+]

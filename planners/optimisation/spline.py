@@ -1,0 +1,174 @@
+"""Motions from rest to rest as B-splines whose control points are the unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+
+from ..vectors import FloatArray, finite_points, finite_vector, read_only
+
+_DEGREES = (3, 5)
+
+
+@dataclass(frozen=True, eq=False)
+class RestSpline:
+    """All splines of one degree and number of intervals that start and end at rest.
+
+    On 0 <= s <= 1, with clamped uniform knots,
+
+        q(s) = sum_i c_i N_i(s),    i = 0 ... M + p - 1,
+
+    where p is the degree and M the number of intervals.  The first and the last three control points are
+    start and goal, which makes velocity and acceleration vanish at both ends; the others are the unknowns.
+    Each derivative is a spline again, whose control points are differences of these (C. de Boor, A Practical
+    Guide to Splines, 1978), and a spline never leaves the hull of its control points: limits that control
+    points obey hold everywhere.  For degree 3, control points of the acceleration are its values at knots.
+
+    Attributes:
+        start: First state, shape (n,).
+        goal: Last state, shape (n,).
+        intervals: M, at least 4.
+        degree: p, 3 or 5.
+    """
+
+    start: FloatArray
+    goal: FloatArray
+    intervals: int = 20
+    degree: int = 3
+    _differences: tuple[FloatArray, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Copy and check the fields.
+
+        Raises:
+            InvalidValueError: for vectors that are not finite or differ in length, fewer than 4 intervals, or
+                a degree that is neither 3 nor 5.
+        """
+        start = finite_vector("start", self.start)
+        object.__setattr__(self, "start", start)
+        object.__setattr__(self, "goal", finite_vector("goal", self.goal, start.size))
+        if self.degree not in _DEGREES:
+            raise InvalidValueError("degree", self.degree, "3 or 5")
+        if isinstance(self.intervals, bool) or not isinstance(self.intervals, int) or self.intervals < 4:
+            raise InvalidValueError("intervals", self.intervals, "a whole number of at least 4")
+        object.__setattr__(self, "_differences", self._difference_matrices())
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return int(self.start.size)
+
+    @property
+    def size(self) -> int:
+        """Number of unknown control points, M + p - 6."""
+        return self.intervals + self.degree - 6
+
+    @property
+    def knots(self) -> FloatArray:
+        """Clamped uniform knots, shape (M + 2 p + 1,)."""
+        return _knots(self.intervals, self.degree)
+
+    def control_points(self, unknowns: ArrayLike) -> FloatArray:
+        """Return all control points, shape (M + p, n), of the unknown ones, shape (size, n)."""
+        return np.concatenate([np.tile(self.start, (3, 1)), unknowns, np.tile(self.goal, (3, 1))])
+
+    def difference(self, order: int) -> FloatArray:
+        """Return the matrix from control points to those of a derivative by s.
+
+        Args:
+            order: Order of the derivative, 0 to the degree.
+
+        Returns:
+            Shape (M + p - order, M + p).
+        """
+        return self._differences[order]
+
+    def basis(self, s: ArrayLike, order: int = 0) -> FloatArray:
+        """Return the weights of the control points in a derivative by s.
+
+        Args:
+            s: Parameters within [0, 1], shape (k,).
+            order: Order of the derivative, 0 to the degree.
+
+        Returns:
+            Shape (k, M + p); in each row only p + 1 weights, one after the other, differ from zero.
+        """
+        return _values(np.asarray(s, dtype=float), self.intervals, self.degree - order) @ self.difference(
+            order
+        )
+
+    def fit(self, states: ArrayLike) -> FloatArray:
+        """Return the unknowns whose spline is nearest, in least squares, to states at equidistant parameters.
+
+        Args:
+            states: Shape (k, n) with k of at least twice the number of intervals; the first and last one
+                stand for start and goal.
+
+        Returns:
+            Shape (size, n).
+
+        Raises:
+            InvalidValueError: for too few states, or other than finite numbers.
+        """
+        points = finite_points("states", states, self.n)
+        if len(points) < 2 * self.intervals:
+            raise InvalidValueError("states", f"{len(points)} of them", f"at least {2 * self.intervals}")
+        weights = self.basis(np.linspace(0.0, 1.0, len(points)))
+        ends = self.control_points(np.zeros((self.size, self.n)))
+        return np.asarray(np.linalg.lstsq(weights[:, 3:-3], points - weights @ ends, rcond=None)[0])
+
+    def pieces(self, unknowns: ArrayLike, duration: float) -> tuple[FloatArray, FloatArray]:
+        """Return the motion over time as piecewise polynomials.
+
+        Args:
+            unknowns: Shape (size, n).
+            duration: Duration T; time is t = T s.
+
+        Returns:
+            Breaks, shape (M + 1,), and coefficients in powers of the time since the last break, constant
+            term first, shape (M, p + 1, n).
+        """
+        left = np.arange(self.intervals) / self.intervals
+        control = self.control_points(unknowns)
+        factorial, terms = 1.0, []
+        for order in range(self.degree + 1):
+            factorial *= max(order, 1)
+            terms.append(self.basis(left, order) @ control / (factorial * duration**order))
+        breaks = np.linspace(0.0, 1.0, self.intervals + 1) * duration
+        return read_only(breaks), read_only(np.stack(terms, axis=1))
+
+    def _difference_matrices(self) -> tuple[FloatArray, ...]:
+        count, knots = self.intervals + self.degree, self.knots
+        matrices = [np.eye(count)]
+        for order in range(1, self.degree + 1):
+            left = degree = self.degree - order + 1
+            inner = knots[order - 1 : knots.size - order + 1]
+            span = inner[left + 1 : left + 1 + len(matrices[-1]) - 1] - inner[1 : len(matrices[-1])]
+            matrices.append(np.diff(matrices[-1], axis=0) * (degree / span)[:, None])
+        return tuple(read_only(matrix) for matrix in matrices)
+
+
+def _knots(intervals: int, degree: int) -> FloatArray:
+    inner = np.linspace(0.0, 1.0, intervals + 1)
+    return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+
+
+def _values(s: FloatArray, intervals: int, degree: int) -> FloatArray:
+    """Return the B-splines of one degree at s, shape (k, M + p): the recursion of Cox and de Boor."""
+    knots = _knots(intervals, degree)
+    interval = np.clip((s * intervals + 1e-9).astype(int), 0, intervals - 1)
+    rows = np.arange(s.size)
+    values = np.zeros((s.size, knots.size - 1))
+    values[rows, degree + interval] = 1.0
+    for p in range(1, degree + 1):
+        count = knots.size - 1 - p
+        rise, fall = knots[p : p + count] - knots[:count], knots[p + 1 :] - knots[1 : count + 1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            up = np.where(rise > 0, (s[:, None] - knots[:count]) / rise, 0.0)
+            down = np.where(fall > 0, (knots[p + 1 :] - s[:, None]) / fall, 0.0)
+        values = up * values[:, :count] + down * values[:, 1 : count + 1]
+    return values
