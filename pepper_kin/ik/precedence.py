@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -41,7 +40,12 @@ def balanced(tasks: Sequence[Task]) -> tuple[Task, ...]:
 
     Only among themselves soft weights matter then, however large they are.
     """
-    least = min((task.weight for task in tasks if task.hard), default=math.inf)
+    for task in tasks:
+        if task.hard:
+            break
+    else:
+        return tuple(tasks)
+    least = min(task.weight for task in tasks if task.hard)
     most = max((task.weight for task in tasks if not task.hard), default=0.0)
     if most <= least:
         return tuple(tasks)

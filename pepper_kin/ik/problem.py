@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, cast
 
 import numpy as np
 
@@ -158,15 +160,18 @@ def flatten_tasks(
         InvalidValueError: for no task at all, or something that is none.
         UnknownNameError: for a frame or joint that the robot lacks.
     """
-    given = [tasks] if isinstance(tasks, (Task, TaskGroup)) else tasks
-    if not isinstance(given, Iterable) or isinstance(given, (str, bytes)):
-        raise InvalidValueError("tasks", repr(tasks)[:80], "a list of tasks such as HandPosition")
+    given = tasks
+    if type(tasks) is not list:
+        given = [tasks] if isinstance(tasks, (Task, TaskGroup)) else tasks
+        if not isinstance(given, Iterable) or isinstance(given, (str, bytes)):
+            raise InvalidValueError("tasks", repr(tasks)[:80], "a list of tasks such as HandPosition")
     flat: list[Task] = []
-    for item in given:
-        if isinstance(item, TaskGroup):
-            flat.extend(item.parts)
-        elif isinstance(item, Task):
+    for item in cast("Iterable[Any]", given):
+        kind = _kind_of(type(item))
+        if kind is Task:
             flat.append(item)
+        elif kind is TaskGroup:
+            flat.extend(item.parts)
         else:
             raise InvalidValueError("tasks", repr(item)[:80], "tasks such as HandPosition or LookAt")
     if not flat:
@@ -178,6 +183,12 @@ def flatten_tasks(
             )
         task.check(pepper)
     return flat
+
+
+@lru_cache(maxsize=256)
+def _kind_of(given: type) -> type | None:
+    """Return Task or TaskGroup for their subclasses, else None; asking an abstract class each time is slow."""
+    return next((kind for kind in (Task, TaskGroup) if issubclass(given, kind)), None)
 
 
 def movable_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> np.ndarray:
