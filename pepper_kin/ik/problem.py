@@ -187,7 +187,7 @@ def flatten_tasks(
 
 @lru_cache(maxsize=256)
 def _kind_of(given: type) -> type | None:
-    """Return Task or TaskGroup for their subclasses, else None; asking an abstract class each time is slow."""
+    """Return Task or TaskGroup for their subclasses, else None; asking an abstract class is slow."""
     return next((kind for kind in (Task, TaskGroup) if issubclass(given, kind)), None)
 
 

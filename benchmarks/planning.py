@@ -1,0 +1,136 @@
+"""Motion planning beside its peers: python benchmarks/planning.py [--count N] [--problems N].
+
+Two tables.  First, RRT-Connect past a table with one arm and with torso and arm: ours over the compiled
+check, and OMPL's over coal's, called from Python, on the same problems in turn.  "Search" is
+`planners.rrt_connect` with the making of problem and check; "plan" is `pk.plan`, with its margins, short-cuts,
+smoothing and last examination.  Second, ten kinds of problems in a second each, every path examined by coal at
+steps of half a millimetre of the fastest point; what is not solved is tried again for longer with other seeds, to
+tell whether it can be solved at all.  RoboPlan is not run here: it needs an environment of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from planning_scenes import ARM, KINDS, TORSO_AND_ARM, Kind, Problem, problems
+
+import pepper_kin as pk
+from pepper_kin import planners
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.metric import joint_reaches
+from pepper_kin.trajectory.path import as_cubic_path
+
+MARGINS = (0.005, 0.001)
+STEP = 5e-4  # [m]
+
+
+def toy(problem: Problem, *, compiled: bool) -> planners.Problem:
+    """Return the planning problem of the joints that move."""
+    pepper = problem.pepper
+    free = np.array([pepper.joint_index(name) for name in problem.joints])
+    checks = Checks(pepper, problem.scene, compiled)
+    return planners.Problem(
+        lower=pepper.lower_limits[free], upper=pepper.upper_limits[free], start=problem.start[free],
+        goals=problem.goal[free], oracle=checks.oracle(problem.start, free, MARGINS, for_edges=True),
+        weights=joint_reaches(pepper)[free], resolution=0.01,
+    )  # fmt: skip
+
+
+def race(kind: Kind, count: int) -> None:
+    """Print how long one search takes."""
+    given = problems(kind, count, 1, blocked=True)
+
+    def search(problem: Problem, seed: int) -> bool:
+        return planners.rrt_connect(toy(problem, compiled=True), seed=seed, timeout=5.0).success
+
+    def whole(problem: Problem, seed: int) -> bool:
+        plan = pk.plan(
+            problem.pepper, problem.start, problem.goal, problem.scene, joints=problem.joints, seed=seed
+        )
+        return plan.success
+
+    def ompl(problem: Problem, seed: int) -> bool:
+        return planners.ompl_plan(toy(problem, compiled=False), "RRTConnect", timeout=5.0).success
+
+    racers = {"search": search, "plan": whole, "OMPL with coal": ompl}
+    for run in racers.values():
+        run(given[0], 0)
+    times: dict[str, list[float]] = {name: [] for name in racers}
+    solved = dict.fromkeys(racers, 0)
+    for seed, problem in enumerate(given):
+        for name, run in racers.items():
+            begin = time.perf_counter()
+            solved[name] += run(problem, seed)
+            times[name].append(time.perf_counter() - begin)
+    base = np.array(times["search"])
+    for name, found in times.items():
+        milli = 1e3 * np.array(found)
+        print(
+            f"| {' and '.join(kind.groups)} | {name} | {100 * solved[name] / count:.0f} | "
+            f"{np.median(milli):.2f} | {np.percentile(milli, 95):.2f} | {np.median(found / base):.1f} |",
+            flush=True,
+        )
+
+
+def is_clear(problem: Problem, plan: pk.motion.Plan) -> bool:
+    """Whether coal finds nothing that touches along the spline through a plan's way-points."""
+    spline = as_cubic_path(problem.pepper, plan.path)
+    reach, lengths = joint_reaches(problem.pepper), np.diff(spline.breaks)
+    for i, length in enumerate(lengths):
+        coarse = spline.at(np.full(20, i), np.linspace(0, length, 20))
+        moved = np.abs(np.diff(coarse, axis=0)) @ reach
+        count = int(np.ceil(moved.sum() / STEP)) + 1
+        states = spline.at(np.full(count, i), np.linspace(0, length, count))
+        if pk.collision.checker_for(problem.pepper, problem.scene).in_collision(states).any():
+            return False
+    return True
+
+
+def breadth(name: str, kind: Kind, count: int) -> tuple[int, int]:
+    """Print how many of one kind are solved in a second; returns how many were and how many can be."""
+    solved = clear = solvable = 0
+    times = []
+    for seed, problem in enumerate(problems(kind, count, 2)):
+
+        def plan(seed: int, timeout: float, problem: Problem = problem) -> pk.motion.Plan:
+            return pk.plan(
+                problem.pepper, problem.start, problem.goal, problem.scene, joints=problem.joints,
+                margin=0.005, seed=seed, timeout=timeout,
+            )  # fmt: skip
+
+        begin = time.perf_counter()
+        found = plan(seed, 1.0)
+        times.append(time.perf_counter() - begin)
+        solved += found.success
+        clear += found.success and is_clear(problem, found)
+        solvable += found.success or any(plan(1000 + k, 5.0).success for k in range(3))
+    milli = 1e3 * np.array(times)
+    print(
+        f"| {name} | {count} | {solved} | {solvable} | {clear} | {np.median(milli):.1f} | "
+        f"{milli.max():.0f} |",
+        flush=True,
+    )
+    return solved, solvable
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--count", type=int, default=100, help="problems of each race")
+    parser.add_argument("--problems", type=int, default=30, help="problems of each kind")
+    options = parser.parse_args()
+    print("| joints | whole call | solved [%] | median [ms] | 95th percentile [ms] | time / search |")
+    print("|---|---|---|---|---|---|")
+    for groups in (ARM, TORSO_AND_ARM):
+        race(Kind(KINDS["table"].scene, groups), options.count)
+    print(
+        "\n| scene | problems | solved in 1 s | can be solved | clear by coal | median [ms] | longest [ms] |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    totals = np.array([breadth(name, kind, options.problems) for name, kind in KINDS.items()]).sum(axis=0)
+    print(f"\n{totals[0]} of the {totals[1]} that can be solved were solved in a second.")
+
+
+if __name__ == "__main__":
+    main()
