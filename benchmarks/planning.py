@@ -2,10 +2,11 @@
 
 Two tables.  First, RRT-Connect past a table with one arm and with torso and arm: ours over the compiled
 check, and OMPL's over coal's, called from Python, on the same problems in turn.  "Search" is
-`planners.rrt_connect` with the making of problem and check; "plan" is `pk.plan`, with its margins, short-cuts,
-smoothing and last examination.  Second, ten kinds of problems in a second each, every path examined by coal at
-steps of half a millimetre of the fastest point; what is not solved is tried again for longer with other seeds, to
-tell whether it can be solved at all.  RoboPlan is not run here: it needs an environment of its own.
+`planners.rrt_connect` with the making of problem and check; "plan" is `pk.plan`, with its margins,
+short-cuts, smoothing and last examination.  Second, ten kinds of problems in a second each, every path
+examined by coal at steps of half a millimetre of the fastest point; what is not solved is tried again for
+longer with other seeds, to tell whether it can be solved at all.  RoboPlan is not run here: it needs an
+environment of its own.
 """
 
 from __future__ import annotations
