@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, cast
@@ -186,9 +186,9 @@ def flatten_tasks(
 
 
 @lru_cache(maxsize=256)
-def _kind_of(given: type) -> type | None:
+def _kind_of(given: Hashable) -> type | None:
     """Return Task or TaskGroup for their subclasses, else None; asking an abstract class is slow."""
-    return next((kind for kind in (Task, TaskGroup) if issubclass(given, kind)), None)
+    return next((kind for kind in (Task, TaskGroup) if issubclass(cast("type", given), kind)), None)
 
 
 def movable_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> np.ndarray:

@@ -34,9 +34,12 @@ class Checks:
         self.pepper, self.scene, self.compiled = pepper, scene, compiled
         self.exact: CollisionChecker = checker_for(pepper, scene)
         if compiled:
+            import pepper_kin.ik.fast  # noqa: F401  what a goal's tasks will be solved by
             from pepper_kin.collision.fast import fast_checker_for
 
-            self.compiled = fast_checker_for(pepper, scene).supported
+            checker = fast_checker_for(pepper, scene)
+            checker.in_collision(np.zeros((1, pepper.n)))
+            self.compiled = checker.supported
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""

@@ -61,7 +61,7 @@ class Plan:
         ik: Result of inverse kinematics where the goal was given as tasks.
         length: Length of the path in joint space [rad and m mixed]; nan unless solved.
         states_checked: Number of configurations asked about.
-        time: Wall time [s].
+        time: Wall time [s], without the loading or compiling of code.
         seed: Seed: the same problem and seed give the same plan.
     """
 

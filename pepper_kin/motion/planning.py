@@ -70,10 +70,10 @@ def plan(
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint or group.
     """
-    begin = time.perf_counter()
     q_start = _checked_start(pepper, start, planner, margin, timeout)
-    ended = Ending(pepper, begin, seed, planner)
     checks = Checks(pepper, scene, bool(compiled))
+    begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
+    ended = Ending(pepper, begin, seed, planner)
     fault = fault_of(checks.exact, q_start, "start")
     if fault is not None:
         return ended(*fault)

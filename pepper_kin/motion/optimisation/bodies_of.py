@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.collision.checker import coal_geometry
-from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere
+from pepper_kin.collision.bodies import bodies, checked_pairs
+from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.near_rows import Bodies
 from pepper_kin.motion.optimisation.nearest import BOX, COLUMNS, CYLINDER, HALF, KIND
 
 Array = NDArray[np.float64]
+
+VAST = 25.0
+"""Half length of the box that stands for a half-space [m]."""
 
 
 @lru_cache(maxsize=16)
@@ -22,7 +25,7 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
     """Return the bodies of a robot in a scene, and the frames whose poses they need.
 
     Pairs are those that `CollisionChecker` measures, less those that never move against each other.  Meshes
-    count as their bounding boxes.
+    and clouds count as their bounding boxes, half-spaces as vast ones.
 
     Args:
         pepper: The robot.
@@ -30,33 +33,25 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
         margin: Distance that each pair keeps [m].
     """
     frames, frame_joint = _frames_of_joints(pepper)
+    all_bodies = bodies(pepper, scene)
     rows: list[tuple[int, Array, float]] = []
-    owners, parents = [], []
-    for shape in pepper.collision_shapes:
-        parent = pepper.pinocchio_model.frames[pepper.frame_id(shape.link)].parentJoint
-        pose = shape.transform_shape_to_link
-        if parent:
-            pose = _placement(pepper, shape.link) @ pose
-            pose = np.linalg.inv(_placement(pepper, frames[frame_joint[parent]])) @ pose
-        else:
-            pose = _placement(pepper, shape.link) @ pose
-        rows.append((frame_joint.get(parent, -1), *_core(shape.geometry, pose)))
-        owners.append(shape.link)
-        parents.append(parent)
-    count = len(rows)
-    for item in scene.objects.values():
-        rows.append((-1, *_core(item.geometry, item.transform_object_to_world)))
-        owners.append(item.name)
-        parents.append(0)
-    pairs, gaps = _pairs(pepper, owners, parents, count, margin)
+    for body in all_bodies:
+        pose = np.array(body.geometry_object.placement.homogeneous)
+        if body.joint:
+            pose = np.linalg.inv(_placement(pepper, frames[frame_joint[body.joint]])) @ pose
+        core, radius = _core(body.geometry_object.geometry, pose)
+        rows.append((frame_joint.get(body.joint, -1), core, radius + body.padding))
+    parents = [body.joint for body in all_bodies]
+    listed = [(i, j) for i, j in checked_pairs(pepper, scene, all_bodies) if parents[i] != parents[j]]
+    pairs, gaps = np.array(listed, np.int64).reshape(-1, 2), np.full(len(listed), margin)
     cores = np.array([row[1] for row in rows]).reshape(-1, COLUMNS)
-    radius = np.array([row[2] for row in rows], float)
+    radii = np.array([row[2] for row in rows], float)
     frame = np.array([row[0] for row in rows], np.int64)
     joint_frame, joint_axis, slides = _joints(pepper, frames)
     carried = _carried(pepper, parents)
-    reach = _reaches(cores) + radius
-    bodies = Bodies(frame, cores, radius, reach, carried, joint_frame, joint_axis, slides, pairs, gaps)
-    return bodies, frames
+    reach = _reaches(cores) + radii
+    made = Bodies(frame, cores, radii, reach, carried, joint_frame, joint_axis, slides, pairs, gaps)
+    return made, frames
 
 
 def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, int]]:
@@ -110,35 +105,25 @@ def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.bool_]:
     return carried
 
 
-def _pairs(
-    pepper: PepperModel, owners: list[str], parents: list[int], count: int, margin: float
-) -> tuple[NDArray[np.int64], Array]:
-    disabled = pepper.semantics.disabled_pairs
-    pairs = []
-    for i in range(count):
-        for j in range(i + 1, len(owners)):
-            names = (min(owners[i], owners[j]), max(owners[i], owners[j]))
-            if parents[i] == parents[j] or (j < count and names in disabled):
-                continue
-            pairs.append((i, j))
-    return np.array(pairs, np.int64).reshape(-1, 2), np.full(len(pairs), margin)
-
-
-def _core(geometry: Geometry, pose: Array) -> tuple[Array, float]:
+def _core(shape: Any, pose: Array) -> tuple[Array, float]:
     """Return a core in the frame that the pose leads to, shape (COLUMNS,), and the radius around it."""
+    import coal
+
     center, half, kind, radius = np.array(pose[:3, 3]), np.zeros(3), BOX, 0.0
-    if isinstance(geometry, Box):
-        half = np.array(geometry.size) / 2
-    elif isinstance(geometry, Sphere):
-        radius = geometry.radius
-    elif isinstance(geometry, Capsule):
-        half, radius = np.array([0.0, 0.0, geometry.length / 2]), geometry.radius
-    elif isinstance(geometry, Cylinder):
-        half, kind = np.array([geometry.radius, geometry.radius, geometry.length / 2]), CYLINDER
+    if isinstance(shape, coal.Box):
+        half = np.array(shape.halfSide)
+    elif isinstance(shape, coal.Sphere):
+        radius = float(shape.radius)
+    elif isinstance(shape, coal.Capsule):
+        half, radius = np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
+    elif isinstance(shape, coal.Cylinder):
+        half, kind = np.array([shape.radius, shape.radius, shape.halfLength]), CYLINDER
+    elif isinstance(shape, coal.Halfspace):
+        half = np.full(3, VAST)
+        center += pose[:3, :3] @ np.array([0.0, 0.0, shape.d - VAST])
     else:
-        mesh = coal_geometry(geometry)
-        mesh.computeLocalAABB()
-        low, high = np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
+        shape.computeLocalAABB()
+        low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
         half, center = (high - low) / 2, center + pose[:3, :3] @ (low + high) / 2
     return np.concatenate([center, np.ravel(pose[:3, :3]), half, [kind]]), radius
 
