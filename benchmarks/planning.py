@@ -119,7 +119,7 @@ def breadth(name: str, kind: Kind, count: int) -> tuple[int, int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--count", type=int, default=100, help="problems of each race")
-    parser.add_argument("--problems", type=int, default=30, help="problems of each kind")
+    parser.add_argument("--problems", type=int, default=30, help="problems of each kind; 0 for none")
     options = parser.parse_args()
     print("| joints | whole call | solved [%] | median [ms] | 95th percentile [ms] | time / search |")
     print("|---|---|---|---|---|---|")

@@ -29,8 +29,11 @@ class Kind:
     planar: bool = False
 
 
+TABLE = pk.Scene().add_box("table", (0.6, 1.0, 0.04), (0.55, 0.0, 0.70))
+
+
 def _table(_: np.random.Generator) -> pk.Scene:
-    return pk.Scene().add_box("table", (0.6, 1.0, 0.04), (0.55, 0.0, 0.70))
+    return TABLE
 
 
 def _shelf(_: np.random.Generator) -> pk.Scene:
