@@ -125,6 +125,8 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for groups in (ARM, TORSO_AND_ARM):
         race(Kind(KINDS["table"].scene, groups), options.count)
+    if not options.problems:
+        return
     print(
         "\n| scene | problems | solved in 1 s | can be solved | clear by coal | median [ms] | longest [ms] |"
     )
