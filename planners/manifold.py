@@ -177,12 +177,12 @@ class OnSurface:
 
     def _answer(self, given: int, out: int, work: int) -> None:
         n, rows = self._manifold.n, self._manifold.rows
-        answer = np.frombuffer((ctypes.c_double * (rows * (1 + n))).from_address(out), np.float64)
+        answer = _numbers_at(out, rows * (1 + n))
         answer[:] = np.nan
         if self._error is not None:
             return
         try:
-            state = np.frombuffer((ctypes.c_double * n).from_address(given), np.float64).copy()
+            state = _numbers_at(given, n).copy()
             residual, jacobian = self._manifold.function(state[None])  # type: ignore[operator]
             values, slopes = np.asarray(residual, dtype=float), np.asarray(jacobian, dtype=float)
             if values.shape != (1, rows) or slopes.shape != (1, rows, n):
@@ -192,3 +192,7 @@ class OnSurface:
         except BaseException as error:  # also an interrupt from the keyboard
             self._error = error
             self._stop[0] = 1
+
+
+def _numbers_at(address: int, count: int) -> FloatArray:
+    return np.frombuffer(memoryview((ctypes.c_double * count).from_address(address)), np.float64)
