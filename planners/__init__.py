@@ -8,9 +8,12 @@ if result.success:
 
 from .certificate import Certificate, certify
 from .compiled_validity import CompiledValidity
+from .constrained_connect import constrained_connect
+from .constrained_shortcut import constrained_shortcut, constrained_smooth, project
 from .deadline import Deadline
 from .goal_source import GoalSampler
 from .improve import improve
+from .manifold import MachineCodeManifold, Manifold
 from .metric import Metric
 from .ompl_planner import OMPL_PLANNERS, available_ompl_planners, ompl_plan
 from .oracle import Advance, Oracle, StateValidity
@@ -32,6 +35,8 @@ __all__ = [
     "Deadline",
     "GoalSampler",
     "Improvement",
+    "MachineCodeManifold",
+    "Manifold",
     "Metric",
     "Oracle",
     "Path",
@@ -43,8 +48,12 @@ __all__ = [
     "Status",
     "available_ompl_planners",
     "certify",
+    "constrained_connect",
+    "constrained_shortcut",
+    "constrained_smooth",
     "improve",
     "ompl_plan",
+    "project",
     "rrt_connect",
     "rrt_star",
     "shortcut",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -15,6 +16,8 @@ class Status(Enum):
     SOLVED = "solved"
     START_INVALID = "start_invalid"
     GOAL_INVALID = "goal_invalid"
+    START_OFF_MANIFOLD = "start_off_manifold"
+    GOAL_OFF_MANIFOLD = "goal_off_manifold"
     NO_GOAL = "no_goal"
     NO_PATH_IN_TIME = "no_path_in_time"
     OUT_OF_ITERATIONS = "out_of_iterations"
@@ -31,6 +34,12 @@ _ADVICE = {
     ),
     Status.START_INVALID: "The oracle refuses the start state; begin at a valid state or reduce the margin.",
     Status.GOAL_INVALID: "The oracle refuses every goal state; give other goals or reduce the margin.",
+    Status.START_OFF_MANIFOLD: (
+        "The start does not meet the constraints; begin at a state that does, or raise the tolerance."
+    ),
+    Status.GOAL_OFF_MANIFOLD: (
+        "No goal meets the constraints; project one onto the manifold, or raise the tolerance."
+    ),
     Status.NO_GOAL: (
         "The sampler of goals drew none that the oracle accepts; raise the timeout, reduce the margin, "
         "or check that the sampler can succeed."
@@ -76,6 +85,8 @@ class Result:
         time: Wall time [s].
         seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
         history: Falling costs, of planners that improve a path; the first entry is the path they began with.
+        residual: Largest error as a multiple of its tolerance, of planners on a manifold: of the path's
+            way-points, or of the start or the nearest goal if that is off the manifold; nan otherwise.
     """
 
     status: Status
@@ -88,6 +99,7 @@ class Result:
     time: float
     seed: int
     history: tuple[Improvement, ...] = ()
+    residual: float = math.nan
 
     @property
     def success(self) -> bool:

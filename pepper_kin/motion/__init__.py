@@ -1,7 +1,10 @@
 """From a goal and a scene to a checked path, and from a path to a motion that is short and smooth."""
 
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
+from pepper_kin.motion.constrained_plan import plan_constrained
+from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.curves import Arc, Curve, Line
+from pepper_kin.motion.frame_in_plane import FrameInPlane
 from pepper_kin.motion.optimisation import (
     Cost,
     Optimised,
@@ -20,6 +23,7 @@ __all__ = [
     "CartesianStatus",
     "Cost",
     "Curve",
+    "FrameInPlane",
     "Line",
     "Optimised",
     "OptimisedStatus",
@@ -28,7 +32,9 @@ __all__ = [
     "Swing",
     "SwingStatus",
     "cartesian_path",
+    "manifold_of",
     "minimum_effort_swing",
     "optimise",
     "plan",
+    "plan_constrained",
 ]

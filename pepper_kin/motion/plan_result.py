@@ -27,6 +27,8 @@ class PlanStatus(Enum):
     START_TOO_HEAVY = "start_too_heavy"
     GOAL_IN_COLLISION = "goal_in_collision"
     GOAL_TOO_HEAVY = "goal_too_heavy"
+    START_OFF_CONSTRAINT = "start_off_constraint"
+    GOAL_OFF_CONSTRAINT = "goal_off_constraint"
     NO_IK = "no_ik"
     NO_PATH_IN_TIME = "no_path_in_time"
 
@@ -42,6 +44,8 @@ _ADVICE = {
     PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold, such as Stand.",
     PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
     PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
+    PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
+    PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
     PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
     PlanStatus.NO_PATH_IN_TIME: "Raise the timeout, try another seed, or free more joints.",
 }
@@ -60,6 +64,8 @@ class Plan:
         goal: The configuration reached, shape (n,); None unless solved.
         ik: Result of inverse kinematics where the goal was given as tasks.
         length: Length of the path in joint space [rad and m mixed]; nan unless solved.
+        constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio,
+            groups taken apart [m or rad]; empty where there are none.
         states_checked: Number of configurations asked about.
         time: Wall time [s], without the loading or compiling of code.
         seed: Seed: the same problem and seed give the same plan.
@@ -76,6 +82,7 @@ class Plan:
     time: float = 0.0
     seed: int = 0
     planner: str = "rrt_connect"
+    constraint_errors: tuple[float, ...] = ()
     evidence: Callable[[], float] | None = field(default=None, repr=False)
 
     @cached_property

@@ -1,0 +1,150 @@
+"""From start, goal, scene and constraints to a path that keeps the constraints all the way."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin import planners
+from pepper_kin.collision import Scene
+from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.ik.tasks.task import words_for_angle, words_for_length
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
+from pepper_kin.motion.constraints import as_constraints, hardened, manifold_of
+from pepper_kin.motion.ends import fault_of, free_joints, goals_of
+from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
+from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
+
+Array = NDArray[np.float64]
+
+PLANNER = "constrained_connect"
+SHORTCUTS = 60
+
+
+def plan_constrained(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike | Sequence[Any],
+    scene: Scene | None = None,
+    constraints: Sequence[Task | TaskGroup] = (),
+    *,
+    joints: str | Sequence[str] | None = None,
+    margin: float = 0.01,
+    seed: int = 0,
+    timeout: float = 10.0,
+) -> Plan:
+    """Plan a collision-free path along which IK tasks stay met.
+
+    A tray that stays level is `AxisAlignment`, a box between two hands `RelativePose`, a gaze that stays on a
+    point `LookAt`, a hand at a height `FrameInPlane`.  Each task's tolerance is what may be used of it on the
+    way: half a degree is an equation to the planner, ten degrees an inequality.
+
+    Args:
+        pepper: The robot.
+        start: Start configuration [rad or m], shape (n,), which meets the constraints.
+        goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
+            together with the constraints.
+        scene: The world around the robot.
+        constraints: Tasks with one target and a finite tolerance each.
+        joints: Joints that may move: a group name or joint names.  None: those in which start and goals
+            differ; give more where the constraints leave them no freedom.
+        margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
+            nearer than that.
+        seed: Seed of all random choices.
+        timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
+
+    Returns:
+        The plan.  Its `constraint_errors` are the largest errors along the spline that `retime` draws.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, no constraint, or one of infinite tolerance.
+        LimitError: for a start or goal outside the joint limits, naming the joint.
+        UnknownNameError: for an unknown joint, frame or group.
+    """
+    tasks = as_constraints(pepper, constraints)
+    q_start = checked_start(pepper, start, margin, timeout)
+    checks = Checks(pepper, scene, compiled=True)
+    begin = time.perf_counter()
+    ended = Ending(pepper, begin, seed, PLANNER)
+    fault = _off(pepper, tasks, q_start, "start") or fault_of(checks.exact, q_start, "start")
+    if fault is not None:
+        return ended(*fault)
+    goals, ik, fault = goals_of(checks, q_start, _with(goal, tasks), joints, margin, seed, timeout)
+    faults = [_off(pepper, tasks, q, "goal") for q in goals]
+    goals = goals[[k for k, off in enumerate(faults) if off is None]]
+    if not len(goals):
+        return ended(*(fault or next(off for off in faults if off is not None)), ik=ik)
+    free = free_joints(pepper, joints, q_start, goals)
+    if free.size == 0:
+        errors = largest_errors(pepper, q_start[None], tasks)
+        message = "Start and goal are the same."
+        return ended.solved(checks.exact, q_start[None], message, ik=ik, constraint_errors=errors)
+    room, manifold = (
+        path_problem(checks, q_start, goals, free, margin),
+        manifold_of(pepper, tasks, q_start, free),
+    )
+    left = max(timeout - (time.perf_counter() - begin), 1e-3)
+    result = planners.constrained_connect(room.problem, manifold, seed=seed, timeout=left)
+    said = {"ik": ik, "states_checked": result.states_checked}
+    if result.path is None:
+        message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
+        return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
+    path = _waypoints(pepper, room, manifold, result.path, seed, timeout / 2)
+    errors = () if path is None else largest_errors(pepper, path, tasks)
+    if path is None or not _keeps(tasks, errors):
+        message = "A path was found, but no spline through way-points of it keeps constraints and margin."
+        return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
+    return ended.solved(checks.exact, path, _words(tasks, path, errors), constraint_errors=errors, **said)
+
+
+def _waypoints(
+    pepper: PepperModel,
+    room: PathProblem,
+    manifold: planners.Manifold,
+    path: planners.Path,
+    seed: int,
+    timeout: float,
+) -> Array | None:
+    """Shorten and round a path; return way-points whose spline is valid, or None."""
+    short = planners.constrained_shortcut(
+        room.problem, manifold, path, seed=seed, iterations=SHORTCUTS, timeout=timeout
+    )
+    rounded = planners.constrained_smooth(room.relaxed, manifold, short, timeout=timeout)
+    return constrained_waypoints(pepper, room.relaxed, manifold, (rounded, short, path), room.embed)
+
+
+def _with(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task]) -> Any:
+    """Return the goal; if it is made of tasks, together with the constraints as hard ones."""
+    if not isinstance(goal, Sequence) or not goal or not isinstance(goal[0], (Task, TaskGroup)):
+        return goal
+    parts: list[Any] = []
+    for item in goal:
+        parts += item.parts if isinstance(item, TaskGroup) else [item]
+    return [*parts, *(hardened(task) for task in constraints)]
+
+
+def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tuple[PlanStatus, str] | None:
+    """Return which constraint a configuration does not meet, or None."""
+    for task in tasks:
+        if task.error(pepper, q) > task.tolerance * (1.0 + 1e-9):
+            status = PlanStatus.START_OFF_CONSTRAINT if what == "start" else PlanStatus.GOAL_OFF_CONSTRAINT
+            words = words_for_angle if task.unit_on(pepper) == "rad" else words_for_length
+            allowed = f"its tolerance is {words(task.tolerance)}"
+            return status, f"The {what} does not meet a constraint: {task.shortfall(pepper, q)}; {allowed}."
+    return None
+
+
+def _keeps(tasks: Sequence[Task], errors: Sequence[float]) -> bool:
+    return all(error <= task.tolerance * (1.0 + 1e-9) for task, error in zip(tasks, errors, strict=True))
+
+
+def _words(tasks: Sequence[Task], path: Array, errors: Sequence[float]) -> str:
+    worst = max(range(len(tasks)), key=lambda k: errors[k] / tasks[k].tolerance)
+    used = 100 * errors[worst] / tasks[worst].tolerance
+    return f"Path of {len(path)} way-points; {tasks[worst].name} uses {used:.0f} % of its tolerance."
