@@ -102,9 +102,7 @@ def _authored(pepper: PepperModel, score: Score, side: str, amplitude: float, te
             # From the inside of each piece: at a key the second derivative jumps.
             coefficients[:, power, j] = _at_starts(curve, times, power) / divisor
     scale = tempo ** np.arange(4)
-    return Trajectory(
-        pepper.joint_names, times / tempo, coefficients * scale[:, None], pepper.joint_units
-    )
+    return Trajectory(pepper.joint_names, times / tempo, coefficients * scale[:, None], pepper.joint_units)
 
 
 def _at_starts(curve: Any, times: Array, power: int) -> Array:

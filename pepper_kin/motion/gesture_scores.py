@@ -58,9 +58,7 @@ def _arm(
     }
 
 
-def _arms(
-    lowered: float, out: float, elbow_out: float, bend: float, wrist: float = 0.0
-) -> dict[str, float]:
+def _arms(lowered: float, out: float, elbow_out: float, bend: float, wrist: float = 0.0) -> dict[str, float]:
     pose = (lowered, out, elbow_out, bend, wrist)
     return {**_arm(*pose), **_arm(*pose, side="L")}
 

@@ -33,8 +33,8 @@ def make_safe(pepper: PepperModel, trajectory: Trajectory, *, rounding: float = 
     which stays within the hull of its control points, begins and ends at rest, and turns corners and jumps
     into swings.  It is then run with ds/dt = sigma(s) <= 1, smooth, and as near to 1 as
         |q' sigma| <= v,  |q'' sigma^2 + q' sigma sigma'| <= a,  |torque| <= tau
-    and the zero-moment point within the wheels' triangle allow.  Unlike `retime` it is not the fastest: pauses
-    and slow passages stay as they were, and accelerations are continuous.
+    and the zero-moment point within the wheels' triangle allow.  Unlike `retime` it is not the fastest:
+    pauses and slow passages stay as they were, and accelerations are continuous.
 
     Args:
         pepper: The robot, which gives the limits.
@@ -134,7 +134,7 @@ def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
 
 
 def _ceiling(pepper: PepperModel, path: State) -> Array:
-    """Return the greatest constant speed up to 1 that velocity and acceleration limits allow at each point."""
+    """Return the greatest constant speed up to 1 that velocity and acceleration allow at each point."""
     with np.errstate(divide="ignore", invalid="ignore"):
         velocity = np.nanmin(_SHARE * pepper.velocity_limits / np.abs(path.velocity), axis=1)
         bend = np.nanmin(_SHARE * pepper.acceleration_limits / np.abs(path.acceleration), axis=1)
