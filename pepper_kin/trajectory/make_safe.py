@@ -16,7 +16,7 @@ from pepper_kin.trajectory.trajectory import Samples, State, Trajectory
 Array = NDArray[np.float64]
 
 _FINER = 4  # points of the time law per piece of the rounded curve
-_WINDOW = 0.1  # [s] over which a slow-down fades in and out
+_WINDOW = 0.05  # [s] over which a slow-down fades in and out
 _ROUNDS = 80
 _JUMP = 1e-4  # [rad or m]
 _SHARE = 0.98  # of each limit; the rest is for what happens between the points looked at
