@@ -9,6 +9,8 @@ from pepper_kin.trajectory.files import load, save
 from pepper_kin.trajectory.key_curve import Handle, Key
 from pepper_kin.trajectory.make_safe import make_safe
 from pepper_kin.trajectory.naoqi_file import NaoqiArguments, naoqi_arguments
+from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
+from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.table_file import read_columns, read_table, write_table
 from pepper_kin.trajectory.timeline import Curve, ImportedMotion, Timeline, import_timeline
@@ -23,6 +25,7 @@ __all__ = [
     "Key",
     "LimitCheck",
     "NaoqiArguments",
+    "PhasePlane",
     "Samples",
     "ScalarCheck",
     "State",
@@ -35,6 +38,8 @@ __all__ = [
     "make_safe",
     "naoqi_arguments",
     "naoqi_timeline",
+    "phase_plane",
+    "plot",
     "read_choregraphe",
     "read_columns",
     "read_csv",

@@ -68,8 +68,8 @@ def test_gestures_look_like_what_they_say(pepper):
     assert np.ptp(of("bow", "HipRoll")) < 0.01
     assert np.ptp(of("look-around", "HeadYaw")) > 1.7
     assert np.ptp(of("sway", "HipRoll")) > 0.15
-    hands = [pk.kinematics.frame_pose(pepper, gesture(pepper, "clap").sample(0.01).position, f"{a}Arm_effector")
-             [:, :3, 3] for a in "LR"]  # fmt: skip
+    clap = gesture(pepper, "clap").sample(0.01).position
+    hands = [pk.kinematics.frame_pose(pepper, clap, f"{a}Arm_effector")[:, :3, 3] for a in "LR"]
     apart = np.linalg.norm(hands[0] - hands[1], axis=1)
     dips = np.flatnonzero((apart[1:-1] < apart[:-2]) & (apart[1:-1] <= apart[2:]) & (apart[1:-1] < 0.25))
     assert dips.size == 3
