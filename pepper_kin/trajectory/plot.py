@@ -38,10 +38,10 @@ def plot(
 ) -> Any:
     """Draw a trajectory against the robot's limits.
 
-    Position, velocity, acceleration and torque of each joint as a share of its limits (1 and -1 are the ends
-    of its range, what lies beyond is shaded), so that joints of different strength share one picture; a
-    joint's numbers at its worst instant are in the legend.  Below, the phase plane with the maximum-velocity curve;
-    see `phase_plane`.
+    Position, velocity, acceleration and torque of each joint as a share of its limits, so that joints of
+    different strength share one picture: 1 and -1 are the ends of its range, what lies beyond is shaded.  A
+    joint's numbers at its worst instant are in the legend.  Below, the phase plane with the maximum-velocity
+    curve; see `phase_plane`.
 
     Args:
         trajectory: The trajectory; its joints must be the robot's.
@@ -148,7 +148,7 @@ def _draw_quantity(
     return peaks
 
 
-def _style(number: int) -> tuple[str, str]:
+def _style(number: int) -> tuple[str, Any]:
     return _COLOURS[number % len(_COLOURS)], "-" if number < len(_COLOURS) else "--"
 
 
@@ -171,8 +171,10 @@ def _draw_legend(axes: Any, pepper: PepperModel, places: list[int], peaks: list[
 
 
 def _draw_plane(axes: Any, plane: PhasePlane) -> None:
-    top = 1.9 * max(float(plane.speed.max()), 1e-9)
     limit = np.minimum(plane.velocity_limit, plane.force_limit)
+    # The limits are in the picture unless that would flatten the trajectory.
+    fastest = max(float(plane.speed.max()), 1e-9)
+    top = max(1.3 * fastest, min(1.15 * float(limit.max()), 3.0 * fastest))
     axes.fill_between(plane.way, limit, max(top, 1.0), color=_OUTSIDE, alpha=0.12, linewidth=0)
     axes.plot(plane.way, plane.velocity_limit, color="#7570b3", linewidth=1.2, label="velocity limits")
     axes.plot(
