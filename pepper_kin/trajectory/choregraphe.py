@@ -38,6 +38,9 @@ class _Element:
 def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
     """Read all timelines with motion of a behaviour (.xar) or of the behaviours of a project (.pml).
 
+    Of behaviours in the older format, which keep their boxes in other files, the files with the root
+    `Animation` can be read one by one.
+
     A key at frame f is at (f - start_frame) / fps seconds, as the robot's own player takes it; keys before
     the start frame are left out, and so are muted curves.  Angles are degrees, of hands shares.  Handles are
     frames and degrees from their key; keys without handles have automatic ones.
@@ -54,13 +57,13 @@ def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
     if Path(path).suffix.lower() == ".pml":
         return _project(path)
     root = _parse(path)
-    if root.tag != "ChoregrapheProject":
+    if root.tag not in ("ChoregrapheProject", "Animation"):
         raise FileFormatError(path, f"is no behaviour: its root is {root.tag!r}", root.line)
     found = tuple(_timelines(path, root, ()))
     if not found:
         old = next((child for child in root.children if child.tag == "BoxInstance"), None)
         if old is not None:
-            reason = "keeps its boxes in other files, an older format; save it with Choregraphe 2"
+            reason = "keeps its boxes in other files, an older format; read those with the root Animation, or save it with Choregraphe 2"
             raise FileFormatError(path, reason, old.line)
         raise FileFormatError(path, "has no timeline that moves a joint")
     return found
@@ -176,7 +179,7 @@ def _timelines(path: PathName, element: _Element, boxes: tuple[str, ...]) -> Ite
     """Yield the timelines below an element, named by the boxes on the way to them."""
     if element.tag == "Box":
         boxes = (*boxes, element.attributes.get("name", "?"))
-    if element.tag == "Timeline":
+    if element.tag in ("Timeline", "Animation"):
         timeline = _timeline(path, element, "/".join(boxes) or "Timeline")
         if timeline is not None:
             yield timeline

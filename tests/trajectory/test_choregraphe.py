@@ -329,12 +329,27 @@ def test_behaviours_without_motion(behaviour):
     for content, message in [
         ("<ChoregrapheProject/>", "has no timeline that moves a joint"),
         ('<ChoregrapheProject><BoxInstance path="root.xml"/></ChoregrapheProject>', "an older format"),
-        ("<Animation/>", "its root is 'Animation'"),
+        ("<Anim/>", "its root is 'Anim'"),
+        ("<Animation/>", "has no timeline that moves a joint"),
         ("<a>" * 500 + "</a>" * 500, "nests more than 200 elements"),
     ]:
         behaviour.write_text(content)
         with pytest.raises(FileFormatError, match=message):
             read_choregraphe(behaviour)
+
+
+def test_animations_of_the_older_format(tmp_path, pepper):
+    path = tmp_path / "nod.xml"
+    path.write_text(
+        '<Animation fps="25" size="300" enable="1" start_frame="0" end_frame="-1"><watches />'
+        '<ActuatorList><ActuatorCurve name="value" actuator="HeadPitch" recordable="1" mute="0">'
+        '<Key frame="25" value="-4.5" /><Key frame="50" value="9" /></ActuatorCurve>'
+        "</ActuatorList></Animation>"
+    )
+    (timeline,) = read_choregraphe(path)
+    assert timeline.name == "Timeline"
+    found = positions(pepper, timeline, "HeadPitch", [1.0, 2.0])
+    assert np.degrees(found) == pytest.approx([-4.5, 9])
 
 
 PROJECT = """<?xml version="1.0" encoding="UTF-8" ?>
