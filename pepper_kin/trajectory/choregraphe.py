@@ -63,7 +63,7 @@ def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
     if not found:
         old = next((child for child in root.children if child.tag == "BoxInstance"), None)
         if old is not None:
-            reason = "keeps its boxes in other files, an older format; read those with the root Animation, or save it with Choregraphe 2"
+            reason = "keeps its boxes in other files, an older format; read those whose root is Animation"
             raise FileFormatError(path, reason, old.line)
         raise FileFormatError(path, "has no timeline that moves a joint")
     return found
