@@ -26,6 +26,7 @@ _POINTS = 1500
 _MOVES = 1e-3  # [rad or m] a joint that moves less is left out
 _COLOURS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3", "#e7298a", "#66a61e", "#a6761d", "#444444")
 _OUTSIDE = "#c0392b"
+_LEGEND = "greatest share of limits: position [rad]; velocity [rad/s]; acceleration [rad/s²]; torque [N m]"
 
 
 def plot(
@@ -121,13 +122,13 @@ def _values(
 def _draw_quantity(
     axes: Any, pepper: PepperModel, name: str, trajectory: Trajectory, time: Array, places: list[int]
 ) -> list[str]:
-    """Draw one quantity as shares of the limits; return each joint's worst value with its limit, in words."""
+    """Draw one quantity as shares of the limits; return each joint's worst value and its limit, in words."""
     value, lower, upper = _values(pepper, name, trajectory, time)
     peaks, largest = [], 1.0
     for number, j in enumerate(places):
-        unit = unit_of(name, pepper.joint_units[j])
+        unit = "" if pepper.joint_units[j] == "rad" else f" {unit_of(name, pepper.joint_units[j])}"
         if not np.isfinite(upper[j] - lower[j]):
-            peaks.append(f"no limit [{unit}]")
+            peaks.append("no limit")
             continue
         share = (2 * value[:, j] - lower[j] - upper[j]) / (upper[j] - lower[j])
         at = int(np.argmax(np.abs(share)))
@@ -135,7 +136,7 @@ def _draw_quantity(
         colour, style = _style(number)
         axes.plot(time, share, color=colour, linestyle=style, linewidth=1.4)
         limit = upper[j] if share[at] > 0 else lower[j]
-        peaks.append(f"{value[at, j]:.3g} of {limit:.3g} {unit}")
+        peaks.append(f"{value[at, j]:.3g} of {limit:.3g}{unit}")
     reach = 1.18 * largest
     for low, high in ((1.0, reach), (-reach, -1.0)):
         axes.axhspan(low, high, color=_OUTSIDE, alpha=0.12, linewidth=0)
@@ -165,7 +166,7 @@ def _draw_legend(axes: Any, pepper: PepperModel, places: list[int], peaks: list[
     ]
     axes.legend(
         handles, words, loc="center", ncols=2 if len(places) > 1 else 1, fontsize=7.2, frameon=False,
-        title="greatest share of the limits: position; velocity; acceleration; torque", title_fontsize=8,
+        title=_LEGEND, title_fontsize=8,
         columnspacing=1.0, handlelength=1.6,
     )  # fmt: skip
 

@@ -83,7 +83,7 @@ def test_what_is_drawn_is_the_trajectory(pepper, trajectory):
     words = [text.get_text() for text in legend.get_texts()]
     moving = {"HipPitch", "HeadYaw", "LShoulderPitch", "LElbowYaw"}
     assert {word.split(":")[0] for word in words} >= moving
-    assert any("of -7.34 rad/s" in word or "of 7.34 rad/s" in word for word in words)
+    assert any("of -7.34;" in word for word in words)
 
 
 def test_an_excess_is_inside_the_picture(pepper, trajectory):
