@@ -109,22 +109,54 @@ def export(
 
 @app.command()
 def gesture(
-    name: Annotated[str, typer.Argument(help="left-arm, right-arm or head.")],
+    name: Annotated[str, typer.Argument(help="left-arm, right-arm, head (the paper's), or wave, bow, ...")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the files.")] = None,
+    side: Annotated[str, typer.Option(help="right or left.")] = "right",
+    amplitude: Annotated[float, typer.Option(help="Share of the authored way, up to 1.25.")] = 1.0,
+    tempo: Annotated[float, typer.Option(help="Speed relative to the authored one, 0.25 to 4.")] = 1.0,
     as_json: Json = False,
 ) -> None:
-    """Replay a movement of the paper's table 5 on the twin and compare the errors.
+    """Make a gesture of the library and examine it, or replay one of the paper's table 5 on the twin.
 
-    Example: pepper-kin gesture left-arm -o gesture
+    Example: pepper-kin gesture wave --side left -o wave
     """
-    from pepper_kin.jobs import write_gesture
+    from pepper_kin.jobs import make_gesture, write_gesture, write_library_gesture
     from pepper_kin.model import load_pepper
-    from pepper_kin.twin import replay
+    from pepper_kin.twin import GESTURES, replay
 
-    report = replay(load_pepper(), name)
+    pepper = load_pepper()
+    if name in GESTURES:
+        replayed = replay(pepper, name)
+        if output is not None:
+            write_gesture(replayed, output)
+        print(json.dumps(replayed.as_dict(), indent=2) if as_json else replayed.report())
+        return
+    made = make_gesture(pepper, name, side=side, amplitude=amplitude, tempo=tempo)
     if output is not None:
-        write_gesture(report, output)
-    print(json.dumps(report.as_dict(), indent=2) if as_json else report.report())
+        write_library_gesture(made, output)
+    print(json.dumps(made.as_dict(), indent=2) if as_json else made.report())
+    if not made.certificate.ok:
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="Trajectory: .csv, .npz, .json, .yaml, .py or .mcap.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Picture: .png, .pdf or .svg.")],
+    base: Annotated[str, typer.Option(help="fixed or planar.")] = "fixed",
+    hands: Annotated[str, typer.Option(help="locked, mimic or independent.")] = "locked",
+) -> None:
+    """Draw a trajectory against Pepper's limits, and its phase plane.
+
+    Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
+    """
+    from pepper_kin.model import load_pepper
+    from pepper_kin.trajectory import load
+    from pepper_kin.trajectory import plot as draw
+
+    pepper = load_pepper(base=base, hands=hands)
+    draw(load(file, pepper), pepper, output, title=file.name)
+    print(f"Written: {output}")
 
 
 def _scene(boxes: list[str]) -> Any:

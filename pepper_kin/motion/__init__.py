@@ -38,3 +38,8 @@ __all__ = [
     "plan",
     "plan_constrained",
 ]
+"""From a goal and a scene to a checked path, and a library of gestures."""
+
+from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
+
+__all__ = ["Plan", "PlanStatus", "gesture", "gesture_meaning", "gesture_names", "plan"]

@@ -1,0 +1,118 @@
+"""Authored gestures, timed so that the robot can make them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.motion.gesture_scores import SCORES, Score
+from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.make_safe import make_safe
+
+Array = NDArray[np.float64]
+
+SIDES = ("right", "left")
+LARGEST_AMPLITUDE = 1.25
+TEMPOS = (0.25, 4.0)
+_REST = "Stand"
+# Joints that mean the same in a mirror; all others change sign.
+_STRAIGHT = ("KneePitch", "HipPitch", "HeadPitch", "LShoulderPitch", "RShoulderPitch")
+
+
+def gesture_names() -> tuple[str, ...]:
+    """Return the names that `gesture` knows, in the library's order."""
+    return tuple(SCORES)
+
+
+def gesture_meaning(name: str) -> str:
+    """Return what a gesture looks like, in a few words.
+
+    Raises:
+        UnknownNameError: for another name.
+    """
+    return _score(name).says
+
+
+def gesture(
+    pepper: PepperModel, name: str, *, side: str = "right", amplitude: float = 1.0, tempo: float = 1.0
+) -> Trajectory:
+    """Return a gesture of the library, from the posture Stand and back to it.
+
+    The keys of each joint are joined by a monotone cubic (PCHIP: no overshoot between keys), and the whole is
+    rounded, and slowed down where limits ask for it, by `pepper_kin.trajectory.make_safe`.
+
+    Args:
+        pepper: Pepper, with any base and any hands; joints that the gesture does not name rest.
+        name: One of `gesture_names()`.
+        side: "right" or "left": whose hand acts, and where head and torso turn first.
+        amplitude: Share of the authored way from the posture Stand, in (0, 1.25].
+        tempo: Speed relative to the authored one, in [0.25, 4]; limits may make it slower.
+
+    Returns:
+        The timed gesture.
+
+    Raises:
+        UnknownNameError: for another name, or a robot without Pepper's joints.
+        InvalidValueError: for a side, amplitude or tempo out of range.
+        InfeasibleError: where the robot could not hold a pose of it.
+    """
+    score = _score(name)
+    check_choice("side", side, SIDES)
+    _check_between("amplitude", amplitude, 0.0, LARGEST_AMPLITUDE)
+    _check_between("tempo", tempo, *TEMPOS)
+    return make_safe(pepper, _authored(pepper, score, side, float(amplitude), float(tempo)))
+
+
+def _score(name: str) -> Score:
+    if name not in SCORES:
+        raise UnknownNameError("gesture", name, SCORES)
+    return SCORES[name]
+
+
+def _check_between(quantity: str, value: float, low: float, high: float) -> None:
+    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    if not (number and np.isfinite(value) and low <= value <= high and value > 0):
+        above = "above 0" if low == 0.0 else f"at least {low:g}"
+        raise InvalidValueError(quantity, repr(value), f"a number {above} and at most {high:g}")
+
+
+def _authored(pepper: PepperModel, score: Score, side: str, amplitude: float, tempo: float) -> Trajectory:
+    """Return the curves through the keys, before rounding and slowing down."""
+    from scipy.interpolate import PchipInterpolator
+
+    rest = pepper.posture(_REST)
+    named = dict.fromkeys(joint for key in score.keys for joint in key.joints)
+    times = np.array([0.0, *(key.time for key in score.keys), score.duration])
+    coefficients = np.zeros((times.size - 1, 4, pepper.n))
+    coefficients[:, 0] = rest
+    for joint in named:
+        keys = [(key.time, key.joints[joint]) for key in score.keys if joint in key.joints]
+        mirrored, sign = (joint, 1.0) if side == "right" else _mirror(joint)
+        j = pepper.joint_index(mirrored)
+        # Standing still before and after makes the curve begin and end at rest.
+        time = [-1.0, 0.0, *(t for t, _ in keys), score.duration, score.duration + 1.0]
+        way = [0.0, 0.0, *(amplitude * (sign * value - rest[j]) for _, value in keys), 0.0, 0.0]
+        curve = PchipInterpolator(time, rest[j] + np.array(way))
+        for power, divisor in enumerate((1.0, 1.0, 2.0, 6.0)):
+            # From the inside of each piece: at a key the second derivative jumps.
+            coefficients[:, power, j] = _at_starts(curve, times, power) / divisor
+    scale = tempo ** np.arange(4)
+    return Trajectory(pepper.joint_names, times / tempo, coefficients * scale[:, None], pepper.joint_units)
+
+
+def _at_starts(curve: Any, times: Array, power: int) -> Array:
+    """Return a derivative of a piecewise cubic at the start of each interval, as it is inside it."""
+    derivative = curve.derivative(power) if power else curve
+    return np.asarray(derivative(times[:-1]))
+
+
+def _mirror(joint: str) -> tuple[str, float]:
+    """Return the joint on the other side and the sign of its position there."""
+    swapped = {"L": "R", "R": "L"}
+    other = swapped[joint[0]] + joint[1:] if joint[0] in swapped else joint
+    return other, 1.0 if joint in _STRAIGHT else -1.0

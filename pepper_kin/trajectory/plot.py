@@ -1,0 +1,192 @@
+"""Pictures of trajectories: four quantities with their limits, and the phase plane."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.atomic_file import write_bytes
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
+from pepper_kin.trajectory.quantities import unit_of
+from pepper_kin.trajectory.table_file import PathName
+from pepper_kin.trajectory.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+FORMATS = ("png", "pdf", "svg")
+QUANTITIES = ("position", "velocity", "acceleration", "torque")
+_POINTS = 1500
+_MOVES = 1e-3  # [rad or m] a joint that moves less is left out
+_COLOURS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3", "#e7298a", "#66a61e", "#a6761d", "#444444")
+_OUTSIDE = "#c0392b"
+_LEGEND = "greatest share of limits: position [rad]; velocity [rad/s]; acceleration [rad/s²]; torque [N m]"
+
+
+def plot(
+    trajectory: Trajectory,
+    pepper: PepperModel,
+    path: PathName | None = None,
+    *,
+    joints: Sequence[str] | None = None,
+    title: str | None = None,
+) -> Any:
+    """Draw a trajectory against the robot's limits.
+
+    Position, velocity, acceleration and torque of each joint as a share of its limits, so that joints of
+    different strength share one picture: 1 and -1 are the ends of its range, what lies beyond is shaded.  A
+    joint's numbers at its worst instant are in the legend.  Below, the phase plane with the maximum-velocity
+    curve; see `phase_plane`.
+
+    Args:
+        trajectory: The trajectory; its joints must be the robot's.
+        pepper: The robot.
+        path: File to write, .png, .pdf or .svg; nothing is written if omitted.
+        joints: Joints to draw; those that move if omitted.
+        title: Heading; duration and joints if omitted.
+
+    Returns:
+        The figure of matplotlib, which shows itself in a notebook.
+
+    Raises:
+        InvalidValueError: where the joints are not the robot's, or the trajectory does not move.
+        UnknownNameError: for an unknown joint or suffix.
+        MissingDependencyError: where matplotlib is not installed.
+        FileFormatError: where the file cannot be written.
+    """
+    kind = None if path is None else Path(path).suffix.lower().lstrip(".")
+    if kind is not None and kind not in FORMATS:
+        raise UnknownNameError("suffix", f".{kind}", (f".{name}" for name in FORMATS))
+    plane = phase_plane(pepper, trajectory)
+    time = np.linspace(0.0, trajectory.duration, _POINTS)
+    places = _places(pepper, trajectory(time).position, joints)
+    figure = _figure()
+    axes = figure.subplot_mosaic(
+        [["position", "velocity"], ["acceleration", "torque"], ["legend", "legend"], ["plane", "plane"]],
+        height_ratios=[1.0, 1.0, 0.12 + 0.11 * np.ceil(len(places) / 2), 1.15],
+    )
+    figure.suptitle(title or f"{len(places)} joints in {trajectory.duration:.2f} s", fontsize=13)
+    peaks = [_draw_quantity(axes[name], pepper, name, trajectory, time, places) for name in QUANTITIES]
+    _draw_legend(axes["legend"], pepper, places, peaks)
+    _draw_plane(axes["plane"], plane)
+    if path is not None:
+        content = io.BytesIO()
+        figure.savefig(content, format=kind, dpi=120)
+        write_bytes(path, content.getvalue())
+    return figure
+
+
+def _figure() -> Any:
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError(
+            "matplotlib", 'pip install "pepper_kin[plot]"', "a plot of a trajectory"
+        ) from error
+    # Without pyplot: no window system and no global state.
+    figure = Figure(figsize=(11, 11), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _places(pepper: PepperModel, position: Array, joints: Sequence[str] | None) -> list[int]:
+    if joints is not None:
+        if isinstance(joints, str) or len(joints) == 0:
+            raise InvalidValueError("joints", repr(joints), "a list of one or more names")
+        return [pepper.joint_index(name) for name in joints]
+    return [int(j) for j in np.flatnonzero(np.ptp(position, axis=0) > _MOVES)]
+
+
+def _values(
+    pepper: PepperModel, name: str, trajectory: Trajectory, time: Array
+) -> tuple[Array, Array, Array]:
+    """Return a quantity, shape (T, n), and its lower and upper limits."""
+    from pepper_kin import dynamics
+
+    state = trajectory(time)
+    if name == "position":
+        return state.position, pepper.lower_limits, pepper.upper_limits
+    if name == "torque":
+        return dynamics.inverse_dynamics(pepper, *state), -pepper.effort_limits, pepper.effort_limits
+    limit = pepper.velocity_limits if name == "velocity" else pepper.acceleration_limits
+    return (state.velocity if name == "velocity" else state.acceleration), -limit, limit
+
+
+def _draw_quantity(
+    axes: Any, pepper: PepperModel, name: str, trajectory: Trajectory, time: Array, places: list[int]
+) -> list[str]:
+    """Draw one quantity as shares of the limits; return each joint's worst value and its limit, in words."""
+    value, lower, upper = _values(pepper, name, trajectory, time)
+    peaks, largest = [], 1.0
+    for number, j in enumerate(places):
+        unit = "" if pepper.joint_units[j] == "rad" else f" {unit_of(name, pepper.joint_units[j])}"
+        if not np.isfinite(upper[j] - lower[j]):
+            peaks.append("no limit")
+            continue
+        share = (2 * value[:, j] - lower[j] - upper[j]) / (upper[j] - lower[j])
+        at = int(np.argmax(np.abs(share)))
+        largest = max(largest, float(np.abs(share[at])))
+        colour, style = _style(number)
+        axes.plot(time, share, color=colour, linestyle=style, linewidth=1.4)
+        limit = upper[j] if share[at] > 0 else lower[j]
+        peaks.append(f"{value[at, j]:.3g} of {limit:.3g}{unit}")
+    reach = 1.18 * largest
+    for low, high in ((1.0, reach), (-reach, -1.0)):
+        axes.axhspan(low, high, color=_OUTSIDE, alpha=0.12, linewidth=0)
+        axes.axhline(low if low > 0 else high, color=_OUTSIDE, linewidth=0.9)
+    axes.set(
+        xlim=(0.0, trajectory.duration), ylim=(-reach, reach), xlabel="time [s]", ylabel="share of limit"
+    )
+    axes.set_title(name, fontsize=11)
+    axes.grid(alpha=0.3)
+    return peaks
+
+
+def _style(number: int) -> tuple[str, Any]:
+    return _COLOURS[number % len(_COLOURS)], "-" if number < len(_COLOURS) else "--"
+
+
+def _draw_legend(axes: Any, pepper: PepperModel, places: list[int], peaks: list[list[str]]) -> None:
+    """Write each joint with its worst position, velocity, acceleration and torque, in two columns."""
+    from matplotlib.lines import Line2D
+
+    axes.axis("off")
+    handles = [
+        Line2D([], [], color=_style(i)[0], linestyle=_style(i)[1], linewidth=2) for i in range(len(places))
+    ]
+    words = [
+        f"{pepper.joint_names[j]}: " + "; ".join(peak[i] for peak in peaks) for i, j in enumerate(places)
+    ]
+    axes.legend(
+        handles, words, loc="center", ncols=2 if len(places) > 1 else 1, fontsize=7.2, frameon=False,
+        title=_LEGEND, title_fontsize=8,
+        columnspacing=1.0, handlelength=1.6,
+    )  # fmt: skip
+
+
+def _draw_plane(axes: Any, plane: PhasePlane) -> None:
+    limit = np.minimum(plane.velocity_limit, plane.force_limit)
+    # The limits are in the picture unless that would flatten the trajectory.
+    fastest = max(float(plane.speed.max()), 1e-9)
+    top = max(1.3 * fastest, min(1.15 * float(limit.max()), 3.0 * fastest))
+    axes.fill_between(plane.way, limit, max(top, 1.0), color=_OUTSIDE, alpha=0.12, linewidth=0)
+    axes.plot(plane.way, plane.velocity_limit, color="#7570b3", linewidth=1.2, label="velocity limits")
+    axes.plot(
+        plane.way, plane.force_limit, color=_OUTSIDE, linewidth=1.2,
+        label="acceleration and torque limits (maximum-velocity curve)",
+    )  # fmt: skip
+    axes.plot(plane.way, plane.speed, color="#222222", linewidth=1.8, label="trajectory")
+    axes.set(
+        xlim=(plane.way[0], plane.way[-1]), ylim=(0.0, top),
+        xlabel="way in joint space [rad]", ylabel="speed [rad/s]",
+    )  # fmt: skip
+    axes.set_title("phase plane", fontsize=11, loc="left")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)

@@ -1,0 +1,223 @@
+"""Animations by keys and handles, as Choregraphe draws them and NAOqi plays them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.trajectory.excess import Excess, find_excesses
+from pepper_kin.trajectory.key_curve import Key, curve_pieces
+from pepper_kin.trajectory.make_safe import make_safe
+from pepper_kin.trajectory.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+HANDS = ("LHand", "RHand")
+_CYCLE = 0.02  # [s] of NAOqi
+_SAME = 1e-9  # [s] knots of two joints that are nearer are one
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The keys of one joint, in order of time.
+
+    Attributes:
+        joint: Name of the joint.
+        keys: One or more.
+    """
+
+    joint: str
+    keys: tuple[Key, ...]
+
+    def __post_init__(self) -> None:
+        """Check the keys.
+
+        Raises:
+            InvalidValueError: naming the joint, for no key, or times that do not rise from 0 or later.
+        """
+        times = [key.time for key in self.keys]
+        if not times or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
+            raise InvalidValueError(
+                f"times of {self.joint}", times[:8], "one or more times that rise, the first 0 or later"
+            )
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """An animation: curves of some joints.
+
+    Attributes:
+        name: Where it was found, as "Box/Box/Timeline".
+        curves: One for each joint that it moves.
+    """
+
+    name: str
+    curves: tuple[Curve, ...]
+
+    def __post_init__(self) -> None:
+        """Check the curves.
+
+        Raises:
+            InvalidValueError: where a joint has two curves, there is none, or no time passes.
+        """
+        joints = [curve.joint for curve in self.curves]
+        doubled = [joint for i, joint in enumerate(joints) if joint in joints[:i]]
+        if doubled or not joints:
+            raise InvalidValueError(
+                f"curves of {self.name}", ", ".join(doubled) or "none", "one or more joints, each once"
+            )
+        if self.duration <= 0:
+            raise InvalidValueError(f"duration of {self.name}", "0 s", "a key after time 0")
+
+    @property
+    def duration(self) -> float:
+        """Time of the last key [s]."""
+        return max(curve.keys[-1].time for curve in self.curves)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints that it moves."""
+        return tuple(curve.joint for curve in self.curves)
+
+    def to_trajectory(
+        self, pepper: PepperModel, start: Array | None = None, *, ignore: Sequence[str] = HANDS
+    ) -> Trajectory:
+        """Return the animation as it is, unsafe or not.
+
+        A joint whose first key is later than 0 comes from its start with an automatic handle; after its last
+        key it rests; joints without a curve rest at their start.  A jump on the last key adds 0.02 s.
+
+        Args:
+            pepper: The robot.
+            start: Posture at time 0 [rad], shape (n,); the posture Stand, or neutral, if omitted.
+            ignore: Joints of the animation to leave out where the robot lacks them.
+
+        Returns:
+            The motion of all joints of the robot, with its corners and jumps.
+
+        Raises:
+            UnknownNameError: for a joint that the robot lacks and `ignore` does not name.
+            InvalidValueError: for a start of the wrong shape.
+        """
+        rest = _start(pepper, start)
+        curves = []
+        for curve in self.curves:
+            if curve.joint in pepper.joint_names:
+                curves.append(curve)
+            elif curve.joint not in ignore:
+                raise UnknownNameError(f"joint of {self.name}", curve.joint, pepper.joint_names)
+        # A value that is jumped to at the very end has to be there for a while to be seen.
+        jumps = any(len(c.keys) > 1 and c.keys[-2].behind.kind == "constant" for c in curves)
+        duration = self.duration + (_CYCLE if jumps else 0.0)
+        places = [pepper.joint_index(curve.joint) for curve in curves]
+        pieces = {
+            j: curve_pieces(curve.keys, float(rest[j]), duration)
+            for j, curve in zip(places, curves, strict=True)
+        }
+        knots = _merged([breaks for breaks, _ in pieces.values()], duration)
+        coefficients = np.zeros((knots.size - 1, 4, pepper.n))
+        coefficients[:, 0] = rest
+        for j, (breaks, powers) in pieces.items():
+            coefficients[:, :, j] = _on(knots, breaks, powers)
+        return Trajectory(pepper.joint_names, knots, coefficients, pepper.joint_units)
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedMotion:
+    """An animation made into a motion that the robot can make.
+
+    Attributes:
+        timeline: The animation.
+        original: Its motion as it is.
+        excesses: What was unsafe in it.
+        trajectory: The motion that keeps the limits of position, velocity, acceleration, torque and balance.
+    """
+
+    timeline: Timeline
+    original: Trajectory
+    excesses: tuple[Excess, ...]
+    trajectory: Trajectory
+
+    def report(self, most: int = 20) -> str:
+        """Say in words what was unsafe, worst joints and times first come first, and what became of it.
+
+        Args:
+            most: Greatest number of lines about excesses.
+        """
+        head = (
+            f"{self.timeline.name}: {len(self.timeline.curves)} joints, "
+            f"{self.original.duration:.3f} s, now {self.trajectory.duration:.3f} s"
+        )
+        if not self.excesses:
+            return f"{head}; every limit of position, velocity and acceleration was kept"
+        lines = [f"{head}; {len(self.excesses)} times outside the limits:"]
+        lines += [f"  {excess.sentence()}" for excess in self.excesses[:most]]
+        if len(self.excesses) > most:
+            lines.append(f"  ... and {len(self.excesses) - most} more")
+        return "\n".join(lines)
+
+
+def import_timeline(
+    pepper: PepperModel,
+    timeline: Timeline,
+    start: Array | None = None,
+    *,
+    ignore: Sequence[str] = HANDS,
+    rounding: float = 0.02,
+) -> ImportedMotion:
+    """Return an animation with what was unsafe in it and the motion that the robot can make.
+
+    Args:
+        pepper: The robot.
+        timeline: The animation.
+        start: Posture at time 0 [rad], shape (n,); the posture Stand, or neutral, if omitted.
+        ignore: Joints of the animation to leave out where the robot lacks them.
+        rounding: As `make_safe` takes it [s].
+
+    Raises:
+        UnknownNameError: for a joint that the robot lacks and `ignore` does not name.
+        InvalidValueError: for a start of the wrong shape, or a rounding out of range.
+        InfeasibleError: where the robot could not even hold a position on the way.
+    """
+    original = timeline.to_trajectory(pepper, start, ignore=ignore)
+    safe = make_safe(pepper, original, rounding=rounding)
+    return ImportedMotion(timeline, original, find_excesses(pepper, original), safe)
+
+
+def _start(pepper: PepperModel, start: Array | None) -> Array:
+    if start is None:
+        return pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
+    q = as_joint_vectors(pepper, start, "start")
+    if q.ndim != 1:
+        raise InvalidValueError("start", f"shape {q.shape}", f"shape ({pepper.n},)")
+    return q
+
+
+def _merged(all_breaks: list[Array], duration: float) -> Array:
+    """Return the knots of all joints, those nearly equal once, from 0 to the duration."""
+    knots = np.unique(np.concatenate([[0.0, duration], *all_breaks]))
+    keep = np.concatenate([[True], np.diff(knots) > _SAME])
+    knots = knots[keep]
+    knots[-1] = duration
+    return knots
+
+
+def _on(knots: Array, breaks: Array, powers: Array) -> Array:
+    """Return the cubic pieces of one joint on finer knots, shape (m, 4)."""
+    middle = (knots[:-1] + knots[1:]) / 2
+    piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, breaks.size - 2)
+    shift = knots[:-1] - breaks[piece]
+    old = powers[piece]
+    new = np.zeros_like(old)
+    for p in range(4):
+        for k in range(p, 4):
+            new[:, p] += math.comb(k, p) * old[:, k] * shift ** (k - p)
+    return new
