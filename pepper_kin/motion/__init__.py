@@ -1,10 +1,11 @@
-"""From a goal and a scene to a checked path, and from a path to a motion that is short and smooth."""
+"""From a goal and a scene to a checked path, and from a path to a motion that is short and smooth; gestures."""
 
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.curves import Arc, Curve, Line
 from pepper_kin.motion.frame_in_plane import FrameInPlane
+from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.optimisation import (
     Cost,
     Optimised,
@@ -32,14 +33,12 @@ __all__ = [
     "Swing",
     "SwingStatus",
     "cartesian_path",
+    "gesture",
+    "gesture_meaning",
+    "gesture_names",
     "manifold_of",
     "minimum_effort_swing",
     "optimise",
     "plan",
     "plan_constrained",
 ]
-"""From a goal and a scene to a checked path, and a library of gestures."""
-
-from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
-
-__all__ = ["Plan", "PlanStatus", "gesture", "gesture_meaning", "gesture_names", "plan"]
