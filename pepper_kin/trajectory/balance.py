@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.payload import AtFrames, payload_wrench
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,13 @@ def support_polygon(pepper: PepperModel) -> Array | None:
 
 
 def edge_moments(
-    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, margin: float = 0.0
+    pepper: PepperModel,
+    polygon: Array,
+    q: Array,
+    v: Array,
+    a: Array,
+    margin: float = 0.0,
+    payload: AtFrames = (),
 ) -> Array:
     """Return how firmly the robot stands on each edge of its support polygon.
 
@@ -44,6 +51,7 @@ def edge_moments(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
         margin: Distance from the edge that is wanted [m].
+        payload: Masses held, by frame [kg].
 
     Returns:
         h of every edge [N m], positive where it stands, shape (..., k).
@@ -54,6 +62,8 @@ def edge_moments(
     inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
     vertices, inward = _to_world(pepper, q, polygon, inward)
     wrench = dynamics.base_wrench(pepper, q, v, a)
+    if payload:
+        wrench = wrench + payload_wrench(pepper, payload, q, v, a)
     tilt = np.stack([-wrench[..., 4], wrench[..., 3]], axis=-1)
     reach = np.sum(inward * vertices, axis=-1) + margin
     return np.einsum("...ki,...i->...k", inward, tilt) - reach * wrench[..., 2:3]

@@ -106,7 +106,7 @@ def _distance(balance: float) -> float:
 def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, intervals: int) -> Trajectory:
     """Solve, examine and tighten until the limits hold or nearly so, then stretch time until they do."""
     grid = make_grid(curve, intervals)
-    rows = path_limits(pepper, grid, limits.velocity, limits.acceleration, limits.torque, limits.balance)
+    rows = path_limits(pepper, grid, limits)
     _refuse_unbounded(rows)
     row_scale, velocity_scale = np.ones(len(rows.names)), np.ones(pepper.n)
     best: Trajectory | None = None

@@ -1,0 +1,217 @@
+"""Compiled: motion along a path at given instants, its polynomials, and where it exceeds its limits."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def times(step: Array, x: Array) -> Array:
+    """Return the times at the grid points, shape (N + 1,)."""
+    t = np.zeros(x.size)
+    for i in range(step.size):
+        t[i + 1] = t[i] + 2 * step[i] / (np.sqrt(x[i]) + np.sqrt(x[i + 1]))
+    return t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def instants(t: Array, stretch: float, dt: float) -> tuple[np.ndarray, Array]:
+    """Return interval and local time of every multiple of dt, and of the end, of a motion made slower.
+
+    With dt = 0: of the middle of every interval.
+    """
+    size = t.size - 1
+    if dt == 0.0:
+        return np.arange(size), (t[1:] - t[:-1]) / 2
+    count = int(np.ceil(t[size] * stretch / dt)) + 1
+    interval, local = np.empty(count, np.int64), np.empty(count)
+    i = 0
+    for k in range(count):
+        time = min(k * dt / stretch, t[size])
+        while i < size - 1 and time >= t[i + 1]:
+            i += 1
+        interval[k], local[k] = i, time - t[i]
+    return interval, local
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def motion(
+    taylor: Array, step: Array, x: Array, interval: np.ndarray, local: Array, stretch: float
+) -> Array:
+    """Return position, velocity and acceleration of a motion made slower, shape (3, T, n)."""
+    n = taylor.shape[2]
+    state = np.empty((3, interval.size, n))
+    for k in range(interval.size):
+        i = interval[k]
+        u = (x[i + 1] - x[i]) / (2 * step[i])
+        w = np.sqrt(x[i])
+        d = local[k] * (w + u * local[k] / 2)
+        speed = (w + u * local[k]) / stretch
+        square, u = speed * speed, u / (stretch * stretch)
+        for j in range(n):
+            c0, c1, c2, c3 = taylor[i, 0, j], taylor[i, 1, j], taylor[i, 2, j], taylor[i, 3, j]
+            slope = c1 + d * (2 * c2 + 3 * d * c3)
+            state[0, k, j] = c0 + d * (c1 + d * (c2 + d * c3))
+            state[1, k, j] = slope * speed
+            state[2, k, j] = slope * u + (2 * c2 + 6 * d * c3) * square
+    return state
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def polynomials(taylor: Array, step: Array, x: Array, stretch: float) -> Array:
+    """Return q(s(t)) on every interval, constant term first, shape (N, 7, n); see `time_law.compose`."""
+    size, _, n = taylor.shape
+    coefficients = np.empty((size, 7, n))
+    for i in range(size):
+        w = np.sqrt(x[i]) / stretch
+        h = (x[i + 1] - x[i]) / (4 * step[i] * stretch * stretch)
+        w2, wh, h2 = w * w, w * h, h * h
+        for j in range(n):
+            c1, c2, c3 = taylor[i, 1, j], taylor[i, 2, j], taylor[i, 3, j]
+            coefficients[i, 0, j] = taylor[i, 0, j]
+            coefficients[i, 1, j] = c1 * w
+            coefficients[i, 2, j] = c1 * h + c2 * w2
+            coefficients[i, 3, j] = 2 * c2 * wh + c3 * w2 * w
+            coefficients[i, 4, j] = c2 * h2 + 3 * c3 * w2 * h
+            coefficients[i, 5, j] = 3 * c3 * w * h2
+            coefficients[i, 6, j] = c3 * h2 * h
+    return coefficients
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rows_at_nodes(
+    at: Array, first: np.ndarray, size: int, acceleration: Array, torque: Array, torque_limit: Array,
+    moments: Array,
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
+    """Join acceleration, torque and balance to rows low <= a u + b x + c <= high.
+
+    Args:
+        at: q, q' and q'' at the nodes, shape (3, M, n).
+        first: Node at the start of each interval, shape (N,).
+        size: Number of intervals N.
+        acceleration: Limits, shape (n,).
+        torque: Torque at rest, with q' and with q'' in place of the acceleration, shape (3, M, n or 0).
+        torque_limit: shape (n or 0,).
+        moments: Edge moments alike, shape (3, M, k).
+
+    Returns:
+        a, b and c, shape (M, r), and low and high, shape (N, r).
+    """
+    count, n = at.shape[1], at.shape[2]
+    n_tau, n_edge = torque.shape[2], moments.shape[2]
+    rows = n + n_tau + n_edge
+    a, b, c = np.empty((count, rows)), np.empty((count, rows)), np.empty((count, rows))
+    for k in range(count):
+        for j in range(n):
+            a[k, j], b[k, j], c[k, j] = at[1, k, j], at[2, k, j], 0.0
+        for j in range(n_tau):
+            rest, r = torque[0, k, j], n + j
+            a[k, r], b[k, r], c[k, r] = torque[1, k, j] - rest, torque[2, k, j] - rest, rest
+        for j in range(n_edge):
+            rest, r = moments[0, k, j], n + n_tau + j
+            a[k, r], b[k, r], c[k, r] = moments[1, k, j] - rest, moments[2, k, j] - rest, rest
+    low, high = np.empty((size, rows)), np.empty((size, rows))
+    for i in range(size):
+        for j in range(n):
+            low[i, j], high[i, j] = -acceleration[j], acceleration[j]
+        for j in range(n_tau):
+            low[i, n + j], high[i, n + j] = -torque_limit[j], torque_limit[j]
+        for j in range(n_edge):
+            low[i, n + n_tau + j], high[i, n + n_tau + j] = 0.0, np.inf
+    return a, b, c, low, high
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def speed_bound(at: Array, first: np.ndarray, velocity: Array, frame_speed: Array, greatest: float) -> Array:
+    """Return the greatest squared path speed at the grid points, shape (N + 1,).
+
+    Args:
+        at: q, q' and q'' at the nodes, shape (3, M, n).
+        first: Node at the start of each interval, shape (N,).
+        velocity: Joint limits, shape (n,).
+        frame_speed: |dp/ds| of each limited frame over its limit, shape (M, f).
+        greatest: Bound where there is no other.
+    """
+    size, n = first.size, at.shape[2]
+    bound = np.full(size + 1, greatest)
+    for i in range(size):
+        for end in range(2):
+            node, share = first[i] + end, 0.0
+            for j in range(n):
+                share = max(share, abs(at[1, node, j]) / velocity[j])
+            for f in range(frame_speed.shape[1]):
+                share = max(share, frame_speed[node, f])
+            if share > 0:
+                bound[i + end] = min(bound[i + end], 1 / (share * share))
+    return bound
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def inspect(
+    interval: np.ndarray, state: Array, velocity: Array, acceleration: Array, torque: Array,
+    torque_limit: Array, moments: Array, frame_speed: Array, c: Array, first: np.ndarray, low: Array,
+    high: Array, x_most: Array, tighten: bool,
+) -> float:  # fmt: skip
+    """Return how many times as slow the motion has to be; tighten limits of intervals where it exceeds them.
+
+    Made k times as slow, a motion has v / k, a / k^2 and torques and edge moments c + (value - c) / k^2,
+    with c their value at rest, here that of the nearest node.
+
+    Args:
+        interval: Interval of each state, shape (T,).
+        state: Position, velocity and acceleration, shape (3, T, n).
+        velocity: Limits, shape (n,).
+        acceleration: Limits, shape (n,).
+        torque: shape (T, n or 0).
+        torque_limit: shape (n or 0,).
+        moments: Edge moments, to be positive, shape (T, k).
+        frame_speed: Speed over its limit, shape (T, f).
+        c: Values at rest by node, shape (M, r).
+        first: Node at the start of each interval, shape (N,).
+        low: Lower bounds of the rows, changed where `tighten`, shape (N, r).
+        high: Upper bounds of the rows, likewise.
+        x_most: Bounds on the squared speed, likewise, shape (N + 1,).
+        tighten: Whether to change the bounds by what they are exceeded by.
+    """
+    n, n_tau = velocity.size, torque_limit.size
+    square = 1.0
+    cut = np.zeros(low.shape)
+    slow = np.ones(first.size)
+    for k in range(interval.size):
+        i, fast = interval[k], 0.0
+        for j in range(n):
+            fast = max(fast, abs(state[1, k, j]) / velocity[j])
+            value, limit = state[2, k, j], acceleration[j]
+            if abs(value) > limit:
+                square = max(square, abs(value) / limit)
+                cut[i, j] = max(cut[i, j], abs(value) - limit)
+        for f in range(frame_speed.shape[1]):
+            fast = max(fast, frame_speed[k, f])
+        if fast > 1.0:
+            square = max(square, fast * fast)
+            slow[i] = max(slow[i], fast * fast)
+        for j in range(n_tau):
+            value, limit = torque[k, j], torque_limit[j]
+            if abs(value) > limit:
+                r = n + j
+                rest = (c[first[i], r] + c[first[i] + 1, r]) / 2
+                cut[i, r] = max(cut[i, r], abs(value) - limit)
+                room = (limit - rest) if value > 0 else (limit + rest)
+                over = abs(value) - limit
+                square = max(square, (over + room) / room) if room > 0 else np.inf
+        for j in range(moments.shape[1]):
+            if moments[k, j] < 0:
+                r = n + n_tau + j
+                rest = (c[first[i], r] + c[first[i] + 1, r]) / 2
+                cut[i, r] = max(cut[i, r], -moments[k, j])
+                square = max(square, (rest - moments[k, j]) / rest) if rest > 0 else np.inf
+    if tighten:
+        for i in range(first.size):
+            for r in range(low.shape[1]):
+                low[i, r], high[i, r] = low[i, r] + cut[i, r], high[i, r] - cut[i, r]
+            x_most[i], x_most[i + 1] = x_most[i] / slow[i], x_most[i + 1] / slow[i]
+    return np.sqrt(square)

@@ -1,0 +1,155 @@
+"""Time-optimal speed along a path, in compiled code from the way-points to the polynomials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import edge_moments, support_polygon
+from pepper_kin.trajectory.fast_motion import (
+    inspect,
+    instants,
+    motion,
+    polynomials,
+    rows_at_nodes,
+    speed_bound,
+    times,
+)
+from pepper_kin.trajectory.fast_passes import passes
+from pepper_kin.trajectory.fast_path import nodes
+from pepper_kin.trajectory.limit_use import Limits
+from pepper_kin.trajectory.payload import frame_speed_shares, joint_torque
+
+Array = NDArray[np.float64]
+
+CHECK_STEP = 0.001  # [s]
+_ROUNDS = 3  # solutions with tightened limits before settling for a slower one
+_SMALL_STRETCH = 2e-4  # slowing down by less than this is cheaper than solving again
+_MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
+_TOLERANCE = 1e-9  # of a limit, for rounding
+_GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
+
+
+@dataclass(frozen=True, eq=False)
+class FastResult:
+    """A time law and its polynomials, or where the search for one ended.
+
+    Attributes:
+        breaks: Times at the grid points [s], shape (N + 1,); None where there is no time law.
+        coefficients: Constant term first, shape (N, 7, n).
+        failed_at: Share of the path's length from which the end cannot be reached; None on success.
+    """
+
+    breaks: Array | None
+    coefficients: Array | None
+    failed_at: float | None = None
+
+
+def interval_counts(breaks: Array, intervals: int) -> NDArray[np.int64]:
+    """Return how many intervals each piece of a path has, at least `intervals` in all."""
+    h = breaks[1:] - breaks[:-1]
+    return np.maximum(1, np.ceil(intervals * h / (breaks[-1] - breaks[0]) - 1e-9)).astype(np.int64)
+
+
+class _Effects:
+    """What states of a robot ask of it, as far as there are limits on it."""
+
+    def __init__(self, pepper: PepperModel, limits: Limits) -> None:
+        self.pepper, self.limits = pepper, limits
+        torque = limits.torque is not None and bool(np.isfinite(limits.torque).any())
+        self.torque_limit = np.array(limits.torque) if torque else np.zeros(0)
+        self.polygon = support_polygon(pepper) if limits.balance is not None else None
+
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """Torques, shape (..., n or 0)."""
+        if not self.torque_limit.size:
+            return np.zeros((*q.shape[:-1], 0))
+        return joint_torque(self.pepper, self.limits.payload, q, v, a)
+
+    def moments(self, q: Array, v: Array, a: Array) -> Array:
+        """Edge moments, shape (..., k or 0)."""
+        if self.polygon is None or self.limits.balance is None:
+            return np.zeros((*q.shape[:-1], 0))
+        return edge_moments(self.pepper, self.polygon, q, v, a, self.limits.balance, self.limits.payload)
+
+    def speed(self, q: Array, v: Array) -> Array:
+        """Speeds of frames over their limits, shape (..., number of frames)."""
+        return frame_speed_shares(self.pepper, self.limits.speed, q, v)
+
+
+def fast_time_law(
+    pepper: PepperModel, breaks: Array, coefficients: Array, intervals: int, limits: Limits
+) -> FastResult:
+    """Return the fastest motion along a path from rest to rest that keeps limits.
+
+    Limits hold at both ends of every interval and at every multiple of 1 ms.  They are looked at in the
+    middle of each interval too, and where they are exceeded there, that interval's are tightened by the
+    excess before the passes are run again; what is left is removed by stretching time.
+
+    Args:
+        pepper: The robot.
+        breaks: Ends of the path's pieces, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n).
+        intervals: Least number of intervals.
+        limits: The limits.
+    """
+    effects = _Effects(pepper, limits)
+    counts = interval_counts(breaks, intervals)
+    step, first, at, taylor, s = nodes(breaks, coefficients, counts)
+    velocity, acceleration = np.array(limits.velocity), np.array(limits.acceleration)
+    a, b, c, low, high = rows_at_nodes(at, first, step.size, acceleration, *_coefficients(effects, at))
+    length = s[-1] - s[0]
+    x_most = speed_bound(at, first, velocity, effects.speed(at[0], at[1]), _GREATEST * length**2)
+    best: tuple[float, Array] | None = None
+    failed = 0
+
+    def look(x: Array, stretch: float, dt: float, tighten: bool) -> float:
+        interval, local = instants(t, stretch, dt)
+        state = motion(taylor, step, x, interval, local, stretch)
+        q, v, acc = state
+        return float(
+            inspect(
+                interval, state, velocity, acceleration, effects.torque(q, v, acc), effects.torque_limit,
+                effects.moments(q, v, acc), effects.speed(q, v), c, first, low, high, x_most, tighten,
+            )  # fmt: skip
+        )
+
+    for _ in range(_ROUNDS):
+        x, failed = passes(step, first, a, b, c, low, high, x_most)
+        if failed >= 0:
+            break
+        t = times(step, x)
+        stretch = look(x, 1.0, 0.0, True)
+        if np.isfinite(stretch) and (best is None or t[-1] * stretch < best[0]):
+            best = t[-1] * stretch, x
+        if stretch <= 1.0 + _SMALL_STRETCH:
+            break
+    if best is None:
+        return FastResult(None, None, float((s[max(failed, 0)] - s[0]) / length))
+    x = best[1]
+    t = times(step, x)
+    stretch = 1.0
+    while True:
+        more = look(x, stretch, CHECK_STEP, False)
+        if more <= 1.0 + _TOLERANCE:
+            break
+        if not np.isfinite(more):
+            return FastResult(None, None, 0.0)
+        stretch *= more * _MORE
+    return FastResult(t * stretch, polynomials(taylor, step, x, stretch))
+
+
+def _coefficients(effects: _Effects, at: Array) -> tuple[Array, Array, Array]:
+    """Return torques and edge moments of rest, of unit path acceleration and of unit path speed."""
+    q, first, second = at
+    if not effects.torque_limit.size and effects.polygon is None:
+        empty = np.zeros((3, len(q), 0))
+        return empty, effects.torque_limit, empty
+    states = np.empty((3, 3, *q.shape))
+    states[0] = q
+    states[1, :2], states[1, 2] = 0.0, first
+    states[2, 0], states[2, 1], states[2, 2] = 0.0, first, second
+    return effects.torque(*states), effects.torque_limit, effects.moments(*states)
