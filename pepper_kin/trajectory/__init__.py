@@ -1,5 +1,6 @@
 """Trajectories: a value, timing within the robot's limits, an independent check, and files."""
 
+from pepper_kin.trajectory.binding import Binding, binding_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
 from pepper_kin.trajectory.csv_file import read_csv, write_csv
@@ -8,12 +9,14 @@ from pepper_kin.trajectory.table_file import read_columns, read_table, write_tab
 from pepper_kin.trajectory.trajectory import Samples, State, Trajectory
 
 __all__ = [
+    "Binding",
     "Certificate",
     "LimitCheck",
     "Samples",
     "ScalarCheck",
     "State",
     "Trajectory",
+    "binding_limits",
     "check",
     "read_columns",
     "read_csv",

@@ -69,7 +69,24 @@ def edge_moments(
     return np.einsum("...ki,...i->...k", inward, tilt) - reach * wrench[..., 2:3]
 
 
-def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array) -> Array:
+def moment_matrix(polygon: Array, margin: float) -> Array:
+    """Return G such that the edge moments of a robot with a fixed base are wrench @ G, shape (6, k)."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+    gain = np.zeros((6, len(polygon)))
+    gain[4], gain[3] = -inward[:, 0], inward[:, 1]
+    gain[2] = -(np.sum(inward * polygon, axis=1) + margin)
+    return gain
+
+
+def moves_base(pepper: PepperModel) -> bool:
+    """Return whether the support polygon moves with the base's joints."""
+    return set(_BASE_JOINTS) <= set(pepper.joint_names)
+
+
+def balance_margin(
+    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, payload: AtFrames = ()
+) -> Array:
     """Return the distance of the zero-moment point from the nearest edge of the support polygon.
 
     Args:
@@ -78,12 +95,18 @@ def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: A
         q: Joint positions [rad or m], shape (T, n).
         v: Joint velocities [rad/s or m/s], shape (T, n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
+        payload: Masses held, by frame [kg].
 
     Returns:
         Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
     """
     from pepper_kin import dynamics
 
+    if payload:
+        wrench = dynamics.base_wrench(pepper, q, v, a) + payload_wrench(pepper, payload, q, v, a)
+        moments = edge_moments(pepper, polygon, q, v, a, 0.0, payload).min(axis=1)
+        carried = wrench[:, 2] > 0
+        return np.where(carried, moments / np.where(carried, wrench[:, 2], 1.0), -np.inf)
     lifted = dynamics.base_wrench(pepper, q, v, a)[:, 2] <= 0
     margin = np.full(len(q), -np.inf)
     stands = ~lifted
@@ -101,7 +124,7 @@ def _base(pepper: PepperModel) -> str:
 
 def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -> tuple[Array, Array]:
     """Return points and directions of the base, shape (k, 2), in the world, shape (..., k, 2)."""
-    if not set(_BASE_JOINTS) <= set(pepper.joint_names):
+    if not moves_base(pepper):
         shape = (*q.shape[:-1], *points.shape)
         return np.broadcast_to(points, shape), np.broadcast_to(directions, shape)
     x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in _BASE_JOINTS)

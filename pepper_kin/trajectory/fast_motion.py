@@ -39,9 +39,7 @@ def instants(t: Array, stretch: float, dt: float) -> tuple[np.ndarray, Array]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def motion(
-    taylor: Array, step: Array, x: Array, interval: np.ndarray, local: Array, stretch: float
-) -> Array:
+def motion(taylor: Array, step: Array, x: Array, interval: np.ndarray, local: Array, stretch: float) -> Array:
     """Return position, velocity and acceleration of a motion made slower, shape (3, T, n)."""
     n = taylor.shape[2]
     state = np.empty((3, interval.size, n))
@@ -215,3 +213,26 @@ def inspect(
                 low[i, r], high[i, r] = low[i, r] + cut[i, r], high[i, r] - cut[i, r]
             x_most[i], x_most[i + 1] = x_most[i] / slow[i], x_most[i + 1] / slow[i]
     return np.sqrt(square)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def state_of_polynomials(coefficients: Array, piece: np.ndarray, local: Array) -> Array:
+    """Return value, first and second derivative of polynomials, shape (3, T, n); Horner's scheme.
+
+    Args:
+        coefficients: Constant term first, shape (m, k, n).
+        piece: Indices of pieces, shape (T,).
+        local: Arguments, shape (T,).
+    """
+    order, n = coefficients.shape[1], coefficients.shape[2]
+    state = np.zeros((3, piece.size, n))
+    for k in range(piece.size):
+        i, x = piece[k], local[k]
+        for power in range(order - 1, -1, -1):
+            for j in range(n):
+                state[2, k, j] = state[2, k, j] * x + state[1, k, j]
+                state[1, k, j] = state[1, k, j] * x + state[0, k, j]
+                state[0, k, j] = state[0, k, j] * x + coefficients[i, power, j]
+        for j in range(n):
+            state[2, k, j] *= 2
+    return state

@@ -47,7 +47,18 @@ def passes(
     x = np.zeros(size + 1)
     for i in range(size - 1, -1, -1):
         from_x, to_x = _lines(
-            step[i], a, b, c, first[i], low[i], high[i], least[i + 1], most[i + 1], top[i], bottom[i], slope[i]
+            step[i],
+            a,
+            b,
+            c,
+            first[i],
+            low[i],
+            high[i],
+            least[i + 1],
+            most[i + 1],
+            top[i],
+            bottom[i],
+            slope[i],
         )
         to_x = min(to_x, x_most[i])
         greatest = _extreme(top[i], bottom[i], slope[i], to_x, True)

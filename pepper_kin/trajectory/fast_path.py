@@ -66,7 +66,12 @@ def greatest_excess(breaks: Array, coefficients: Array, lower: Array, upper: Arr
     for i in range(pieces):
         h = breaks[i + 1] - breaks[i]
         for j in range(n):
-            q, a, b, c = coefficients[i, 0, j], coefficients[i, 3, j], coefficients[i, 2, j], coefficients[i, 1, j]
+            q, a, b, c = (
+                coefficients[i, 0, j],
+                coefficients[i, 3, j],
+                coefficients[i, 2, j],
+                coefficients[i, 1, j],
+            )
             # Between its ends a cubic is extreme where 3 a x^2 + 2 b x + c = 0.
             disc = b * b - 3 * a * c
             root = np.sqrt(disc) if disc > 0 else 0.0

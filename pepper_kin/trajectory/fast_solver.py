@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.batch import kernel
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import edge_moments, support_polygon
+from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
 from pepper_kin.trajectory.fast_motion import (
     inspect,
     instants,
@@ -19,16 +20,17 @@ from pepper_kin.trajectory.fast_motion import (
     times,
 )
 from pepper_kin.trajectory.fast_passes import passes
-from pepper_kin.trajectory.fast_path import nodes
+from pepper_kin.trajectory.fast_path import greatest_excess, nodes, spline
 from pepper_kin.trajectory.limit_use import Limits
-from pepper_kin.trajectory.payload import frame_speed_shares, joint_torque
+from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, PathLike
+from pepper_kin.trajectory.payload import payload_torque, payload_wrench
 
 Array = NDArray[np.float64]
 
 CHECK_STEP = 0.001  # [s]
 _ROUNDS = 3  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 2e-4  # slowing down by less than this is cheaper than solving again
-_MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
+_MORE, _LEAST = 1.1, 2e-6  # stretch a little further than needed
 _TOLERANCE = 1e-9  # of a limit, for rounding
 _GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
 
@@ -54,30 +56,71 @@ def interval_counts(breaks: Array, intervals: int) -> NDArray[np.int64]:
     return np.maximum(1, np.ceil(intervals * h / (breaks[-1] - breaks[0]) - 1e-9)).astype(np.int64)
 
 
+def quick_spline(pepper: PepperModel, path: PathLike) -> tuple[Array, Array] | None:
+    """Return what `as_cubic_path` makes of way-points; None where it has something to say about them."""
+    points = path if isinstance(path, np.ndarray) else None
+    if points is None:
+        try:
+            points = np.asarray(path, dtype=float)
+        except (TypeError, ValueError):
+            return None
+    if points.ndim != 2 or points.shape[1] != pepper.n or len(points) < 2 or points.dtype.kind not in "fiu":
+        return None
+    points = np.ascontiguousarray(points, dtype=float)
+    if not points.flags.writeable:
+        points = points.copy()
+    if not np.isfinite(points).all():
+        return None
+    breaks, coefficients = spline(points)
+    lower, upper = np.array(pepper.lower_limits), np.array(pepper.upper_limits)
+    if (breaks[1:] - breaks[:-1]).min() <= SAME:
+        return None
+    if greatest_excess(breaks, coefficients, lower, upper) > LIMIT_TOLERANCE:
+        return None
+    return breaks, coefficients
+
+
 class _Effects:
-    """What states of a robot ask of it, as far as there are limits on it."""
+    """What states of a robot ask of it, as far as there are limits on it; arrays of shape (T, n)."""
 
     def __init__(self, pepper: PepperModel, limits: Limits) -> None:
         self.pepper, self.limits = pepper, limits
         torque = limits.torque is not None and bool(np.isfinite(limits.torque).any())
         self.torque_limit = np.array(limits.torque) if torque else np.zeros(0)
         self.polygon = support_polygon(pepper) if limits.balance is not None else None
+        self.moment_of_wrench: Array | None = None
+        if self.polygon is not None and limits.balance is not None and not moves_base(pepper):
+            self.moment_of_wrench = moment_matrix(self.polygon, limits.balance)
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Torques, shape (..., n or 0)."""
+        """Torques, shape (T, n or 0)."""
         if not self.torque_limit.size:
-            return np.zeros((*q.shape[:-1], 0))
-        return joint_torque(self.pepper, self.limits.payload, q, v, a)
+            return np.zeros((len(q), 0))
+        torque: Array = kernel(self.pepper, "inverse_dynamics")(q, v, a)
+        return (
+            torque + payload_torque(self.pepper, self.limits.payload, q, v, a)
+            if self.limits.payload
+            else torque
+        )
 
     def moments(self, q: Array, v: Array, a: Array) -> Array:
-        """Edge moments, shape (..., k or 0)."""
+        """Edge moments, shape (T, k or 0)."""
         if self.polygon is None or self.limits.balance is None:
-            return np.zeros((*q.shape[:-1], 0))
-        return edge_moments(self.pepper, self.polygon, q, v, a, self.limits.balance, self.limits.payload)
+            return np.zeros((len(q), 0))
+        if self.moment_of_wrench is None:
+            return edge_moments(self.pepper, self.polygon, q, v, a, self.limits.balance, self.limits.payload)
+        wrench: Array = kernel(self.pepper, "base_wrench")(q, v, a)
+        if self.limits.payload:
+            wrench = wrench + payload_wrench(self.pepper, self.limits.payload, q, v, a)
+        return wrench @ self.moment_of_wrench
 
     def speed(self, q: Array, v: Array) -> Array:
-        """Speeds of frames over their limits, shape (..., number of frames)."""
-        return frame_speed_shares(self.pepper, self.limits.speed, q, v)
+        """Speeds of frames over their limits, shape (T, number of frames)."""
+        shares = np.empty((len(q), len(self.limits.speed)))
+        for k, (frame, limit) in enumerate(self.limits.speed):
+            velocity = kernel(self.pepper, "frame_velocity", frame)(q, v)[:, :3]
+            shares[:, k] = np.sqrt(np.einsum("ti,ti->t", velocity, velocity)) / limit
+        return shares
 
 
 def fast_time_law(
@@ -112,8 +155,20 @@ def fast_time_law(
         q, v, acc = state
         return float(
             inspect(
-                interval, state, velocity, acceleration, effects.torque(q, v, acc), effects.torque_limit,
-                effects.moments(q, v, acc), effects.speed(q, v), c, first, low, high, x_most, tighten,
+                interval,
+                state,
+                velocity,
+                acceleration,
+                effects.torque(q, v, acc),
+                effects.torque_limit,
+                effects.moments(q, v, acc),
+                effects.speed(q, v),
+                c,
+                first,
+                low,
+                high,
+                x_most,
+                tighten,
             )  # fmt: skip
         )
 
@@ -138,7 +193,7 @@ def fast_time_law(
             break
         if not np.isfinite(more):
             return FastResult(None, None, 0.0)
-        stretch *= more * _MORE
+        stretch *= 1.0 + _MORE * (more - 1.0) + _LEAST  # the instants looked at next are others
     return FastResult(t * stretch, polynomials(taylor, step, x, stretch))
 
 
@@ -152,4 +207,10 @@ def _coefficients(effects: _Effects, at: Array) -> tuple[Array, Array, Array]:
     states[0] = q
     states[1, :2], states[1, 2] = 0.0, first
     states[2, 0], states[2, 1], states[2, 2] = 0.0, first, second
-    return effects.torque(*states), effects.torque_limit, effects.moments(*states)
+    flat = states.reshape(3, -1, q.shape[1])
+    torque = effects.torque(*flat).reshape(3, len(q), -1 if effects.torque_limit.size else 0)
+    return (
+        torque,
+        effects.torque_limit,
+        effects.moments(*flat).reshape(3, len(q), -1 if effects.polygon is not None else 0),
+    )

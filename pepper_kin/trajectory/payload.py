@@ -29,7 +29,9 @@ def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | 
     if values is None:
         return ()
     if not isinstance(values, Mapping):
-        raise InvalidValueError(quantity, repr(values), f"a mapping from 'left', 'right' or a frame to [{unit}]")
+        raise InvalidValueError(
+            quantity, repr(values), f"a mapping from 'left', 'right' or a frame to [{unit}]"
+        )
     found: dict[str, float] = {}
     for name, value in values.items():
         frame = HANDS.get(name, name)
@@ -58,7 +60,8 @@ def joint_torque(pepper: PepperModel, payload: AtFrames, q: Array, v: Array, a: 
     """
     from pepper_kin import dynamics
 
-    return dynamics.inverse_dynamics(pepper, q, v, a) + payload_torque(pepper, payload, q, v, a)
+    torque = dynamics.inverse_dynamics(pepper, q, v, a)
+    return torque + payload_torque(pepper, payload, q, v, a) if payload else torque
 
 
 def payload_torque(pepper: PepperModel, payload: AtFrames, q: Array, v: Array, a: Array) -> Array:
