@@ -118,7 +118,9 @@ def retime(
     if rate is not None:
         from pepper_kin.trajectory.jerk_retiming import limit_jerk
 
-        trajectory = limit_jerk(pepper, CubicPath(*pieces), trajectory, limits, rate)
+        curve = CubicPath(*pieces)
+        s = make_grid(curve, int(gridpoints)).s
+        trajectory = limit_jerk(pepper, curve, trajectory, s, limits, rate)
     return trajectory if duration is None else _last(trajectory, duration)
 
 
