@@ -84,7 +84,7 @@ def _lines(
     step: float, a: Array, b: Array, c: Array, node: int, low: Array, high: Array, least: float, most: float,
     top: Array, bottom: Array, slope: Array,
 ) -> tuple[float, float]:  # fmt: skip
-    """Write every row as bottom - slope x <= u <= top - slope x; return the bounds on x of those without u."""
+    """Write every row as bottom - slope x <= u <= top - slope x; return the bounds on x of rows without u."""
     from_x, to_x = 0.0, np.inf
     rows = low.size
     for end in range(2):
@@ -113,7 +113,7 @@ def _lines(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _extreme(top: Array, bottom: Array, slope: Array, x: float, greatest: bool) -> float:
-    """Return the greatest x below a given one (or the least above it) that leaves some u; NaN if none does."""
+    """Return the greatest x below a given one (or the least above it) that leaves some u; NaN for none."""
     for _ in range(200):
         upper, lower, i, j = np.inf, -np.inf, 0, 0
         for k in range(top.size):

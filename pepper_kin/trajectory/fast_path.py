@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 def spline(points: Array) -> tuple[Array, Array]:
     """Return the C2 cubic through way-points over the chord length, with unit speed along the end chords.
 
-    The slopes at the way-points solve a tridiagonal system (de Boor, A Practical Guide to Splines, chapter 4),
-    here by elimination without pivoting, for its diagonal dominates.
+    The slopes at the way-points solve a tridiagonal system (de Boor, A Practical Guide to Splines, chapter
+    4), here by elimination without pivoting, for its diagonal dominates.
 
     Args:
         points: Way-points, successive ones differ, shape (k, n).

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.batch import kernel
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
+from pepper_kin.trajectory.fast_effects import Effects
 from pepper_kin.trajectory.fast_motion import (
     inspect,
     instants,
@@ -23,7 +22,6 @@ from pepper_kin.trajectory.fast_passes import passes
 from pepper_kin.trajectory.fast_path import greatest_excess, nodes, spline
 from pepper_kin.trajectory.limit_use import Limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, PathLike
-from pepper_kin.trajectory.payload import payload_torque, payload_wrench
 
 Array = NDArray[np.float64]
 
@@ -80,49 +78,6 @@ def quick_spline(pepper: PepperModel, path: PathLike) -> tuple[Array, Array] | N
     return breaks, coefficients
 
 
-class _Effects:
-    """What states of a robot ask of it, as far as there are limits on it; arrays of shape (T, n)."""
-
-    def __init__(self, pepper: PepperModel, limits: Limits) -> None:
-        self.pepper, self.limits = pepper, limits
-        torque = limits.torque is not None and bool(np.isfinite(limits.torque).any())
-        self.torque_limit = np.array(limits.torque) if torque else np.zeros(0)
-        self.polygon = support_polygon(pepper) if limits.balance is not None else None
-        self.moment_of_wrench: Array | None = None
-        if self.polygon is not None and limits.balance is not None and not moves_base(pepper):
-            self.moment_of_wrench = moment_matrix(self.polygon, limits.balance)
-
-    def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Torques, shape (T, n or 0)."""
-        if not self.torque_limit.size:
-            return np.zeros((len(q), 0))
-        torque: Array = kernel(self.pepper, "inverse_dynamics")(q, v, a)
-        return (
-            torque + payload_torque(self.pepper, self.limits.payload, q, v, a)
-            if self.limits.payload
-            else torque
-        )
-
-    def moments(self, q: Array, v: Array, a: Array) -> Array:
-        """Edge moments, shape (T, k or 0)."""
-        if self.polygon is None or self.limits.balance is None:
-            return np.zeros((len(q), 0))
-        if self.moment_of_wrench is None:
-            return edge_moments(self.pepper, self.polygon, q, v, a, self.limits.balance, self.limits.payload)
-        wrench: Array = kernel(self.pepper, "base_wrench")(q, v, a)
-        if self.limits.payload:
-            wrench = wrench + payload_wrench(self.pepper, self.limits.payload, q, v, a)
-        return wrench @ self.moment_of_wrench
-
-    def speed(self, q: Array, v: Array) -> Array:
-        """Speeds of frames over their limits, shape (T, number of frames)."""
-        shares = np.empty((len(q), len(self.limits.speed)))
-        for k, (frame, limit) in enumerate(self.limits.speed):
-            velocity = kernel(self.pepper, "frame_velocity", frame)(q, v)[:, :3]
-            shares[:, k] = np.sqrt(np.einsum("ti,ti->t", velocity, velocity)) / limit
-        return shares
-
-
 def fast_time_law(
     pepper: PepperModel, breaks: Array, coefficients: Array, intervals: int, limits: Limits
 ) -> FastResult:
@@ -139,7 +94,7 @@ def fast_time_law(
         intervals: Least number of intervals.
         limits: The limits.
     """
-    effects = _Effects(pepper, limits)
+    effects = Effects(pepper, limits)
     counts = interval_counts(breaks, intervals)
     step, first, at, taylor, s = nodes(breaks, coefficients, counts)
     velocity, acceleration = np.array(limits.velocity), np.array(limits.acceleration)
@@ -153,24 +108,9 @@ def fast_time_law(
         interval, local = instants(t, stretch, dt)
         state = motion(taylor, step, x, interval, local, stretch)
         q, v, acc = state
-        return float(
-            inspect(
-                interval,
-                state,
-                velocity,
-                acceleration,
-                effects.torque(q, v, acc),
-                effects.torque_limit,
-                effects.moments(q, v, acc),
-                effects.speed(q, v),
-                c,
-                first,
-                low,
-                high,
-                x_most,
-                tighten,
-            )  # fmt: skip
-        )
+        torque, moments, speed = effects.torque(q, v, acc), effects.moments(q, v, acc), effects.speed(q, v)
+        asked = velocity, acceleration, torque, effects.torque_limit, moments, speed
+        return float(inspect(interval, state, *asked, c, first, low, high, x_most, tighten))
 
     for _ in range(_ROUNDS):
         x, failed = passes(step, first, a, b, c, low, high, x_most)
@@ -197,7 +137,7 @@ def fast_time_law(
     return FastResult(t * stretch, polynomials(taylor, step, x, stretch))
 
 
-def _coefficients(effects: _Effects, at: Array) -> tuple[Array, Array, Array]:
+def _coefficients(effects: Effects, at: Array) -> tuple[Array, Array, Array]:
     """Return torques and edge moments of rest, of unit path acceleration and of unit path speed."""
     q, first, second = at
     if not effects.torque_limit.size and effects.polygon is None:

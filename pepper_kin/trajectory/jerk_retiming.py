@@ -4,7 +4,8 @@ The time-optimal motion without jerk limits is smoothed by a moving average over
 it keeps all limits.  Its time tau then becomes a new path parameter, Q(tau) = q(s(tau)), along which the
 robot sets out with zero speed, and the rate y = (d tau / dt)^2 > 0 is improved:
 
-    dq/dt = sqrt(y) Q',   d2q/dt2 = y Q'' + y' Q' / 2,   d3q/dt3 = sqrt(y) (y Q''' + 3 y' Q'' / 2 + y'' Q' / 2).
+    dq/dt = sqrt(y) Q',   d2q/dt2 = y Q'' + y' Q' / 2,
+    d3q/dt3 = sqrt(y) (y Q''' + 3 y' Q'' / 2 + y'' Q' / 2).
 
 Limits on velocity, acceleration, torque and balance are linear in y and y'.  Those on jerk, divided by
 sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies below it, so that a linear
@@ -30,10 +31,11 @@ from pepper_kin.trajectory.trajectory import Samples, Trajectory, sample_times
 Array = NDArray[np.float64]
 
 _ITERATIONS = 12  # linear programmes
-_ENOUGH = 5e-4  # gain of duration below which to stop
+_ENOUGH = 1e-3  # gain of duration below which to stop
 _TRUST = 2.0  # factor by which y may change in one step
 _PARTS = 3  # polynomials for each piece of y
-_WINDOWS = (0.6, 1.0, 1.6)  # of the time in which acceleration may build up
+_WINDOWS = (0.6, 1.0, 1.6)  # of the time in which acceleration may build up, and
+_SHARES = (0.05, 0.2, 0.6)  # of the duration without jerk limits: widths of the moving average to try
 _TOLERANCE = 1e-9
 _MORE = 1.0 + 1e-6
 _SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that are looked at
@@ -89,7 +91,7 @@ def limit_jerk(
         y = np.full(base.knots.size + 1, rows.greatest_even_rate())
         if best is None or rows.duration(y) < best[0]:
             best = rows.duration(y), base, rows, y
-    assert best is not None  # there is at least one window  # noqa: S101
+    assert best is not None  # there is at least one window
     _, base, rows, y = best
     duration = rows.duration(y)
     for _ in range(_ITERATIONS):
@@ -109,7 +111,8 @@ def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
     """Return widths of the moving average to try [s]."""
     both = np.isfinite(acceleration) & np.isfinite(jerk)
     build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.1 * duration
-    return [max(share * build_up, 0.01 * duration) for share in _WINDOWS]
+    widths = [share * build_up for share in _WINDOWS] + [share * duration for share in _SHARES]
+    return [width for width in widths if 0.02 * duration < width < duration]
 
 
 def _trajectory(pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _Rate) -> Trajectory:

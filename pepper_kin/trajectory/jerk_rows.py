@@ -16,7 +16,7 @@ from pepper_kin.trajectory.smooth_time import SmoothTime
 
 Array = NDArray[np.float64]
 
-_POINTS = (0.0, 0.5, 1.0)  # of each piece, where limits are kept
+_POINTS = (0.0, 1 / 3, 2 / 3, 1.0)  # of each piece, where limits are kept
 _KEEP = 0.35  # share of a limit from which on its row is given to the programme
 _ROUNDS = 4  # programmes with rows added that the last one had exceeded
 _EXCESS = 1e-7
@@ -49,7 +49,7 @@ class Rows:
     to_powers: Array
 
     def duration(self, y: Array) -> float:
-        """Return the duration of the motion [s], by Simpson's rule."""
+        """Return the duration of the motion [s], by the 3/8 rule."""
         return float(np.sum(self.weight / np.sqrt(self._at(y)[0])))
 
     def polynomials(self, y: Array) -> tuple[Array, Array, Array]:
@@ -141,7 +141,7 @@ def make_rows(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits: L
         sides,
         1.0 / np.maximum(share, 1e-6) ** 2,
         gain,
-        (step[:, None] * np.array([1, 4, 1]) / 6).ravel(),
+        (step[:, None] * np.array([1, 3, 3, 1]) / 8).ravel(),
         powers,
     )
 

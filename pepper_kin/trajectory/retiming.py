@@ -75,7 +75,8 @@ def retime(
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
             lets the base be held from below.
         hand_speed: Greatest speed of both hands' effectors [m/s], or of "left", "right" or any frame by name.
-        payload: Point masses held at "left", "right" or any frame by name [kg]; they act on torque and balance.
+        payload: Point masses held at "left", "right" or any frame by name [kg]; they act on torque and
+            balance.
         jerk: Jerk limits: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a
             second), another such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
         duration: The wished duration [s], no less than the least one; the least one if omitted.  The fastest
@@ -125,11 +126,12 @@ def retime(
 
 
 def _last(trajectory: Trajectory, duration: float) -> Trajectory:
-    """Return the trajectory made slower: v and a shrink, torques and edge moments move towards those at rest."""
+    """Return the trajectory made slower: torques and edge moments move towards those at rest."""
     if duration < trajectory.duration * (1 - _TOLERANCE):
         raise InfeasibleError(
             "trajectory",
-            f"the limits ask for {trajectory.duration:.6g} s along this path, and {duration:.6g} s are wished",
+            f"the limits ask for {trajectory.duration:.6g} s along this path, "
+            f"and {duration:.6g} s are wished",
             "wish for more, or raise the limits' scales",
         )
     return trajectory.with_duration(max(duration, trajectory.duration))
@@ -265,7 +267,8 @@ def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None, payload: At
         share = (grid.s[interval + int(end)] - grid.s[0]) / total
         held, limit = rows.c[end, interval, torque[row]], rows.bound[torque[row]]
         reason = (
-            f"{joint} needs {held:.4g} N m to hold still against gravity{_load(payload)} {share:.0%} along the path, "
+            f"{joint} needs {held:.4g} N m to hold still against gravity{_load(payload)} "
+            f"{share:.0%} along the path, "
             f"and its limit is {limit:.4g} N m"
         )
         advice = "choose a path with less load on that joint" + (", or carry less" if payload else "")

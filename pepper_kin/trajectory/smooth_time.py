@@ -14,6 +14,10 @@ Array = NDArray[np.float64]
 PIECES = 90
 """Number of pieces of a smooth time law, about."""
 
+_CLOSE = 0.45  # of a piece: knots nearer than this are one
+_JUMPS = 16  # jumps of acceleration that become knots, at most,
+_LARGE = 0.1  # and how large they are at least, as a share of the greatest acceleration
+
 
 @dataclass(frozen=True, eq=False)
 class SmoothTime:
@@ -79,10 +83,30 @@ def smooth_time(curve: CubicPath, time: Array, s: Array, window: float) -> Smoot
     for _ in range(6):
         place, speed, _ = average(inner)
         inner = np.clip(inner - (place - curve.breaks[1:-1]) / np.maximum(speed, 1e-12), 0.0, duration)
-    for value in inner:  # the break takes the place of the nearest knot
-        knots[1 + int(np.argmin(np.abs(knots[1:-1] - value)))] = value
-    knots = np.unique(knots)
+    knots = _with(knots, inner, _CLOSE * duration / PIECES)
+    knots = _with(knots, _jumps(law, window), _CLOSE * duration / PIECES, set(inner))
     return SmoothTime(knots, _quintics(np.diff(knots), *average(knots)))
+
+
+def _jumps(law: _TimeLaw, window: float) -> Array:
+    """Return the times at which the third derivative of the average jumps most."""
+    jump = np.abs(np.diff(2 * law.half, prepend=0.0, append=0.0))
+    large = np.argsort(-jump)[:_JUMPS]
+    large = large[jump[large] > _LARGE * np.abs(2 * law.half).max()]
+    times = law.time[large]
+    return np.stack([times, times + window], axis=1).ravel()
+
+
+def _with(knots: Array, wanted: Array, close: float, fixed: set[float] | None = None) -> Array:
+    """Return knots with others added, which take the place of those that are close, but for fixed ones."""
+    fixed = set() if fixed is None else fixed
+    fixed = fixed | {knots[0], knots[-1]}
+    for value in wanted:
+        if min(abs(value - other) for other in fixed) < close:
+            continue
+        knots = np.append(knots[np.abs(knots - value) >= close], value)
+        fixed = fixed | {value}
+    return np.unique(np.append(knots, sorted(fixed)))
 
 
 class _TimeLaw:
@@ -93,19 +117,19 @@ class _TimeLaw:
         speed = np.zeros(s.size)
         for i in range(h.size):  # constant acceleration: the mean of both ends is the mean speed
             speed[i + 1] = max(2 * step[i] / h[i] - speed[i], 0.0)
-        self._time, self._s, self._speed = time, s, speed
-        self._half = np.diff(speed) / (2 * h)
-        area = s[:-1] * h + speed[:-1] * h**2 / 2 + self._half * h**3 / 3
+        self.time, self._s, self._speed = time, s, speed
+        self.half = np.diff(speed) / (2 * h)
+        area = s[:-1] * h + speed[:-1] * h**2 / 2 + self.half * h**3 / 3
         self._area = np.concatenate([[0.0], np.cumsum(area)])
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
-        inside = np.clip(t, 0.0, self._time[-1])
-        i = np.clip(np.searchsorted(self._time, inside, side="right") - 1, 0, self._half.size - 1)
-        x, w, half, s = inside - self._time[i], self._speed[i], self._half[i], self._s[i]
+        inside = np.clip(t, 0.0, self.time[-1])
+        i = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, self.half.size - 1)
+        x, w, half, s = inside - self.time[i], self._speed[i], self.half[i], self._s[i]
         place, speed = s + x * (w + x * half), w + 2 * x * half
         area = self._area[i] + x * (s + x * (w / 2 + x * half / 3))
         area = area + (t - inside) * np.where(t < 0, self._s[0], self._s[-1])
-        outside = (t < 0) | (t > self._time[-1])
+        outside = (t < 0) | (t > self.time[-1])
         return area, place, np.where(outside, 0.0, speed)
 
 
