@@ -32,6 +32,11 @@ class Effects:
         if self.polygon is not None and limits.balance is not None and not moves_base(pepper):
             self.moment_of_wrench = moment_matrix(self.polygon, limits.balance)
 
+    @property
+    def any(self) -> bool:
+        """Whether there are limits besides those of velocity and acceleration."""
+        return bool(self.torque_limit.size or self.polygon is not None or self.limits.speed)
+
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Torques, shape (T, n or 0)."""
         if not self.torque_limit.size:

@@ -149,21 +149,74 @@ def speed_bound(at: Array, first: np.ndarray, velocity: Array, frame_speed: Arra
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def inspect(
-    interval: np.ndarray, state: Array, velocity: Array, acceleration: Array, torque: Array,
-    torque_limit: Array, moments: Array, frame_speed: Array, c: Array, first: np.ndarray, low: Array,
-    high: Array, x_most: Array, tighten: bool,
+def inspect_joints(
+    taylor: Array, step: Array, x: Array, velocity: Array, acceleration: Array, low: Array, high: Array,
+    x_most: Array, tighten: bool,
 ) -> float:  # fmt: skip
-    """Return how many times as slow the motion has to be; tighten limits of intervals where it exceeds them.
+    """Return how many times as slow the motion has to be for velocity and acceleration; tighten limits.
 
-    Made k times as slow, a motion has v / k, a / k^2 and torques and edge moments c + (value - c) / k^2,
-    with c their value at rest, here that of the nearest node.
+    On an interval, with d = s - s_i and x = x_i + 2 u d, a joint's acceleration
+        q'' x + q' u = A + B d + C d^2,   A = 2 c_2 x_i + c_1 u,  B = 6 c_3 x_i + 6 c_2 u,  C = 15 c_3 u,
+    is extreme at the ends or at d = -B / 2 C, and its velocity at the ends or where the acceleration is zero:
+    both are compared with their limits at every instant.
+
+    Args:
+        taylor: Coefficients c of the path at the start of each interval, shape (N, 4, n).
+        step: Length of each interval, shape (N,).
+        x: Squared speed at the grid points, shape (N + 1,).
+        velocity: Limits, shape (n,).
+        acceleration: Limits, shape (n,).
+        low: Lower bounds of the rows, changed where `tighten`, shape (N, r).
+        high: Upper bounds of the rows, likewise.
+        x_most: Bounds on the squared speed, likewise, shape (N + 1,).
+        tighten: Whether to change the bounds by what they are exceeded by.
+    """
+    square = 1.0
+    for i in range(step.size):
+        u, slow, length = (x[i + 1] - x[i]) / (2 * step[i]), 1.0, step[i]
+        fastest = np.sqrt(max(x[i], x[i + 1]))
+        for j in range(velocity.size):
+            c1, c2, c3 = taylor[i, 1, j], taylor[i, 2, j], taylor[i, 3, j]
+            a0, a1, a2 = 2 * c2 * x[i] + c1 * u, 6 * (c3 * x[i] + c2 * u), 15 * c3 * u
+            most = max(abs(a0), abs(a0 + length * (a1 + length * a2)))
+            if 0.0 < -a1 * a2 < 2 * length * a2 * a2:
+                most = max(most, abs(a0 - a1 * a1 / (4 * a2)))
+            if most > acceleration[j]:
+                square = max(square, most / acceleration[j])
+                if tighten:
+                    high[i, j] -= most - acceleration[j]
+                    low[i, j] += most - acceleration[j]
+            if (abs(c1) + length * (2 * abs(c2) + 3 * length * abs(c3))) * fastest <= velocity[j]:
+                continue
+            end = abs(c1 + length * (2 * c2 + 3 * length * c3)) * np.sqrt(x[i + 1])
+            most = max(abs(c1) * np.sqrt(x[i]), end)
+            inner = a1 * a1 - 4 * a2 * a0
+            root = np.sqrt(inner) if inner > 0 else 0.0
+            w = -(a1 + root if a1 >= 0 else a1 - root) / 2
+            for d in (w / a2 if a2 != 0 else -1.0, a0 / w if w != 0 else -1.0):
+                if 0 < d < length:
+                    speed = np.sqrt(max(x[i] + 2 * u * d, 0.0))
+                    most = max(most, abs(c1 + d * (2 * c2 + 3 * d * c3)) * speed)
+            slow = max(slow, (most / velocity[j]) ** 2)
+        square = max(square, slow)
+        if tighten and slow > 1.0:
+            x_most[i], x_most[i + 1] = x_most[i] / slow, x_most[i + 1] / slow
+    return np.sqrt(square)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def inspect(
+    interval: np.ndarray, first_row: int, torque: Array, torque_limit: Array, moments: Array,
+    frame_speed: Array, c: Array, first: np.ndarray, low: Array, high: Array, x_most: Array, tighten: bool,
+) -> float:  # fmt: skip
+    """Return how many times as slow the motion has to be for the rest; tighten limits where it exceeds them.
+
+    Made k times as slow, a motion has v / k, and torques and edge moments c + (value - c) / k^2, with c their
+    value at rest, here that of the nearest nodes.
 
     Args:
         interval: Interval of each state, shape (T,).
-        state: Position, velocity and acceleration, shape (3, T, n).
-        velocity: Limits, shape (n,).
-        acceleration: Limits, shape (n,).
+        first_row: Number of rows before those of torque.
         torque: shape (T, n or 0).
         torque_limit: shape (n or 0,).
         moments: Edge moments, to be positive, shape (T, k).
@@ -175,42 +228,29 @@ def inspect(
         x_most: Bounds on the squared speed, likewise, shape (N + 1,).
         tighten: Whether to change the bounds by what they are exceeded by.
     """
-    n, n_tau = velocity.size, torque_limit.size
+    n_tau, n_edge = torque_limit.size, moments.shape[1]
     square = 1.0
-    cut = np.zeros(low.shape)
+    cut = np.zeros((first.size, n_tau + n_edge))
     slow = np.ones(first.size)
     for k in range(interval.size):
-        i, fast = interval[k], 0.0
-        for j in range(n):
-            fast = max(fast, abs(state[1, k, j]) / velocity[j])
-            value, limit = state[2, k, j], acceleration[j]
-            if abs(value) > limit:
-                square = max(square, abs(value) / limit)
-                cut[i, j] = max(cut[i, j], abs(value) - limit)
+        i = interval[k]
         for f in range(frame_speed.shape[1]):
-            fast = max(fast, frame_speed[k, f])
-        if fast > 1.0:
-            square = max(square, fast * fast)
-            slow[i] = max(slow[i], fast * fast)
-        for j in range(n_tau):
-            value, limit = torque[k, j], torque_limit[j]
-            if abs(value) > limit:
-                r = n + j
-                rest = (c[first[i], r] + c[first[i] + 1, r]) / 2
-                cut[i, r] = max(cut[i, r], abs(value) - limit)
-                room = (limit - rest) if value > 0 else (limit + rest)
-                over = abs(value) - limit
-                square = max(square, (over + room) / room) if room > 0 else np.inf
-        for j in range(moments.shape[1]):
-            if moments[k, j] < 0:
-                r = n + n_tau + j
-                rest = (c[first[i], r] + c[first[i] + 1, r]) / 2
-                cut[i, r] = max(cut[i, r], -moments[k, j])
-                square = max(square, (rest - moments[k, j]) / rest) if rest > 0 else np.inf
+            slow[i] = max(slow[i], frame_speed[k, f] * frame_speed[k, f])
+        for r in range(n_tau + n_edge):
+            value = abs(torque[k, r]) if r < n_tau else -moments[k, r - n_tau]
+            limit = torque_limit[r] if r < n_tau else 0.0
+            if value > limit:
+                rest = (c[first[i], first_row + r] + c[first[i] + 1, first_row + r]) / 2
+                if r >= n_tau or torque[k, r] < 0:
+                    rest = -rest
+                cut[i, r] = max(cut[i, r], value - limit)
+                square = max(square, (value - rest) / (limit - rest)) if limit > rest else np.inf
+    square = max(square, slow.max())
     if tighten:
         for i in range(first.size):
-            for r in range(low.shape[1]):
-                low[i, r], high[i, r] = low[i, r] + cut[i, r], high[i, r] - cut[i, r]
+            for r in range(n_tau + n_edge):
+                low[i, first_row + r] += cut[i, r]
+                high[i, first_row + r] -= cut[i, r]
             x_most[i], x_most[i + 1] = x_most[i] / slow[i], x_most[i + 1] / slow[i]
     return np.sqrt(square)
 

@@ -11,6 +11,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.fast_effects import Effects
 from pepper_kin.trajectory.fast_motion import (
     inspect,
+    inspect_joints,
     instants,
     motion,
     polynomials,
@@ -83,9 +84,10 @@ def fast_time_law(
 ) -> FastResult:
     """Return the fastest motion along a path from rest to rest that keeps limits.
 
-    Limits hold at both ends of every interval and at every multiple of 1 ms.  They are looked at in the
-    middle of each interval too, and where they are exceeded there, that interval's are tightened by the
-    excess before the passes are run again; what is left is removed by stretching time.
+    Velocity and acceleration keep their limits at every instant, the others at both ends of every interval
+    and at every multiple of 1 ms.  Extremes of velocity and acceleration are looked for in each interval, and
+    its middle for the others; where a limit is exceeded, that interval's is tightened by the excess before
+    the passes are run again.  What is left is removed by stretching time.
 
     Args:
         pepper: The robot.
@@ -101,32 +103,33 @@ def fast_time_law(
     a, b, c, low, high = rows_at_nodes(at, first, step.size, acceleration, *_coefficients(effects, at))
     length = s[-1] - s[0]
     x_most = speed_bound(at, first, velocity, effects.speed(at[0], at[1]), _GREATEST * length**2)
-    best: tuple[float, Array] | None = None
+    best: tuple[float, float, Array] | None = None
     failed = 0
 
     def look(x: Array, stretch: float, dt: float, tighten: bool) -> float:
+        if not effects.any:
+            return 1.0
         interval, local = instants(t, stretch, dt)
-        state = motion(taylor, step, x, interval, local, stretch)
-        q, v, acc = state
+        q, v, acc = motion(taylor, step, x, interval, local, stretch)
         torque, moments, speed = effects.torque(q, v, acc), effects.moments(q, v, acc), effects.speed(q, v)
-        asked = velocity, acceleration, torque, effects.torque_limit, moments, speed
-        return float(inspect(interval, state, *asked, c, first, low, high, x_most, tighten))
+        asked = torque, effects.torque_limit, moments, speed
+        return float(inspect(interval, pepper.n, *asked, c, first, low, high, x_most, tighten))
 
     for _ in range(_ROUNDS):
         x, failed = passes(step, first, a, b, c, low, high, x_most)
         if failed >= 0:
             break
         t = times(step, x)
-        stretch = look(x, 1.0, 0.0, True)
-        if np.isfinite(stretch) and (best is None or t[-1] * stretch < best[0]):
-            best = t[-1] * stretch, x
-        if stretch <= 1.0 + _SMALL_STRETCH:
+        stretch = inspect_joints(taylor, step, x, velocity, acceleration, low, high, x_most, True)
+        needed = max(stretch, look(x, 1.0, 0.0, True))
+        if np.isfinite(needed) and (best is None or t[-1] * needed < best[0]):
+            best = t[-1] * needed, stretch, x
+        if needed <= 1.0 + _SMALL_STRETCH:
             break
     if best is None:
         return FastResult(None, None, float((s[max(failed, 0)] - s[0]) / length))
-    x = best[1]
+    _, stretch, x = best
     t = times(step, x)
-    stretch = 1.0
     while True:
         more = look(x, stretch, CHECK_STEP, False)
         if more <= 1.0 + _TOLERANCE:
