@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.payload import AtFrames, payload_wrench
 
 Array = NDArray[np.float64]
@@ -14,6 +17,7 @@ WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise se
 _BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 
 
+@lru_cache(maxsize=32)
 def support_polygon(pepper: PepperModel) -> Array | None:
     """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
 
@@ -26,7 +30,7 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     q = pepper.neutral()
     for joint in set(_BASE_JOINTS) & set(pepper.joint_names):
         q[pepper.joint_index(joint)] = 0.0
-    return np.array([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
+    return read_only([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
 
 
 def edge_moments(

@@ -151,7 +151,7 @@ def speed_bound(at: Array, first: np.ndarray, velocity: Array, frame_speed: Arra
 @njit(cache=True, nogil=True, error_model="numpy")
 def inspect_joints(
     taylor: Array, step: Array, x: Array, velocity: Array, acceleration: Array, low: Array, high: Array,
-    x_most: Array, tighten: bool,
+    x_most: Array,
 ) -> float:  # fmt: skip
     """Return how many times as slow the motion has to be for velocity and acceleration; tighten limits.
 
@@ -166,10 +166,9 @@ def inspect_joints(
         x: Squared speed at the grid points, shape (N + 1,).
         velocity: Limits, shape (n,).
         acceleration: Limits, shape (n,).
-        low: Lower bounds of the rows, changed where `tighten`, shape (N, r).
+        low: Lower bounds of the rows, raised by what they are exceeded by, shape (N, r).
         high: Upper bounds of the rows, likewise.
         x_most: Bounds on the squared speed, likewise, shape (N + 1,).
-        tighten: Whether to change the bounds by what they are exceeded by.
     """
     square = 1.0
     for i in range(step.size):
@@ -183,9 +182,8 @@ def inspect_joints(
                 most = max(most, abs(a0 - a1 * a1 / (4 * a2)))
             if most > acceleration[j]:
                 square = max(square, most / acceleration[j])
-                if tighten:
-                    high[i, j] -= most - acceleration[j]
-                    low[i, j] += most - acceleration[j]
+                high[i, j] -= most - acceleration[j]
+                low[i, j] += most - acceleration[j]
             if (abs(c1) + length * (2 * abs(c2) + 3 * length * abs(c3))) * fastest <= velocity[j]:
                 continue
             end = abs(c1 + length * (2 * c2 + 3 * length * c3)) * np.sqrt(x[i + 1])
@@ -199,7 +197,7 @@ def inspect_joints(
                     most = max(most, abs(c1 + d * (2 * c2 + 3 * d * c3)) * speed)
             slow = max(slow, (most / velocity[j]) ** 2)
         square = max(square, slow)
-        if tighten and slow > 1.0:
+        if slow > 1.0:
             x_most[i], x_most[i + 1] = x_most[i] / slow, x_most[i + 1] / slow
     return np.sqrt(square)
 

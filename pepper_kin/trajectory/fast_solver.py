@@ -30,6 +30,7 @@ CHECK_STEP = 0.001  # [s]
 _ROUNDS = 3  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 2e-4  # slowing down by less than this is cheaper than solving again
 _MORE, _LEAST = 1.1, 2e-6  # stretch a little further than needed
+_SHRINK = 1e-3  # share of limits left unused where time cannot be stretched
 _TOLERANCE = 1e-9  # of a limit, for rounding
 _GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
 
@@ -96,48 +97,100 @@ def fast_time_law(
         intervals: Least number of intervals.
         limits: The limits.
     """
-    effects = Effects(pepper, limits)
-    counts = interval_counts(breaks, intervals)
-    step, first, at, taylor, s = nodes(breaks, coefficients, counts)
-    velocity, acceleration = np.array(limits.velocity), np.array(limits.acceleration)
-    a, b, c, low, high = rows_at_nodes(at, first, step.size, acceleration, *_coefficients(effects, at))
-    length = s[-1] - s[0]
-    x_most = speed_bound(at, first, velocity, effects.speed(at[0], at[1]), _GREATEST * length**2)
-    best: tuple[float, float, Array] | None = None
-    failed = 0
+    search = _Search(pepper, breaks, coefficients, intervals, limits)
+    found = search.stretched() if search.can_rest() else search.unstretched()
+    if found is None:
+        return FastResult(None, None, search.failed_at)
+    x, stretch = found
+    time = times(search.step, x) * stretch
+    return FastResult(time, polynomials(search.taylor, search.step, x, stretch))
 
-    def look(x: Array, stretch: float, dt: float, tighten: bool) -> float:
-        if not effects.any:
+
+class _Search:
+    """Passes and inspections along one path, with limits that are tightened on the way."""
+
+    def __init__(
+        self, pepper: PepperModel, breaks: Array, coefficients: Array, intervals: int, limits: Limits
+    ) -> None:
+        self.effects = Effects(pepper, limits)
+        counts = interval_counts(breaks, intervals)
+        self.step, self.first, at, self.taylor, self.s = nodes(breaks, coefficients, counts)
+        self.velocity, self.acceleration = np.array(limits.velocity), np.array(limits.acceleration)
+        self.n = pepper.n
+        self.a, self.b, self.c, self.low, self.high = rows_at_nodes(
+            at, self.first, self.step.size, self.acceleration, *_coefficients(self.effects, at)
+        )
+        greatest = _GREATEST * (self.s[-1] - self.s[0]) ** 2
+        share = self.effects.speed(at[0], at[1])
+        self.x_most = speed_bound(at, self.first, self.velocity, share, greatest)
+        self.failed_at = 0.0
+
+    def can_rest(self) -> bool:
+        """Whether the robot could stand still at every grid point: then slower is always possible."""
+        rest, low, high = self.c[:, self.n :], self.low[0, self.n :], self.high[0, self.n :]
+        return bool(np.all((rest >= low) & (rest <= high)))
+
+    def stretched(self) -> tuple[Array, float] | None:
+        """Return x and how much slower the motion has to be than x says; None where there is no x."""
+        best: tuple[float, float, Array] | None = None
+        for _ in range(_ROUNDS):
+            x = self._pass()
+            if x is None:
+                break
+            stretch = self._joints(x)
+            needed = max(stretch, self._rest(x, 1.0, 0.0, True))
+            duration = times(self.step, x)[-1] * needed
+            if np.isfinite(needed) and (best is None or duration < best[0]):
+                best = duration, stretch, x
+            if needed <= 1.0 + _SMALL_STRETCH:
+                break
+        if best is None:
+            return None
+        _, stretch, x = best
+        while True:
+            more = self._rest(x, stretch, CHECK_STEP, False)
+            if more <= 1.0 + _TOLERANCE:
+                return x, stretch
+            if not np.isfinite(more):
+                return None
+            stretch *= 1.0 + _MORE * (more - 1.0) + _LEAST  # the instants looked at next are others
+
+    def unstretched(self) -> tuple[Array, float] | None:
+        """Return x that keeps all limits as it is: slower, the robot could not hold itself on the way."""
+        self.low += _SHRINK * np.where(np.isfinite(self.low), np.abs(self.low), 0.0)
+        self.high -= _SHRINK * np.where(np.isfinite(self.high), np.abs(self.high), 0.0)
+        self.low[:, self.n + self.effects.torque_limit.size :] += _SHRINK
+        self.x_most *= 1.0 - 2 * _SHRINK
+        for _ in range(3 * _ROUNDS):
+            x = self._pass()
+            if x is None:
+                return None
+            if max(self._joints(x), self._rest(x, 1.0, CHECK_STEP, True)) <= 1.0 + _TOLERANCE:
+                return x, 1.0
+        return None
+
+    def _pass(self) -> Array | None:
+        x, failed = passes(self.step, self.first, self.a, self.b, self.c, self.low, self.high, self.x_most)
+        if failed < 0:
+            return x
+        self.failed_at = float((self.s[failed] - self.s[0]) / (self.s[-1] - self.s[0]))
+        return None
+
+    def _joints(self, x: Array) -> float:
+        """Return how much slower velocity and acceleration ask to be; tighten them where exceeded."""
+        limits = self.velocity, self.acceleration, self.low, self.high, self.x_most
+        return float(inspect_joints(self.taylor, self.step, x, *limits))
+
+    def _rest(self, x: Array, stretch: float, dt: float, tighten: bool) -> float:
+        """Return how much slower the other limits ask to be, at every dt or in the middle of intervals."""
+        if not self.effects.any:
             return 1.0
-        interval, local = instants(t, stretch, dt)
-        q, v, acc = motion(taylor, step, x, interval, local, stretch)
-        torque, moments, speed = effects.torque(q, v, acc), effects.moments(q, v, acc), effects.speed(q, v)
-        asked = torque, effects.torque_limit, moments, speed
-        return float(inspect(interval, pepper.n, *asked, c, first, low, high, x_most, tighten))
-
-    for _ in range(_ROUNDS):
-        x, failed = passes(step, first, a, b, c, low, high, x_most)
-        if failed >= 0:
-            break
-        t = times(step, x)
-        stretch = inspect_joints(taylor, step, x, velocity, acceleration, low, high, x_most, True)
-        needed = max(stretch, look(x, 1.0, 0.0, True))
-        if np.isfinite(needed) and (best is None or t[-1] * needed < best[0]):
-            best = t[-1] * needed, stretch, x
-        if needed <= 1.0 + _SMALL_STRETCH:
-            break
-    if best is None:
-        return FastResult(None, None, float((s[max(failed, 0)] - s[0]) / length))
-    _, stretch, x = best
-    t = times(step, x)
-    while True:
-        more = look(x, stretch, CHECK_STEP, False)
-        if more <= 1.0 + _TOLERANCE:
-            break
-        if not np.isfinite(more):
-            return FastResult(None, None, 0.0)
-        stretch *= 1.0 + _MORE * (more - 1.0) + _LEAST  # the instants looked at next are others
-    return FastResult(t * stretch, polynomials(taylor, step, x, stretch))
+        interval, local = instants(times(self.step, x), stretch, dt)
+        q, v, a = motion(self.taylor, self.step, x, interval, local, stretch)
+        effects = self.effects
+        asked = effects.torque(q, v, a), effects.torque_limit, effects.moments(q, v, a), effects.speed(q, v)
+        bounds = self.c, self.first, self.low, self.high, self.x_most
+        return float(inspect(interval, self.n, *asked, *bounds, tighten))
 
 
 def _coefficients(effects: Effects, at: Array) -> tuple[Array, Array, Array]:

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.jerk_rows import Rows, make_rows
 from pepper_kin.trajectory.limit_use import Limits, measure_use
@@ -88,6 +89,8 @@ def limit_jerk(
     for window in _windows(limits.acceleration, jerk, fastest.duration):
         base = smooth_time(curve, fastest.breaks, s, window)
         rows = make_rows(pepper, curve, base, inner, jerk * _SHARE_OF_MARGIN)
+        if not rows.can_rest():
+            raise _cannot_rest()
         y = np.full(base.knots.size + 1, rows.greatest_even_rate())
         if best is None or rows.duration(y) < best[0]:
             best = rows.duration(y), base, rows, y
@@ -112,7 +115,7 @@ def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
     both = np.isfinite(acceleration) & np.isfinite(jerk)
     build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.1 * duration
     widths = [share * build_up for share in _WINDOWS] + [share * duration for share in _SHARES]
-    return [width for width in widths if 0.02 * duration < width < duration]
+    return [width for width in widths if 0.02 * duration < width < duration]  # never empty: the last two
 
 
 def _trajectory(pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _Rate) -> Trajectory:
@@ -145,6 +148,16 @@ def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits, jerk: A
         stretch = measure_use(pepper, state, limits).stretch
         stretch = max(stretch, float(np.max(np.abs(rates) / jerk)) ** (1 / 3))
         if stretch <= 1.0 + _TOLERANCE:
+            return trajectory
+        if not np.isfinite(stretch):
             break
         trajectory = trajectory.scaled(stretch * _MORE)
-    return trajectory
+    raise _cannot_rest()
+
+
+def _cannot_rest() -> InfeasibleError:
+    return InfeasibleError(
+        "trajectory",
+        "the path passes where the robot can swing through but not hold itself still",
+        "leave jerk limits out, or choose a path with less load",
+    )

@@ -20,6 +20,7 @@ _POINTS = (0.0, 1 / 3, 2 / 3, 1.0)  # of each piece, where limits are kept
 _KEEP = 0.35  # share of a limit from which on its row is given to the programme
 _ROUNDS = 4  # programmes with rows added that the last one had exceeded
 _EXCESS = 1e-7
+_LONGEST = 5.0  # [s] for one programme, which takes some milliseconds; then the last y is kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,11 @@ class Rows:
         at = np.einsum("kdc,kc->dk", self.to_powers, y[pieces[:, None] + np.arange(3)])
         return at[0], at[1], at[2]
 
+    def can_rest(self) -> bool:
+        """Whether the robot can stand still at every point."""
+        low = np.where(self.one_sided, -np.inf, -1.0)
+        return bool(np.all((self.offset < 1) & (self.offset > low)))
+
     def greatest_even_rate(self) -> float:
         """Return the greatest constant y that keeps all limits."""
         gain, rest = self.linear[..., 0], self.offset
@@ -88,7 +94,14 @@ class Rows:
                 shape=(point.size, y.size),
             )
             box = np.stack([y / trust, y * trust], axis=1)
-            found = linprog(cost, A_ub=table, b_ub=np.ones(point.size), bounds=box, method="highs-ds")
+            found = linprog(
+                cost,
+                A_ub=table,
+                b_ub=np.ones(point.size),
+                bounds=box,
+                method="highs-ds",
+                options={"time_limit": _LONGEST},
+            )
             if found.status != 0:
                 return None
             over = np.einsum("prc,pc->pr", tables, found.x[self._columns()]) / bounds > 1 + _EXCESS

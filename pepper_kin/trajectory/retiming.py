@@ -1,4 +1,19 @@
-"""From a path to the fastest trajectory along it that every limit allows."""
+"""From a path to the fastest trajectory along it that every limit allows.
+
+On a grid that keeps all breaks of the path, the path's acceleration u = d2s/dt2 is constant between grid
+points and the fastest that keeps |q'(s) ds/dt|, |q'(s) u + q''(s) x| and |a(s) u + b(s) x + c(s)|,
+x = (ds/dt)^2, within the limits of velocity, acceleration and torque at both ends of every interval
+(TOPP-RA: H. Pham and Q.-C. Pham, IEEE Trans. Robotics 34, 2018).  s(t) is then quadratic on each interval and
+q(s(t)) a polynomial of degree 6, which is what is returned: positions lie on the path exactly, velocities are
+continuous, accelerations jump.  The duration's excess over the optimum falls as one over the number of grid
+points: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200, 0.2 % with 400.
+
+Between grid points the limits could be exceeded slightly.  Therefore the result is examined there, the limits
+are tightened where need be, and a last excess is removed by stretching time: at grid points and at every
+multiple of 1 ms all limits hold (with the compiled solver, velocity and acceleration at every instant).
+
+With jerk limits, accelerations are continuous too; see `pepper_kin.trajectory.jerk_retiming`.
+"""
 
 from __future__ import annotations
 
@@ -47,21 +62,7 @@ def retime(
     gridpoints: int = 200,
     solver: str = "fast",
 ) -> Trajectory:
-    """Return the time-optimal trajectory along a path, from rest to rest.
-
-    On a grid that keeps all breaks of the path, the path's acceleration u = d2s/dt2 is constant between grid
-    points and the fastest that keeps |q'(s) ds/dt|, |q'(s) u + q''(s) x| and |a(s) u + b(s) x + c(s)|,
-    x = (ds/dt)^2, within the limits of velocity, acceleration and torque at both ends of every interval
-    (TOPP-RA: H. Pham and Q.-C. Pham, IEEE Trans. Robotics 34, 2018).  s(t) is then quadratic on each
-    interval and q(s(t)) a polynomial of degree 6, which is what is returned: positions lie on the path
-    exactly, velocities are continuous, accelerations jump.
-
-    Between grid points the limits could be exceeded slightly.  Therefore the result is examined there and at
-    every millisecond, the limits are tightened where need be, and a last excess is removed by
-    stretching time: at grid points and at every multiple of 1 ms all limits hold.
-
-    With `jerk`, accelerations are continuous and jerk is limited too; see
-    `pepper_kin.trajectory.jerk_retiming`.
+    """Return the time-optimal trajectory along a path, from rest to rest; the module says how.
 
     Args:
         pepper: The robot, which gives the limits; infinite ones do not act.
@@ -74,16 +75,12 @@ def retime(
         torque: Whether to keep within the effort limits.
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
             lets the base be held from below.
-        hand_speed: Greatest speed of both hands' effectors [m/s], or of "left", "right" or any frame by name.
-        payload: Point masses held at "left", "right" or any frame by name [kg]; they act on torque and
-            balance.
-        jerk: Jerk limits: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a
-            second), another such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
-        duration: The wished duration [s], no less than the least one; the least one if omitted.  The fastest
-            motion is made slower evenly, which keeps every limit.
-        gridpoints: Least number of intervals of the grid, at least 2.  The duration's excess over the optimum
-            falls as one over it: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200,
-            0.2 % with 400.
+        hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
+        payload: Point masses held at "left", "right" or a frame by name [kg]; they act on torque and balance.
+        jerk: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a second), another
+            such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
+        duration: The wished duration [s]: the fastest motion is made slower evenly, which keeps every limit.
+        gridpoints: Least number of intervals of the grid, at least 2.
         solver: "fast", in machine code that the first use on a machine compiles (some seconds, once), or
             "toppra", the package of that name, as reference.
 
@@ -99,33 +96,56 @@ def retime(
             where the robot would tip over even at rest; or where `duration` is less than the least one.
     """
     check_choice("solver", solver, SOLVERS)
-    if duration is not None:
-        duration = check_positive("duration", duration, "s")
+    wished = None if duration is None else check_positive("duration", duration, "s")
     rate = None if jerk is None else jerk_limits(pepper, jerk)
-    limits = Limits(
-        pepper.velocity_limits * _share("velocity_scale", velocity_scale),
-        pepper.acceleration_limits * _share("acceleration_scale", acceleration_scale),
-        pepper.effort_limits * _share("torque_scale", torque_scale) if torque else None,
+    scales = velocity_scale, acceleration_scale, torque_scale if torque else None
+    limits = _limits(pepper, scales, balance, payload, hand_speed)
+    trajectory = _timed(pepper, path, limits, rate, _intervals(gridpoints), solver)
+    return trajectory if wished is None else _last(pepper, trajectory, wished, limits)
+
+
+def _limits(
+    pepper: PepperModel,
+    scales: tuple[float, float, float | None],
+    balance: float | None,
+    payload: Mapping[str, float] | None,
+    hand_speed: float | Mapping[str, float] | None,
+) -> Limits:
+    """Check what a user says about limits; a third scale of None leaves torque out."""
+    velocity, acceleration, torque = scales
+    return Limits(
+        pepper.velocity_limits * _share("velocity_scale", velocity),
+        pepper.acceleration_limits * _share("acceleration_scale", acceleration),
+        None if torque is None else pepper.effort_limits * _share("torque_scale", torque),
         _distance(pepper, balance),
         at_frames(pepper, "payload", payload, "kg"),
         _speeds(pepper, hand_speed),
     )
+
+
+def _intervals(gridpoints: int) -> int:
     if isinstance(gridpoints, bool) or not isinstance(gridpoints, (int, np.integer)) or gridpoints < 2:
         raise InvalidValueError("gridpoints", gridpoints, "a whole number of at least 2")
+    return int(gridpoints)
+
+
+def _timed(
+    pepper: PepperModel, path: PathLike, limits: Limits, jerk: Array | None, intervals: int, solver: str
+) -> Trajectory:
+    """Return the fastest trajectory."""
     pieces = _pieces(pepper, path, solver)
     _refuse_unbounded(pieces[1], limits)
     time_law = _fast if solver == "fast" else _by_toppra
-    trajectory = time_law(pepper, pieces, limits, int(gridpoints))
-    if rate is not None:
-        from pepper_kin.trajectory.jerk_retiming import limit_jerk
+    trajectory = time_law(pepper, pieces, limits, intervals)
+    if jerk is None:
+        return trajectory
+    from pepper_kin.trajectory.jerk_retiming import limit_jerk
 
-        curve = CubicPath(*pieces)
-        s = make_grid(curve, int(gridpoints)).s
-        trajectory = limit_jerk(pepper, curve, trajectory, s, limits, rate)
-    return trajectory if duration is None else _last(trajectory, duration)
+    curve = CubicPath(*pieces)
+    return limit_jerk(pepper, curve, trajectory, make_grid(curve, intervals).s, limits, jerk)
 
 
-def _last(trajectory: Trajectory, duration: float) -> Trajectory:
+def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: Limits) -> Trajectory:
     """Return the trajectory made slower: torques and edge moments move towards those at rest."""
     if duration < trajectory.duration * (1 - _TOLERANCE):
         raise InfeasibleError(
@@ -134,7 +154,16 @@ def _last(trajectory: Trajectory, duration: float) -> Trajectory:
             f"and {duration:.6g} s are wished",
             "wish for more, or raise the limits' scales",
         )
-    return trajectory.with_duration(max(duration, trajectory.duration))
+    slow = trajectory.with_duration(max(duration, trajectory.duration))
+    state = slow(sample_times(slow.duration, max(CHECK_STEP, slow.duration / 2000)))
+    if measure_use(pepper, state, limits).stretch > 1.0 + 1e-6:
+        raise InfeasibleError(
+            "trajectory",
+            f"of {duration:.6g} s: the path passes where the robot can swing through, "
+            "but not hold itself still",
+            "leave the duration out, or choose a path with less load",
+        )
+    return slow
 
 
 def _speeds(pepper: PepperModel, hand_speed: float | Mapping[str, float] | None) -> AtFrames:
