@@ -1,4 +1,4 @@
-"""From a goal and a scene to a checked path, and from a path to a motion that is short and smooth; gestures."""
+"""From a goal and a scene to a checked path, from a path to a short and smooth motion; gestures."""
 
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained

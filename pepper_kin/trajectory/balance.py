@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory.payload import AtFrames, payload_wrench
 
 Array = NDArray[np.float64]
 
@@ -13,6 +17,7 @@ WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise se
 _BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 
 
+@lru_cache(maxsize=32)
 def support_polygon(pepper: PepperModel) -> Array | None:
     """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
 
@@ -25,11 +30,17 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     q = pepper.neutral()
     for joint in set(_BASE_JOINTS) & set(pepper.joint_names):
         q[pepper.joint_index(joint)] = 0.0
-    return np.array([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
+    return read_only([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
 
 
 def edge_moments(
-    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, margin: float = 0.0
+    pepper: PepperModel,
+    polygon: Array,
+    q: Array,
+    v: Array,
+    a: Array,
+    margin: float = 0.0,
+    payload: AtFrames = (),
 ) -> Array:
     """Return how firmly the robot stands on each edge of its support polygon.
 
@@ -44,6 +55,7 @@ def edge_moments(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
         margin: Distance from the edge that is wanted [m].
+        payload: Masses held, by frame [kg].
 
     Returns:
         h of every edge [N m], positive where it stands, shape (..., k).
@@ -54,12 +66,31 @@ def edge_moments(
     inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
     vertices, inward = _to_world(pepper, q, polygon, inward)
     wrench = dynamics.base_wrench(pepper, q, v, a)
+    if payload:
+        wrench = wrench + payload_wrench(pepper, payload, q, v, a)
     tilt = np.stack([-wrench[..., 4], wrench[..., 3]], axis=-1)
     reach = np.sum(inward * vertices, axis=-1) + margin
     return np.einsum("...ki,...i->...k", inward, tilt) - reach * wrench[..., 2:3]
 
 
-def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array) -> Array:
+def moment_matrix(polygon: Array, margin: float) -> Array:
+    """Return G such that the edge moments of a robot with a fixed base are wrench @ G, shape (6, k)."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+    gain = np.zeros((6, len(polygon)))
+    gain[4], gain[3] = -inward[:, 0], inward[:, 1]
+    gain[2] = -(np.sum(inward * polygon, axis=1) + margin)
+    return gain
+
+
+def moves_base(pepper: PepperModel) -> bool:
+    """Return whether the support polygon moves with the base's joints."""
+    return set(_BASE_JOINTS) <= set(pepper.joint_names)
+
+
+def balance_margin(
+    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, payload: AtFrames = ()
+) -> Array:
     """Return the distance of the zero-moment point from the nearest edge of the support polygon.
 
     Args:
@@ -68,12 +99,18 @@ def balance_margin(pepper: PepperModel, polygon: Array, q: Array, v: Array, a: A
         q: Joint positions [rad or m], shape (T, n).
         v: Joint velocities [rad/s or m/s], shape (T, n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
+        payload: Masses held, by frame [kg].
 
     Returns:
         Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
     """
     from pepper_kin import dynamics
 
+    if payload:
+        wrench = dynamics.base_wrench(pepper, q, v, a) + payload_wrench(pepper, payload, q, v, a)
+        moments = edge_moments(pepper, polygon, q, v, a, 0.0, payload).min(axis=1)
+        carried = wrench[:, 2] > 0
+        return np.where(carried, moments / np.where(carried, wrench[:, 2], 1.0), -np.inf)
     lifted = dynamics.base_wrench(pepper, q, v, a)[:, 2] <= 0
     margin = np.full(len(q), -np.inf)
     stands = ~lifted
@@ -91,7 +128,7 @@ def _base(pepper: PepperModel) -> str:
 
 def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -> tuple[Array, Array]:
     """Return points and directions of the base, shape (k, 2), in the world, shape (..., k, 2)."""
-    if not set(_BASE_JOINTS) <= set(pepper.joint_names):
+    if not moves_base(pepper):
         shape = (*q.shape[:-1], *points.shape)
         return np.broadcast_to(points, shape), np.broadcast_to(directions, shape)
     x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in _BASE_JOINTS)

@@ -16,7 +16,7 @@ class LimitCheck:
     """How near each joint comes to its limits in one quantity; arrays are indexed by joint.
 
     Attributes:
-        quantity: "position", "velocity", "acceleration" or "torque".
+        quantity: "position", "velocity", "acceleration", "jerk" or "torque".
         joint_names: The joints.
         units: Unit of each joint's numbers.
         margin: Least distance to the nearer limit, negative where it is exceeded, inf without a limit.
@@ -140,6 +140,9 @@ class Certificate:
         balance: Distance of the zero-moment point from the edge of the wheels' triangle, negative outside;
             None for a robot without Pepper's wheels.
         clearance: Least distance between bodies; None if no scene was given.
+        jerk: Against jerk limits; None if none were given.
+        acceleration_continuity: Greatest jump of a joint's acceleration at a knot; None without jerk limits.
+        hand_speed: Speeds of frames against their limits; None if none were given.
     """
 
     duration: float
@@ -153,6 +156,9 @@ class Certificate:
     velocity_continuity: ScalarCheck
     balance: ScalarCheck | None
     clearance: ScalarCheck | None
+    jerk: LimitCheck | None = None
+    acceleration_continuity: ScalarCheck | None = None
+    hand_speed: ScalarCheck | None = None
 
     @property
     def checks(self) -> dict[str, LimitCheck | ScalarCheck]:
@@ -166,6 +172,9 @@ class Certificate:
             "velocity_continuity": self.velocity_continuity,
             "balance": self.balance,
             "clearance": self.clearance,
+            "jerk": self.jerk,
+            "acceleration_continuity": self.acceleration_continuity,
+            "hand_speed": self.hand_speed,
         }
         return {name: check for name, check in found.items() if check is not None}
 
@@ -186,7 +195,7 @@ class Certificate:
             f"Trajectory of {self.duration:.3f} s, {self.samples} states examined "
             f"(every {self.step * 1e3:g} ms and both sides of every knot): {verdict}."
         )
-        missing = [name for name in ("balance", "clearance") if getattr(self, name) is None]
+        missing = [name for name in ("balance", "clearance", "jerk") if getattr(self, name) is None]
         lines = [f"  {check.sentence()}" for check in self.checks.values()]
         return "\n".join([head, *lines, *(f"  {name}: not examined" for name in missing)])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
+from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
+from pepper_kin.trajectory.payload import AtFrames, at_frames, payload_torque
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
 
@@ -24,33 +26,53 @@ _TOUCH = 1e-9  # [m] depth stated for a contact whose depth is not known
 _CHUNK = 2000  # states per call of newton_euler, which keeps its memory small
 
 
-def check(pepper: PepperModel, trajectory: Trajectory, *, scene: Any | None = None) -> Certificate:
+def check(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    *,
+    scene: Any | None = None,
+    jerk: JerkLike | None = None,
+    balance: float = 0.0,
+    hand_speed: Mapping[str, float] | None = None,
+    payload: Mapping[str, float] | None = None,
+) -> Certificate:
     """Examine a trajectory at every millisecond and on both sides of every knot.
 
     Position, velocity and acceleration are compared with the robot's limits; torques are computed by
     `pepper_kin.dynamics.newton_euler`, which shares no code with what times trajectories; positions and
-    velocities must be continuous at knots; the zero-moment point must lie in the triangle of the wheels.
+    velocities (and accelerations, where jerk is limited) must be continuous at knots; the zero-moment point
+    must lie in the triangle of the wheels.
 
     Args:
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
         scene: A `pepper_kin.collision.Scene` (empty for the body alone) to measure clearances in; None to
             leave them out.
+        jerk: Jerk limits as in `retime`; None leaves jerk out.
+        balance: Distance that the zero-moment point has to keep from the edges [m].
+        hand_speed: Greatest speeds of "left", "right" or frames by name [m/s]; None leaves them out.
+        payload: Point masses held at "left", "right" or frames by name [kg].
 
     Returns:
         The certificate.
 
     Raises:
-        InvalidValueError: where the trajectory's joints are not the robot's, in its order.
+        InvalidValueError: where the trajectory's joints are not the robot's, in its order; or for an option
+            out of range.
     """
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
+    held, speeds = (
+        at_frames(pepper, "payload", payload, "kg"),
+        at_frames(pepper, "hand_speed", hand_speed, "m/s"),
+    )
     time, state = _states(trajectory)
     lower, upper = pepper.lower_limits, pepper.upper_limits
-    torque = _in_chunks(_newton_euler(pepper), *state)
+    torque = _in_chunks(_newton_euler(pepper), *state) + payload_torque(pepper, held, *state)
     polygon = support_polygon(pepper)
+    rate = None if jerk is None else jerk_limits(pepper, jerk)
 
     def against(quantity: str, value: Array, lower: Array, upper: Array) -> LimitCheck:
         return _limit_check(pepper, quantity, time, value, lower, upper)
@@ -66,8 +88,11 @@ def check(pepper: PepperModel, trajectory: Trajectory, *, scene: Any | None = No
         torque=against("torque", torque, -tau, tau),
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
-        balance=None if polygon is None else _balance(pepper, polygon, time, state),
+        balance=None if polygon is None else _balance(pepper, polygon, time, state, balance, held),
         clearance=None if scene is None else _clearance(pepper, trajectory, scene),
+        jerk=None if rate is None else against("jerk", _jerks(trajectory), -rate, rate),
+        acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
+        hand_speed=_speed(pepper, time, state, speeds) if speeds else None,
     )
 
 
@@ -79,6 +104,14 @@ def _states(trajectory: Trajectory) -> tuple[Array, State]:
     parts = [trajectory(regular), trajectory.at_pieces(piece, 0 * step), trajectory.at_pieces(piece, step)]
     time = np.concatenate([regular, trajectory.knots[:-1], trajectory.knots[1:]])
     return time, State(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _jerks(trajectory: Trajectory) -> Array:
+    """Return the jerks at the times of `_states`, shape (T, n)."""
+    step = np.diff(trajectory.knots)
+    piece = np.arange(step.size)
+    ends = [trajectory.jerk_at_pieces(piece, 0 * step), trajectory.jerk_at_pieces(piece, step)]
+    return np.concatenate([trajectory.jerk(sample_times(trajectory.duration, STEP)), *ends])
 
 
 def _newton_euler(pepper: PepperModel) -> Callable[..., Array]:
@@ -115,7 +148,7 @@ def _limit_check(
 
 
 def _continuity(trajectory: Trajectory, derivative: int) -> ScalarCheck:
-    quantity = ("position", "velocity")[derivative]
+    quantity = ("position", "velocity", "acceleration")[derivative]
     step, pieces = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
     before = trajectory.at_pieces(pieces[:-1], step[:-1])[derivative]
     after = trajectory.at_pieces(pieces[1:], 0.0 * step[1:])[derivative]
@@ -125,17 +158,37 @@ def _continuity(trajectory: Trajectory, derivative: int) -> ScalarCheck:
         knot, index = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
         worst, time = float(jumps[knot, index]), float(trajectory.knots[knot + 1])
         joint = trajectory.joint_names[index]
-    unit = "rad or m" if derivative == 0 else "rad/s or m/s"
+    unit = ("rad or m", "rad/s or m/s", "rad/s^2 or m/s^2")[derivative]
     detail = f"is the greatest jump at a knot ({joint})"
     return ScalarCheck(f"{quantity} continuity", JUMP_TOLERANCE - worst, worst, time, unit, detail)
 
 
-def _balance(pepper: PepperModel, polygon: Array, time: Array, state: State) -> ScalarCheck:
-    margin = balance_margin(pepper, polygon, *state)
+def _balance(
+    pepper: PepperModel, polygon: Array, time: Array, state: State, wanted: float, payload: AtFrames
+) -> ScalarCheck:
+    margin = balance_margin(pepper, polygon, *state, payload)
     at = int(np.argmin(margin))
     worst = float(margin[at])
     detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
-    return ScalarCheck("balance", worst, worst, float(time[at]), "m", detail)
+    tolerance = RELATIVE_TOLERANCE if wanted > 0 else 0.0
+    return ScalarCheck("balance", worst - wanted + tolerance, worst, float(time[at]), "m", detail)
+
+
+def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> ScalarCheck:
+    """Compare the speeds of frames, by Jacobians, with their limits; report the one that uses most."""
+    from pepper_kin import kinematics
+
+    found = []
+    for frame, limit in speeds:
+        jacobian = kinematics.frame_jacobian(pepper, state.position, frame)[:, :3]
+        speed = np.linalg.norm(np.einsum("tij,tj->ti", jacobian, state.velocity), axis=1)
+        at = int(np.argmax(speed))
+        found.append((float(speed[at]) / limit, float(speed[at]), limit, float(time[at]), frame))
+    _, value, limit, instant, frame = max(found)
+    margin = limit * (1 + RELATIVE_TOLERANCE) - value
+    return ScalarCheck(
+        "hand speed", margin, value, instant, "m/s", f"of {frame}, whose limit is {limit:.4g} m/s"
+    )
 
 
 def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> ScalarCheck:

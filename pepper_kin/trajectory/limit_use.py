@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import edge_moments, support_polygon
+from pepper_kin.trajectory.payload import AtFrames, frame_speed_shares, joint_torque
 from pepper_kin.trajectory.trajectory import State
 
 Array = NDArray[np.float64]
@@ -24,12 +25,16 @@ class Limits:
         torque: [N m or N], shape (n,); None to leave torque out.
         balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
             balance out.
+        payload: Masses held, by frame [kg]; they act on torque and balance.
+        speed: Greatest speeds of frames' origins [m/s].
     """
 
     velocity: Array
     acceleration: Array
     torque: Array | None
     balance: float | None = None
+    payload: AtFrames = ()
+    speed: AtFrames = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +42,7 @@ class LimitUse:
     """Greatest shares of the limits over some states.
 
     Attributes:
-        share: Quantity -> share of its limit that each joint uses, shape (n,).
+        share: Quantity -> share of its limit that each joint (or limited frame) uses, shape (n,).
         stretch: Least k >= 1 such that a motion k times as slow obeys all limits; inf if none does.
     """
 
@@ -58,29 +63,30 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
     Returns:
         The shares used and how much slower the motion would have to be.
     """
-    from pepper_kin import dynamics
-
     share = {
         "velocity": np.abs(state.velocity).max(axis=0) / limits.velocity,
         "acceleration": np.abs(state.acceleration).max(axis=0) / limits.acceleration,
     }
     square = max(1.0, float(share["velocity"].max()) ** 2, float(share["acceleration"].max()))
+    if limits.speed:
+        share["frame speed"] = frame_speed_shares(pepper, limits.speed, *state[:2]).max(axis=0)
+        square = max(square, float(share["frame speed"].max()) ** 2)
     if limits.torque is not None and np.isfinite(limits.torque).any():
-        torque = dynamics.inverse_dynamics(pepper, *state)
+        torque = joint_torque(pepper, limits.payload, *state)
         share["torque"] = np.abs(torque).max(axis=0) / limits.torque
         over = (np.abs(torque) > limits.torque).any(axis=1)
         if over.any():
-            gravity = dynamics.gravity_torque(pepper, state.position[over])
+            q = state.position[over]
+            gravity = joint_torque(pepper, limits.payload, q, np.zeros_like(q), np.zeros_like(q))
             square = max(square, _square_stretch(torque[over], gravity, limits.torque))
     polygon = support_polygon(pepper) if limits.balance is not None else None
     if polygon is not None and limits.balance is not None:
-        moving = edge_moments(pepper, polygon, *state, margin=limits.balance)
+        moving = edge_moments(pepper, polygon, *state, limits.balance, limits.payload)
         tipping = (moving < 0).any(axis=1)
         if tipping.any():
             still = np.zeros_like(state.position[tipping])
-            resting = edge_moments(
-                pepper, polygon, state.position[tipping], still, still, margin=limits.balance
-            )
+            q = state.position[tipping]
+            resting = edge_moments(pepper, polygon, q, still, still, limits.balance, limits.payload)
             square = max(square, _square_stretch_to_stand(moving[tipping], resting))
     return LimitUse(share, float(np.sqrt(square)))
 

@@ -15,8 +15,8 @@ from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
-_SAME = 1e-9  # [rad or m] way-points no further apart than this are one
-_LIMIT_TOLERANCE = 1e-9  # [rad or m]
+SAME = 1e-9  # [rad or m] way-points no further apart than this are one
+LIMIT_TOLERANCE = 1e-9  # [rad or m]
 
 
 @runtime_checkable
@@ -139,12 +139,12 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         if curve.coefficients.shape[2] != pepper.n:
             raise InvalidValueError("path", f"{curve.coefficients.shape[2]} joints", f"{pepper.n} joints")
         points = curve.extremes()
-        if np.ptp(points, axis=0).max() <= _SAME:
+        if np.ptp(points, axis=0).max() <= SAME:
             raise InvalidValueError("path", "a path of zero length", "start and goal that differ")
     else:
         curve = _through_waypoints(pepper, _waypoints(pepper, path))
         points = curve.extremes()
-    check_within_limits(pepper, points, "path", _LIMIT_TOLERANCE)
+    check_within_limits(pepper, points, "path", LIMIT_TOLERANCE)
     return curve
 
 
@@ -154,7 +154,7 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
         raise InvalidValueError("way-points", f"shape {points.shape}", f"shape (k, {pepper.n})")
     if len(points) < 2:
         raise InvalidValueError("way-points", f"{len(points)} way-point(s)", "at least 2")
-    same = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) <= _SAME)
+    same = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) <= SAME)
     if same.size and len(points) == 2:
         raise InvalidValueError("way-points", "a start that equals the goal", "a path longer than zero")
     if same.size:
@@ -162,7 +162,7 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
             "way-points", f"numbers {same[0]} and {same[0] + 1} are the same", "successive ones that differ"
         )
     for index, point in enumerate(points):
-        check_within_limits(pepper, point, f"way-point {index}", _LIMIT_TOLERANCE)
+        check_within_limits(pepper, point, f"way-point {index}", LIMIT_TOLERANCE)
     return points
 
 
@@ -177,7 +177,7 @@ def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
     curve = CubicPath(s, np.transpose(spline.c[::-1], (1, 0, 2)))
     extremes = curve.extremes()
     excess = np.maximum(pepper.lower_limits - extremes, extremes - pepper.upper_limits).max(axis=0)
-    outside = excess > _LIMIT_TOLERANCE
+    outside = excess > LIMIT_TOLERANCE
     if not outside.any():
         return curve
     coefficients = np.array(curve.coefficients)

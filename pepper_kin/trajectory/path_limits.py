@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import WHEELS, edge_moments, support_polygon
+from pepper_kin.trajectory.limit_use import Limits
 from pepper_kin.trajectory.path import CubicPath
+from pepper_kin.trajectory.payload import frame_speed_shares, joint_torque
 
 Array = NDArray[np.float64]
 
@@ -73,6 +75,7 @@ class PathLimits:
         bound: shape (r,).
         velocity: Joint velocity limits [rad/s or m/s], shape (n,).
         derivative: q' at both ends of each interval, shape (2, N, n).
+        frame_speed: |dp/ds| of frames over their speed limits, shape (2, N, f).
     """
 
     names: tuple[tuple[str, str], ...]
@@ -82,67 +85,58 @@ class PathLimits:
     bound: Array
     velocity: Array
     derivative: Array
+    frame_speed: Array
 
-    def speed_bound(self, velocity_scale: Array | float = 1.0) -> Array:
-        """Return the greatest x at every grid point that the velocity limits allow, shape (N + 1,)."""
+    def speed_bound(self, velocity_scale: Array | float = 1.0, frame_scale: Array | float = 1.0) -> Array:
+        """Return the greatest x at every grid point that velocity and speed limits allow, shape (N + 1,)."""
         with np.errstate(divide="ignore"):
             x = np.min((velocity_scale * self.velocity / np.abs(self.derivative)) ** 2, axis=-1)
+            if self.frame_speed.shape[-1]:
+                x = np.minimum(x, np.min((frame_scale / self.frame_speed) ** 2, axis=-1))
         bound = np.full(x.shape[1] + 1, np.inf)
         bound[:-1] = x[0]
         bound[1:] = np.minimum(bound[1:], x[1])
         return bound
 
 
-def path_limits(
-    pepper: PepperModel,
-    grid: Grid,
-    velocity: Array,
-    acceleration: Array,
-    torque: Array | None,
-    balance: float | None = None,
-) -> PathLimits:
+def path_limits(pepper: PepperModel, grid: Grid, limits: Limits) -> PathLimits:
     """Evaluate the coefficients at all grid points at once.
 
     Args:
         pepper: The robot.
         grid: The path's grid.
-        velocity: Limits [rad/s or m/s], inf for none, shape (n,).
-        acceleration: Limits [rad/s^2 or m/s^2], inf for none, shape (n,).
-        torque: Limits [N m or N], inf for none, shape (n,); None to leave torque out.
-        balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
-            balance out.
+        limits: The limits; inf for none.
 
     Returns:
-        The limits; joints without a finite limit have no row.
+        The limits along the path; joints without a finite limit have no row.
     """
     q, first, second = (grid.at_ends(derivative) for derivative in range(3))
-    kinds = [("acceleration", acceleration, (first, second, np.zeros_like(first)))]
-    if torque is not None and np.isfinite(torque).any():
-        kinds.append(("torque", torque, _torque_coefficients(pepper, q, first, second)))
+    kinds = [("acceleration", limits.acceleration, (first, second, np.zeros_like(first)))]
+    if limits.torque is not None and np.isfinite(limits.torque).any():
+        kinds.append(("torque", limits.torque, _torque_coefficients(pepper, limits, q, first, second)))
     names: list[tuple[str, str]] = []
     rows: list[tuple[Array, Array, Array, Array]] = []
     for quantity, limit, (a, b, c) in kinds:
         finite = np.isfinite(limit)
         names += [(quantity, joint) for joint, use in zip(pepper.joint_names, finite, strict=True) if use]
         rows.append((a[..., finite], b[..., finite], c[..., finite], limit[finite]))
-    if balance is not None:
+    if limits.balance is not None:
         names += [("balance", f"edge {k}") for k in range(3)]
-        rows.append(_balance_coefficients(pepper, q, first, second, balance))
+        rows.append(_balance_coefficients(pepper, limits, q, first, second, limits.balance))
     a, b, c, bound = (np.concatenate(part, axis=-1) for part in zip(*rows, strict=True))
-    return PathLimits(tuple(names), a, b, c, bound, velocity, first)
+    speed = frame_speed_shares(pepper, limits.speed, q, first)
+    return PathLimits(tuple(names), a, b, c, bound, limits.velocity, first, speed)
 
 
 def _torque_coefficients(
-    pepper: PepperModel, q: Array, first: Array, second: Array
+    pepper: PepperModel, limits: Limits, q: Array, first: Array, second: Array
 ) -> tuple[Array, Array, Array]:
-    from pepper_kin import dynamics
-
-    c, a, b = dynamics.inverse_dynamics(pepper, *_three_states(q, first, second))
+    c, a, b = joint_torque(pepper, limits.payload, *_three_states(q, first, second))
     return a - c, b - c, c
 
 
 def _balance_coefficients(
-    pepper: PepperModel, q: Array, first: Array, second: Array, margin: float
+    pepper: PepperModel, limits: Limits, q: Array, first: Array, second: Array, margin: float
 ) -> tuple[Array, Array, Array, Array]:
     """Return rows that keep each edge moment h = a u + b x + c at zero or above.
 
@@ -154,9 +148,9 @@ def _balance_coefficients(
     polygon = support_polygon(pepper)
     if polygon is None:
         raise InvalidValueError("balance", margin, f"None for a robot without {', '.join(WHEELS)}")
-    states, rates, accelerations = _three_states(q, first, second)
-    c, a, b = edge_moments(pepper, polygon, states, rates, accelerations, margin)
-    most = np.full(len(polygon), 9.81 * dynamics.total_mass(pepper))
+    c, a, b = edge_moments(pepper, polygon, *_three_states(q, first, second), margin, limits.payload)
+    mass = dynamics.total_mass(pepper) + sum(held for _, held in limits.payload)
+    most = np.full(len(polygon), 9.81 * mass)
     return a - c, b - c, c - most, most
 
 

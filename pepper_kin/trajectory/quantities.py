@@ -9,6 +9,7 @@ UNITS = {
     "position": ("rad", "m"),
     "velocity": ("rad/s", "m/s"),
     "acceleration": ("rad/s^2", "m/s^2"),
+    "jerk": ("rad/s^3", "m/s^3"),
     "torque": ("N m", "N"),
     "reference": ("rad", "m"),
     "reference_velocity": ("rad/s", "m/s"),

@@ -1,6 +1,23 @@
-"""From a path to the fastest trajectory along it that every limit allows."""
+"""From a path to the fastest trajectory along it that every limit allows.
+
+On a grid that keeps all breaks of the path, the path's acceleration u = d2s/dt2 is constant between grid
+points and the fastest that keeps |q'(s) ds/dt|, |q'(s) u + q''(s) x| and |a(s) u + b(s) x + c(s)|,
+x = (ds/dt)^2, within the limits of velocity, acceleration and torque at both ends of every interval
+(TOPP-RA: H. Pham and Q.-C. Pham, IEEE Trans. Robotics 34, 2018).  s(t) is then quadratic on each interval and
+q(s(t)) a polynomial of degree 6, which is what is returned: positions lie on the path exactly, velocities are
+continuous, accelerations jump.  The duration's excess over the optimum falls as one over the number of grid
+points: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200, 0.2 % with 400.
+
+Between grid points the limits could be exceeded slightly.  Therefore the result is examined there, the limits
+are tightened where need be, and a last excess is removed by stretching time: at grid points and at every
+multiple of 1 ms all limits hold (with the compiled solver, velocity and acceleration at every instant).
+
+With jerk limits, accelerations are continuous too; see `pepper_kin.trajectory.jerk_retiming`.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,16 +25,19 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.trajectory.balance import WHEELS, support_polygon
+from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import Limits, measure_use
-from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
+from pepper_kin.trajectory.path import CubicPath, PathLike, PiecewiseCubic, as_cubic_path
 from pepper_kin.trajectory.path_limits import Grid, PathLimits, make_grid, path_limits
+from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames
 from pepper_kin.trajectory.time_law import compose, slower
 from pepper_kin.trajectory.toppra_solver import fastest_speed
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
 
-SOLVERS = ("toppra",)
+SOLVERS = ("fast", "toppra")
 CHECK_STEP = 0.001  # [s] the limits hold at every multiple of it
 _ROUNDS = 4  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again
@@ -35,21 +55,14 @@ def retime(
     torque_scale: float = 1.0,
     torque: bool = True,
     balance: float | None = None,
+    hand_speed: float | Mapping[str, float] | None = None,
+    payload: Mapping[str, float] | None = None,
+    jerk: JerkLike | None = None,
+    duration: float | None = None,
     gridpoints: int = 200,
-    solver: str = "toppra",
+    solver: str = "fast",
 ) -> Trajectory:
-    """Return the time-optimal trajectory along a path, from rest to rest.
-
-    On a grid that keeps all breaks of the path, the path's acceleration u = d2s/dt2 is constant between grid
-    points and the fastest that keeps |q'(s) ds/dt|, |q'(s) u + q''(s) x| and |a(s) u + b(s) x + c(s)|,
-    x = (ds/dt)^2, within the limits of velocity, acceleration and torque at both ends of every interval
-    (TOPP-RA: H. Pham and Q.-C. Pham, IEEE Trans. Robotics 34, 2018).  s(t) is then quadratic on each
-    interval and q(s(t)) a polynomial of degree 6, which is what is returned: positions lie on the path
-    exactly, velocities are continuous, accelerations jump.
-
-    Between grid points the limits could be exceeded slightly.  Therefore the result is examined there and at
-    every millisecond, the limits are tightened where need be, and a last excess is removed by
-    stretching time: at grid points and at every multiple of 1 ms all limits hold.
+    """Return the time-optimal trajectory along a path, from rest to rest; the module says how.
 
     Args:
         pepper: The robot, which gives the limits; infinite ones do not act.
@@ -62,32 +75,130 @@ def retime(
         torque: Whether to keep within the effort limits.
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
             lets the base be held from below.
-        gridpoints: Least number of intervals of the grid, at least 2.  The duration's excess over the optimum
-            falls as one over it: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200,
-            0.2 % with 400.
-        solver: "toppra".
+        hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
+        payload: Point masses held at "left", "right" or a frame by name [kg]; they act on torque and balance.
+        jerk: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a second), another
+            such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
+        duration: The wished duration [s]: the fastest motion is made slower evenly, which keeps every limit.
+        gridpoints: Least number of intervals of the grid, at least 2.
+        solver: "fast", in machine code that the first use on a machine compiles (some seconds, once), or
+            "toppra", the package of that name, as reference.
 
     Returns:
-        The trajectory.
+        The trajectory; its `binding` says which limit acts at each instant.
 
     Raises:
         InvalidValueError: for an option out of range; one way-point, repeated way-points or a path of zero
             length; NaN; or a path that no limit bounds.
+        UnknownNameError: for a frame that the robot lacks, or a name of jerk limits.
         LimitError: where the path leaves the position limits, naming the joint.
-        InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place; or
-            where the robot would tip over even at rest.
+        InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place;
+            where the robot would tip over even at rest; or where `duration` is less than the least one.
     """
     check_choice("solver", solver, SOLVERS)
-    limits = Limits(
-        pepper.velocity_limits * _share("velocity_scale", velocity_scale),
-        pepper.acceleration_limits * _share("acceleration_scale", acceleration_scale),
-        pepper.effort_limits * _share("torque_scale", torque_scale) if torque else None,
-        None if balance is None else _distance(balance),
+    wished = None if duration is None else check_positive("duration", duration, "s")
+    rate = None if jerk is None else jerk_limits(pepper, jerk)
+    scales = velocity_scale, acceleration_scale, torque_scale if torque else None
+    limits = _limits(pepper, scales, balance, payload, hand_speed)
+    trajectory = _timed(pepper, path, limits, rate, _intervals(gridpoints), solver)
+    return trajectory if wished is None else _last(pepper, trajectory, wished, limits)
+
+
+def _limits(
+    pepper: PepperModel,
+    scales: tuple[float, float, float | None],
+    balance: float | None,
+    payload: Mapping[str, float] | None,
+    hand_speed: float | Mapping[str, float] | None,
+) -> Limits:
+    """Check what a user says about limits; a third scale of None leaves torque out."""
+    velocity, acceleration, torque = scales
+    return Limits(
+        pepper.velocity_limits * _share("velocity_scale", velocity),
+        pepper.acceleration_limits * _share("acceleration_scale", acceleration),
+        None if torque is None else pepper.effort_limits * _share("torque_scale", torque),
+        _distance(pepper, balance),
+        at_frames(pepper, "payload", payload, "kg"),
+        _speeds(pepper, hand_speed),
     )
+
+
+def _intervals(gridpoints: int) -> int:
     if isinstance(gridpoints, bool) or not isinstance(gridpoints, (int, np.integer)) or gridpoints < 2:
         raise InvalidValueError("gridpoints", gridpoints, "a whole number of at least 2")
+    return int(gridpoints)
+
+
+def _timed(
+    pepper: PepperModel, path: PathLike, limits: Limits, jerk: Array | None, intervals: int, solver: str
+) -> Trajectory:
+    """Return the fastest trajectory."""
+    pieces = _pieces(pepper, path, solver)
+    _refuse_unbounded(pieces[1], limits)
+    time_law = _fast if solver == "fast" else _by_toppra
+    trajectory = time_law(pepper, pieces, limits, intervals)
+    if jerk is None:
+        return trajectory
+    from pepper_kin.trajectory.jerk_retiming import limit_jerk
+
+    curve = CubicPath(*pieces)
+    return limit_jerk(pepper, curve, trajectory, make_grid(curve, intervals).s, limits, jerk)
+
+
+def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: Limits) -> Trajectory:
+    """Return the trajectory made slower: torques and edge moments move towards those at rest."""
+    if duration < trajectory.duration * (1 - _TOLERANCE):
+        raise InfeasibleError(
+            "trajectory",
+            f"the limits ask for {trajectory.duration:.6g} s along this path, "
+            f"and {duration:.6g} s are wished",
+            "wish for more, or raise the limits' scales",
+        )
+    slow = trajectory.with_duration(max(duration, trajectory.duration))
+    state = slow(sample_times(slow.duration, max(CHECK_STEP, slow.duration / 2000)))
+    if measure_use(pepper, state, limits).stretch > 1.0 + 1e-6:
+        raise InfeasibleError(
+            "trajectory",
+            f"of {duration:.6g} s: the path passes where the robot can swing through, "
+            "but not hold itself still",
+            "leave the duration out, or choose a path with less load",
+        )
+    return slow
+
+
+def _speeds(pepper: PepperModel, hand_speed: float | Mapping[str, float] | None) -> AtFrames:
+    """Return the speed limits by frame."""
+    if hand_speed is None or isinstance(hand_speed, Mapping):
+        return at_frames(pepper, "hand_speed", hand_speed, "m/s")
+    return at_frames(pepper, "hand_speed", dict.fromkeys(HANDS, hand_speed), "m/s")
+
+
+def _pieces(pepper: PepperModel, path: PathLike, solver: str) -> tuple[Array, Array]:
+    """Return breaks and coefficients of the path; in machine code where nothing is wrong with way-points."""
+    if solver == "fast" and not isinstance(path, PiecewiseCubic):
+        from pepper_kin.trajectory.fast_solver import quick_spline  # imports numba
+
+        found = quick_spline(pepper, path)
+        if found is not None:
+            return found
     curve = as_cubic_path(pepper, path)
-    return _within_limits(pepper, curve, limits, int(gridpoints))
+    return np.array(curve.breaks), np.array(curve.coefficients)
+
+
+def _fast(pepper: PepperModel, pieces: tuple[Array, Array], limits: Limits, intervals: int) -> Trajectory:
+    """Time a path in machine code; where there is no solution, let toppra try, then say why."""
+    from pepper_kin.trajectory.fast_solver import fast_time_law
+
+    found = fast_time_law(pepper, *pieces, intervals, limits)
+    if found.breaks is None or found.coefficients is None:
+        return _by_toppra(pepper, pieces, limits, intervals)
+    return Trajectory(pepper.joint_names, found.breaks, found.coefficients, pepper.joint_units)
+
+
+def _by_toppra(
+    pepper: PepperModel, pieces: tuple[Array, Array], limits: Limits, intervals: int
+) -> Trajectory:
+    return _within_limits(pepper, CubicPath(*pieces), limits, intervals)
 
 
 def _share(quantity: str, value: float) -> float:
@@ -97,22 +208,26 @@ def _share(quantity: str, value: float) -> float:
     return share
 
 
-def _distance(balance: float) -> float:
+def _distance(pepper: PepperModel, balance: float | None) -> float | None:
+    if balance is None:
+        return None
     if isinstance(balance, bool) or not (np.isfinite(balance) and balance >= 0):
         raise InvalidValueError("balance", balance, "a finite distance of 0 or more [m], or None")
+    if support_polygon(pepper) is None:
+        raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
     return float(balance)
 
 
 def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, intervals: int) -> Trajectory:
     """Solve, examine and tighten until the limits hold or nearly so, then stretch time until they do."""
     grid = make_grid(curve, intervals)
-    rows = path_limits(pepper, grid, limits.velocity, limits.acceleration, limits.torque, limits.balance)
-    _refuse_unbounded(rows)
+    rows = path_limits(pepper, grid, limits)
     row_scale, velocity_scale = np.ones(len(rows.names)), np.ones(pepper.n)
+    frame_scale = np.ones(len(limits.speed))
     best: Trajectory | None = None
     failed_at: int | None = None
     for _ in range(_ROUNDS):
-        profile = fastest_speed(grid, rows, row_scale, velocity_scale)
+        profile = fastest_speed(grid, rows, row_scale, velocity_scale, frame_scale)
         failed_at = profile.failed_at
         if profile.speed is None:
             break
@@ -123,12 +238,14 @@ def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, interv
         if use.stretch <= 1.0 + _SMALL_STRETCH:
             break
         velocity_scale = velocity_scale / np.maximum(1.0, use.share["velocity"])
+        if limits.speed:
+            frame_scale = frame_scale / np.maximum(1.0, use.share["frame speed"])
         row_scale = row_scale / [
             1.0 if quantity == "balance" else max(1.0, use.share[quantity][pepper.joint_index(joint)])
             for quantity, joint in rows.names
         ]
     if best is None:
-        raise _infeasible(grid, rows, failed_at)
+        raise _infeasible(grid, rows, failed_at, limits.payload)
     return _hold_every_millisecond(pepper, best, limits)
 
 
@@ -155,10 +272,12 @@ def _hold_every_millisecond(pepper: PepperModel, trajectory: Trajectory, limits:
         trajectory = slower(trajectory, stretch * _MORE)
 
 
-def _refuse_unbounded(rows: PathLimits) -> None:
-    moving = np.abs(rows.derivative).max(axis=(0, 1)) > 0
-    rows_act = np.abs(rows.a).max(axis=(0, 1)) > 0
-    if not rows_act.any() and not np.isfinite(rows.velocity[moving]).any():
+def _refuse_unbounded(coefficients: Array, limits: Limits) -> None:
+    if np.isfinite(limits.velocity).all():
+        return
+    moving = np.abs(coefficients[:, 1:]).max(axis=(0, 1)) > 0
+    bounds = [limits.velocity, limits.acceleration, *([] if limits.torque is None else [limits.torque])]
+    if not limits.speed and not any(np.isfinite(bound[moving]).any() for bound in bounds):
         raise InvalidValueError(
             "limits",
             "no finite velocity, acceleration or torque limit of a joint that moves",
@@ -166,7 +285,7 @@ def _refuse_unbounded(rows: PathLimits) -> None:
         )
 
 
-def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None) -> InfeasibleError:
+def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None, payload: AtFrames) -> InfeasibleError:
     """Say why there is no trajectory: with velocity and acceleration alone there always is one."""
     torque = [i for i, (quantity, _) in enumerate(rows.names) if quantity == "torque"]
     use = np.abs(rows.c[..., torque]) / rows.bound[torque]
@@ -177,10 +296,12 @@ def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None) -> Infeasib
         share = (grid.s[interval + int(end)] - grid.s[0]) / total
         held, limit = rows.c[end, interval, torque[row]], rows.bound[torque[row]]
         reason = (
-            f"{joint} needs {held:.4g} N m to hold still against gravity {share:.0%} along the path, "
+            f"{joint} needs {held:.4g} N m to hold still against gravity{_load(payload)} "
+            f"{share:.0%} along the path, "
             f"and its limit is {limit:.4g} N m"
         )
-        return InfeasibleError("trajectory", reason, "choose a path with less load on that joint")
+        advice = "choose a path with less load on that joint" + (", or carry less" if payload else "")
+        return InfeasibleError("trajectory", reason, advice)
     tipping = [i for i, (quantity, _) in enumerate(rows.names) if quantity == "balance"]
     lean = (rows.c + rows.bound)[..., tipping]
     if tipping and lean.min() < 0:
@@ -194,3 +315,8 @@ def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None) -> Infeasib
         f"no speed along the path obeys all limits{where}",
         "raise the scales, use more grid points, or smooth the path",
     )
+
+
+def _load(payload: AtFrames) -> str:
+    """Name what is carried."""
+    return "".join(f" with {mass:.4g} kg at {frame}" for frame, mass in payload)

@@ -50,10 +50,4 @@ def compose(pepper: PepperModel, grid: Grid, speed: Array) -> Trajectory:
 
 def slower(trajectory: Trajectory, factor: float) -> Trajectory:
     """Return the trajectory that takes `factor` times as long along the same path."""
-    powers = factor ** -np.arange(trajectory.coefficients.shape[1], dtype=float)
-    return Trajectory(
-        trajectory.joint_names,
-        trajectory.breaks * factor,
-        trajectory.coefficients * powers[:, None],
-        trajectory.joint_units,
-    )
+    return trajectory.scaled(factor)

@@ -32,7 +32,13 @@ class SpeedProfile:
     failed_at: int | None = None
 
 
-def fastest_speed(grid: Grid, limits: PathLimits, row_scale: Array, velocity_scale: Array) -> SpeedProfile:
+def fastest_speed(
+    grid: Grid,
+    limits: PathLimits,
+    row_scale: Array,
+    velocity_scale: Array,
+    frame_scale: Array | float = 1.0,
+) -> SpeedProfile:
     """Return the fastest speed from rest to rest.
 
     The path's acceleration is constant on each interval, and the limits hold at both ends of each interval
@@ -44,13 +50,14 @@ def fastest_speed(grid: Grid, limits: PathLimits, row_scale: Array, velocity_sca
         limits: The limits along it.
         row_scale: Factors on `limits.bound`, shape (r,).
         velocity_scale: Factors on `limits.velocity`, shape (n,).
+        frame_scale: Factors on the frames' speed limits, shape (f,).
 
     Returns:
         The profile.
     """
     length = float(grid.s[-1] - grid.s[0])
     bound = limits.bound * row_scale
-    speed_bound = limits.speed_bound(velocity_scale)
+    speed_bound = limits.speed_bound(velocity_scale, frame_scale)
     time_unit = _time_unit(limits, bound, speed_bound, length)
     gain = length / time_unit**2
     constraints = _canonical_form(grid, limits, bound, gain, length, speed_bound * time_unit**2 / length**2)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +16,15 @@ from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
+    from pepper_kin.trajectory.binding import Binding
     from pepper_kin.trajectory.certificate import Certificate
 
 Array = NDArray[np.float64]
 
 TIME_TOLERANCE = 1e-9
 _MOST_SAMPLES = 10_000_000
+_COMPILED = "pepper_kin.trajectory.fast_motion"
+_MANY = 200  # states from which on machine code pays, where it is loaded
 
 
 class State(NamedTuple):
@@ -117,7 +121,6 @@ class Trajectory:
     breaks: Array
     coefficients: Array
     joint_units: tuple[str, ...] = ()
-    _derivatives: tuple[Array, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Copy and check the fields.
@@ -136,13 +139,11 @@ class Trajectory:
         coefficients = read_only(as_finite(self.coefficients, "coefficients", shape))
         if coefficients.shape[1] == 0:
             raise InvalidValueError("coefficients", f"shape {coefficients.shape}", "at least a constant term")
-        first = _derivative(coefficients)
         for name, value in (
             ("joint_names", names),
             ("joint_units", units),
             ("breaks", breaks),
             ("coefficients", coefficients),
-            ("_derivatives", (coefficients, first, _derivative(first))),
         ):
             object.__setattr__(self, name, value)
 
@@ -161,14 +162,7 @@ class Trajectory:
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
         """
-        time = np.asarray(t, dtype=float)
-        if not np.all((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE)):
-            wrong = time[~((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE))]
-            raise InvalidValueError("t", f"{wrong.flat[0]} s", f"times within [0, {self.duration:.9g}] s")
-        time = np.clip(time, 0.0, self.duration)
-        piece = np.searchsorted(self.breaks, time, side="right") - 1
-        piece = np.minimum(piece, self.breaks.size - 2)
-        return self.at_pieces(piece, time - self.breaks[piece])
+        return self.at_pieces(*self._places(t))
 
     def at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> State:
         """Return the state of chosen pieces, which tells the two sides of a break apart.
@@ -180,8 +174,12 @@ class Trajectory:
         Returns:
             Arrays of shape (..., n).
         """
-        index, local = np.asarray(piece), np.asarray(local_time, dtype=float)[..., None]
-        return State(*(_horner(coefficients[index], local) for coefficients in self._derivatives))
+        compiled = sys.modules.get(_COMPILED)
+        if compiled is not None and np.ndim(piece) == np.ndim(local_time) == 1 and np.size(piece) >= _MANY:
+            # Loaded already by the fast solver; the same sums in the same order.
+            index, local = np.broadcast_arrays(np.asarray(piece, np.int64), np.asarray(local_time, float))
+            return State(*compiled.state_of_polynomials(self.coefficients, index.copy(), local.copy()))
+        return State(*_taylor(self.coefficients, piece, local_time, 3))
 
     @property
     def n(self) -> int:
@@ -243,7 +241,9 @@ class Trajectory:
         # Inside the pieces, where neither trajectory is at one of its jumps of acceleration.
         points = max(self.coefficients.shape[1], other.coefficients.shape[1])
         inside = (np.arange(points) + 0.5) / points
-        time = (knots[:-1, None] + np.diff(knots)[:, None] * inside).ravel()
+        step = np.diff(knots)
+        real = step > TIME_TOLERANCE  # less is one knot that was rounded in two ways
+        time = (knots[:-1, None] + step[:, None] * inside)[real].ravel()
         return all(
             np.allclose(mine, theirs, rtol=0.0, atol=tolerance)
             for mine, theirs in zip(self(time), other(time), strict=True)
@@ -254,11 +254,102 @@ class Trajectory:
 
     __hash__ = None  # type: ignore[assignment]
 
-    def check(self, pepper: PepperModel, scene: object | None = None) -> Certificate:
+    def jerk(self, t: ArrayLike) -> Array:
+        """Return d3q/dt3 at given times [rad/s^3 or m/s^3], shape (..., n); at a break the later piece's.
+
+        Raises:
+            InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
+        """
+        return self.jerk_at_pieces(*self._places(t))
+
+    def jerk_at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> Array:
+        """Return d3q/dt3 of chosen pieces, as `at_pieces` does the state, shape (..., n)."""
+        return _taylor(self.coefficients, piece, local_time, 4)[3]
+
+    def scaled(self, factor: float) -> Trajectory:
+        """Return the trajectory that takes `factor` times as long along the same path, q(t / factor).
+
+        Raises:
+            InvalidValueError: for a factor that is not above zero.
+        """
+        from pepper_kin.trajectory.editing import scaled
+
+        return scaled(self, factor)
+
+    def with_duration(self, duration: float) -> Trajectory:
+        """Return the trajectory that takes `duration` [s] along the same path.
+
+        Raises:
+            InvalidValueError: for a duration that is not above zero.
+        """
+        return self.scaled(check_positive("duration", duration, "s") / self.duration)
+
+    def reversed(self) -> Trajectory:
+        """Return the way back, q(T - t)."""
+        from pepper_kin.trajectory.editing import backward
+
+        return backward(self)
+
+    def between(self, start: float, end: float) -> Trajectory:
+        """Return the part from one time to another [s], which then begins at zero.
+
+        Raises:
+            InvalidValueError: for times outside [0, duration], or no time between them.
+        """
+        from pepper_kin.trajectory.editing import between
+
+        return between(self, start, end)
+
+    def then(self, other: Trajectory) -> Trajectory:
+        """Return this trajectory with another one after it.
+
+        Raises:
+            InvalidValueError: where joints differ, or position or velocity do not meet to 1e-6.
+        """
+        from pepper_kin.trajectory.editing import joined
+
+        return joined(self, other)
+
+    def blend(self, other: Trajectory, overlap: float) -> Trajectory:
+        """Return this trajectory with another one that sets out `overlap` [s] before this one ends.
+
+        For that time both motions are added, q(t) = q_1(t) + q_2(t - T_1 + overlap) - q_via: the via point is
+        cut instead of stopped at.  The sum may exceed limits that each motion keeps, and leaves the paths of
+        both: check it, and stretch it where need be.
+
+        Raises:
+            InvalidValueError: where joints differ, the two do not meet, or one is shorter than the overlap.
+        """
+        from pepper_kin.trajectory.editing import blended
+
+        return blended(self, other, overlap)
+
+    def binding(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> Binding:
+        """Return which limit acts at each instant; see `pepper_kin.trajectory.binding_limits`."""
+        from pepper_kin.trajectory.binding import binding_limits
+
+        return binding_limits(pepper, self, t, **limits)
+
+    def check(self, pepper: PepperModel, scene: object | None = None, **limits: Any) -> Certificate:
         """Check limits, continuity, balance and clearance; see `pepper_kin.trajectory.check`."""
         from pepper_kin.trajectory.check import check
 
-        return check(pepper, self, scene=scene)
+        return check(pepper, self, scene=scene, **limits)
+
+    def _places(self, t: ArrayLike) -> tuple[NDArray[np.intp], Array]:
+        """Return piece and local time of times.
+
+        Raises:
+            InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
+        """
+        time = np.asarray(t, dtype=float)
+        if not np.all((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE)):
+            wrong = time[~((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE))]
+            raise InvalidValueError("t", f"{wrong.flat[0]} s", f"times within [0, {self.duration:.9g}] s")
+        time = np.clip(time, 0.0, self.duration)
+        piece = np.searchsorted(self.breaks, time, side="right") - 1
+        piece = np.minimum(piece, self.breaks.size - 2)
+        return piece, time - self.breaks[piece]
 
 
 def sample_times(duration: float, dt: float) -> Array:
@@ -285,15 +376,24 @@ def _names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[
     return names, units
 
 
-def _derivative(coefficients: Array) -> Array:
-    powers = np.arange(1, coefficients.shape[1])
-    if powers.size == 0:
-        return np.zeros_like(coefficients)
-    return coefficients[:, 1:] * powers[:, None]
+def _taylor(coefficients: Array, piece: ArrayLike, local_time: ArrayLike, count: int) -> list[Array]:
+    """Return the value and the first derivatives, `count` in all, of chosen pieces, shape (..., n) each.
 
-
-def _horner(coefficients: Array, local: Array) -> Array:
-    value = coefficients[..., -1, :]
-    for power in range(coefficients.shape[-2] - 2, -1, -1):
-        value = value * local + coefficients[..., power, :]
-    return value
+    Horner's scheme for all of them at once: the sums of its steps are p(x), p'(x), p''(x) / 2, ...
+    """
+    index, x = np.asarray(piece), np.asarray(local_time, dtype=float)[..., None]
+    shape = (*np.broadcast_shapes(index.shape, x.shape[:-1]), coefficients.shape[2])
+    sums = [np.zeros(shape) for _ in range(count)]
+    order = coefficients.shape[1]
+    for power in range(order - 1, -1, -1):
+        # A sum is zero until as many coefficients have been met.
+        for k in range(min(count - 1, order - 1 - power), 0, -1):
+            sums[k] *= x
+            sums[k] += sums[k - 1]
+        sums[0] *= x
+        sums[0] += coefficients[index, power]
+    factor = 1.0
+    for k in range(2, count):
+        factor *= k
+        sums[k] *= factor
+    return sums

@@ -143,7 +143,7 @@ def replay(pepper: PepperModel, name: str, *, twin: Twin | None = None) -> Gestu
     places = [pepper.joint_index(joint) for joint in gesture.joint_names]
     points = np.tile(pepper.neutral(), (len(FRAMES), 1))
     points[:, places] = np.clip(gesture.plan, pepper.lower_limits[places], pepper.upper_limits[places])
-    trajectory = retime(pepper, points)
+    trajectory = retime(pepper, points, solver="toppra")  # nothing to compile for one motion
     key_times = passing_times(trajectory, points)
     run = (twin if twin is not None else Twin(pepper)).execute(trajectory)
     reached = np.minimum(key_times, run.duration)  # short of the end only where the run stopped

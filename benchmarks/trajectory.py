@@ -1,0 +1,270 @@
+"""Timing along paths beside toppra: python benchmarks/trajectory.py [--quick].
+
+Random paths of five way-points for all 15 joints.  Each case is timed in turn with toppra used directly (its
+own spline, constraints and pass, the torques by Pinocchio one state at a time, as its users write it) and
+with toppra behind `retime(solver="toppra")`; times are medians, from way-points to a trajectory sampled every
+millisecond.  Every trajectory is certified before it counts.  Prints Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import logging
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import toppra
+from toppra.constraint import (
+    DiscretizationType,
+    JointAccelerationConstraint,
+    JointVelocityConstraint,
+    SecondOrderConstraint,
+)
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.trajectory import OnlineMotion, Trajectory, retime
+
+PEPPER = pk.load_pepper()
+HANDS = {"left": 0.6, "right": 0.6}
+CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "velocity, acceleration": ({"torque": False}, {}),
+    "with torque": ({}, {}),
+    "with torque, balance, hand speed": ({"balance": 0.005, "hand_speed": HANDS}, {"hand_speed": HANDS}),
+}
+ASKED = {
+    ("velocity, acceleration", 100): 0.3,
+    ("velocity, acceleration", 500): 0.6,
+    ("with torque", 100): 0.4,
+    ("with torque", 500): 1.0,
+    ("with torque, balance, hand speed", 100): 0.6,
+    ("with torque, balance, hand speed", 500): 1.5,
+}
+ASKED_JERK = 200.0
+
+
+def paths(count: int, seed: int = 0) -> list[np.ndarray]:
+    """Way-points whose spline stays within the limits, and along which the robot can stand."""
+    rng = np.random.default_rng(seed)
+    lower, upper = PEPPER.lower_limits.copy(), PEPPER.upper_limits.copy()
+    lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
+    middle = (lower + upper) / 2
+    found: list[np.ndarray] = []
+    while len(found) < count:
+        points = middle + 0.7 * (rng.uniform(lower, upper, (5, PEPPER.n)) - middle)
+        try:
+            retime(PEPPER, points, balance=0.005)
+        except InfeasibleError:
+            continue
+        found.append(points)
+    return found
+
+
+class Direct:
+    """toppra as its documentation has it."""
+
+    def __init__(self, torque: bool, gridpoints: int) -> None:
+        self.torque, self.gridpoints = torque, gridpoints
+        self.data = PEPPER.pinocchio_model.createData()
+
+    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        return pin.rnea(PEPPER.pinocchio_model, self.data, q, v, a)
+
+    def __call__(self, points: np.ndarray) -> float:
+        chords = np.diff(points, axis=0)
+        lengths = np.linalg.norm(chords, axis=1)
+        s = np.concatenate([[0.0], np.cumsum(lengths)])
+        ends = ((1, chords[0] / lengths[0]), (1, chords[-1] / lengths[-1]))
+        path = toppra.SplineInterpolator(s, points, bc_type=ends)
+        constraints = [
+            JointVelocityConstraint(PEPPER.velocity_limits),
+            JointAccelerationConstraint(
+                PEPPER.acceleration_limits, discretization_scheme=DiscretizationType.Interpolation
+            ),
+        ]
+        if self.torque:
+            both = np.stack([-PEPPER.effort_limits, PEPPER.effort_limits], axis=1)
+            constraints.append(
+                SecondOrderConstraint.joint_torque_constraint(
+                    self.inverse_dynamics,
+                    both,
+                    np.zeros(PEPPER.n),
+                    discretization_scheme=DiscretizationType.Interpolation,
+                )
+            )
+        counts = np.maximum(1, np.ceil(self.gridpoints * lengths / s[-1])).astype(int)
+        parts = [
+            np.linspace(a, b, k + 1)[:-1] for (a, b), k in zip(itertools.pairwise(s), counts, strict=True)
+        ]
+        solver = toppra.algorithm.TOPPRA(
+            constraints,
+            path,
+            gridpoints=np.append(np.concatenate(parts), s[-1]),
+            parametrizer="ParametrizeConstAccel",
+            solver_wrapper="seidel",
+        )
+        trajectory = solver.compute_trajectory()
+        t = np.append(np.arange(0.0, trajectory.duration, 0.001), trajectory.duration)
+        trajectory(t), trajectory(t, 1), trajectory(t, 2)
+        return float(trajectory.duration)
+
+
+def sampled(points: np.ndarray, **options: Any) -> Trajectory:
+    trajectory = retime(PEPPER, points, **options)
+    trajectory.sample(0.001)
+    return trajectory
+
+
+def seconds(function: Callable[[], object]) -> float:
+    begin = time.perf_counter()
+    function()
+    return time.perf_counter() - begin
+
+
+def medians(
+    chosen: list[np.ndarray], repeats: int, *functions: Callable[[np.ndarray], object]
+) -> list[float]:
+    """Median times [ms], the functions taken in turn on each path."""
+    for function in functions:
+        function(chosen[0])
+    rounds = [
+        [seconds(lambda f=f, p=points: f(p)) for f in functions]  # type: ignore[misc]
+        for points in chosen
+        for _ in range(repeats)
+    ]
+    return [1e3 * statistics.median(column) for column in zip(*rounds, strict=True)]
+
+
+def table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    print(f"\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
+    sys.stdout.flush()
+
+
+def timing(chosen: list[np.ndarray], repeats: int) -> None:
+    rows = []
+    for (name, (options, of_check)), gridpoints in itertools.product(CASES.items(), (100, 500)):
+        both = {"gridpoints": gridpoints, **options}
+        direct = Direct(options.get("torque", True), gridpoints) if "balance" not in options else None
+        functions: list[Callable[[np.ndarray], Any]] = [
+            lambda p, b=both: retime(PEPPER, p, **b),  # type: ignore[misc]
+            lambda p, b=both: sampled(p, **b),  # type: ignore[misc]
+            lambda p, b=both: sampled(p, solver="toppra", **b),  # type: ignore[misc]
+            *([direct] if direct else []),
+        ]
+        ours, whole, behind, *rest = medians(chosen, repeats, *functions)
+        excess, green = [], 0
+        for points in chosen:
+            trajectory = retime(PEPPER, points, **both)
+            theirs = direct(points) if direct else retime(PEPPER, points, solver="toppra", **both).duration
+            excess.append(trajectory.duration / theirs - 1)
+            allowed = {"torque", "balance"} if not options.get("torque", True) else {"balance"}
+            green += set(trajectory.check(PEPPER, **of_check).failures) <= allowed
+        rows.append(
+            (
+                name,
+                str(gridpoints),
+                f"{ours:.2f}",
+                f"{whole:.2f}",
+                f"{ASKED[name, gridpoints]:.1f}",
+                f"{behind:.1f}",
+                f"{rest[0]:.1f}" if rest else "-",
+                f"{100 * statistics.median(excess):+.3f} % ({100 * max(excess):+.3f} %)",
+                f"{green} of {len(chosen)}",
+            )
+        )
+    table(
+        (
+            "constraints",
+            "grid points",
+            "retime [ms]",
+            "and sampled [ms]",
+            "asked [ms]",
+            "retime by toppra, sampled [ms]",
+            "toppra used directly [ms]",
+            "duration beside toppra: median (most)",
+            "certified",
+        ),
+        rows,
+    )
+
+
+def jerk(chosen: list[np.ndarray]) -> None:
+    rows = []
+    for name in ("gentle", "moderate", "brisk"):
+        durations, times, green = [], [], 0
+        for points in chosen:
+            times.append(1e3 * seconds(lambda p=points, j=name: retime(PEPPER, p, jerk=j)))  # type: ignore[misc]
+            smooth = retime(PEPPER, points, jerk=name)
+            durations.append(smooth.duration / retime(PEPPER, points).duration)
+            green += set(smooth.check(PEPPER, jerk=name).failures) <= {"balance"}
+        longer = f"{100 * (statistics.median(durations) - 1):.1f} %"
+        ms = statistics.median(times)
+        rows.append((name, f"{ms:.0f}", f"{ASKED_JERK:.0f}", longer, f"{green} of {len(chosen)}"))
+    table(("jerk limits", "time [ms]", "asked [ms]", "longer than without", "certified"), rows)
+
+
+def online(chosen: list[np.ndarray]) -> None:
+    times, steps = [], []
+    for points in chosen:
+        motion = OnlineMotion(PEPPER, points[0])
+        for target in points[1:]:
+            try:
+                times.append(1e6 * seconds(lambda m=motion, t=target: m.set_target(t)))  # type: ignore[misc]
+            except InfeasibleError:
+                continue
+            steps += [1e6 * seconds(lambda m=motion: m.step(0.004)) for _ in range(20)]  # type: ignore[misc]
+    rows = [("set_target", f"{statistics.median(times):.0f}"), ("step", f"{statistics.median(steps):.0f}")]
+    table(("online", "time [us]"), rows)
+
+
+def cold() -> None:
+    """Time of the first call on a machine: with an empty cache of machine code, in a process of its own."""
+    code = (
+        "import time, pepper_kin as pk; p = pk.load_pepper(); q = p.posture('Stand');"
+        "begin = time.perf_counter();"
+        "pk.retime(p, [q, 0.9 * q], solver={!r}); print(time.perf_counter() - begin)"
+    )
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, solver in (
+            ("fast, empty cache", "fast"),
+            ("fast, from the cache", "fast"),
+            ("toppra", "toppra"),
+        ):
+            done = subprocess.run(
+                [sys.executable, "-c", code.format(solver)],
+                capture_output=True,
+                text=True,
+                check=True,
+                env={**os.environ, "NUMBA_CACHE_DIR": folder},
+            )
+            rows.append((name, f"{float(done.stdout):.1f}"))
+    table(("first call in a process", "time [s]"), rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    quick = parser.parse_args().quick
+    toppra.setup_logging("ERROR")
+    logging.getLogger("toppra").setLevel(logging.ERROR)
+    chosen = paths(4 if quick else 15)
+    timing(chosen, 3 if quick else 7)
+    jerk(chosen)
+    online(chosen)
+    cold()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""New trajectories from old: cut, joined, blended, reversed, slower."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
+
+Array = NDArray[np.float64]
+
+_MEET = 1e-6  # [rad or m] ends no further apart than this meet
+
+
+def scaled(trajectory: Trajectory, factor: float) -> Trajectory:
+    """Return q(t / factor): `factor` times as long along the same path; see `Trajectory.scaled`."""
+    factor = check_positive("factor", factor)
+    powers = factor ** -np.arange(trajectory.coefficients.shape[1], dtype=float)
+    return _like(trajectory, trajectory.breaks * factor, trajectory.coefficients * powers[:, None])
+
+
+def backward(trajectory: Trajectory) -> Trajectory:
+    """Return q(T - t); see `Trajectory.reversed`."""
+    step = np.diff(trajectory.breaks)
+    signs = (-1.0) ** np.arange(trajectory.coefficients.shape[1])
+    moved = _shifted(trajectory.coefficients, step) * signs[:, None]
+    return _like(trajectory, trajectory.duration - trajectory.breaks[::-1], moved[::-1])
+
+
+def between(trajectory: Trajectory, start: float, end: float) -> Trajectory:
+    """Return the part from one time to another; see `Trajectory.between`."""
+    for name, time in (("start", start), ("end", end)):
+        if isinstance(time, bool) or not np.isfinite(time):
+            raise InvalidValueError(name, time, "a finite time [s]")
+    duration = trajectory.duration
+    if not (start >= -TIME_TOLERANCE and end <= duration + TIME_TOLERANCE and end - start > TIME_TOLERANCE):
+        allowed = f"0 <= start < end <= {duration:.9g} s"
+        raise InvalidValueError("start and end", f"{start} s and {end} s", allowed)
+    start, end = max(float(start), 0.0), min(float(end), duration)
+    inner = trajectory.breaks[
+        (trajectory.breaks > start + TIME_TOLERANCE) & (trajectory.breaks < end - TIME_TOLERANCE)
+    ]
+    return _recut(trajectory, np.concatenate([[start], inner, [end]]))
+
+
+def joined(first: Trajectory, second: Trajectory) -> Trajectory:
+    """Return one trajectory after another; see `Trajectory.then`."""
+    _check_meeting(first, second)
+    order = max(first.coefficients.shape[1], second.coefficients.shape[1])
+    breaks = np.concatenate([first.breaks, first.duration + second.breaks[1:]])
+    parts = [_padded(one.coefficients, order) for one in (first, second)]
+    return _like(first, breaks, np.concatenate(parts))
+
+
+def blended(first: Trajectory, second: Trajectory, overlap: float) -> Trajectory:
+    """Return one trajectory that runs into another; see `Trajectory.blend`."""
+    overlap = check_positive("overlap", overlap, "s")
+    _check_meeting(first, second)
+    most = min(first.duration, second.duration)
+    if overlap > most:
+        raise InvalidValueError("overlap", f"{overlap} s", f"at most the shorter duration, {most:.9g} s")
+    starts = first.duration - overlap
+    knots = np.concatenate([first.breaks, starts + second.breaks])
+    last = starts + second.duration
+    knots = np.sort(knots)
+    knots = knots[np.append(np.diff(knots) > TIME_TOLERANCE, True)]
+    knots[0], knots[-1] = 0.0, last
+    order = max(first.coefficients.shape[1], second.coefficients.shape[1])
+    total = _extended(first, knots, order, 0.0) + _extended(second, knots, order, starts)
+    total[:, 0] -= second.start
+    return _like(first, knots, total)
+
+
+def _check_meeting(first: Trajectory, second: Trajectory) -> None:
+    if not isinstance(second, Trajectory):
+        raise InvalidValueError("trajectory", repr(second)[:60], "a Trajectory")
+    if (first.joint_names, first.joint_units) != (second.joint_names, second.joint_units):
+        raise InvalidValueError(
+            "joints of the second trajectory", ", ".join(second.joint_names), ", ".join(first.joint_names)
+        )
+    for what, ours, theirs in (
+        ("position", first.end, second.start),
+        ("velocity", first(first.duration).velocity, second(0.0).velocity),
+    ):
+        gap = np.abs(ours - theirs)
+        if gap.max() > _MEET:
+            joint = first.joint_names[int(np.argmax(gap))]
+            raise InvalidValueError(
+                f"start of the second trajectory, {what} of {joint}",
+                f"{theirs[int(np.argmax(gap))]:.6g}",
+                f"{ours[int(np.argmax(gap))]:.6g}, where the first one ends",
+            )
+
+
+def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
+    return Trajectory(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
+
+
+def _padded(coefficients: Array, order: int) -> Array:
+    """Return the coefficients with zeros for higher powers."""
+    missing = order - coefficients.shape[1]
+    return np.pad(coefficients, ((0, 0), (0, missing), (0, 0)))
+
+
+def _shifted(coefficients: Array, by: Array) -> Array:
+    """Return the polynomials p(x + by) of p(x), shape (m, k, n); by has shape (m,)."""
+    order = coefficients.shape[1]
+    moved = np.zeros_like(coefficients)
+    for power in range(order):
+        for low in range(power + 1):
+            gain = comb(power, low) * by ** (power - low)
+            moved[:, low] += gain[:, None] * coefficients[:, power]
+    return moved
+
+
+def _recut(trajectory: Trajectory, knots: Array) -> Trajectory:
+    """Return the part between the first and the last of some times, which include all breaks between."""
+    pieces, by = _places(trajectory, knots)
+    return _like(trajectory, knots - knots[0], _shifted(trajectory.coefficients[pieces], by))
+
+
+def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return the piece that holds each interval between knots, and the interval's start within it."""
+    middle = (knots[1:] + knots[:-1]) / 2
+    pieces = np.clip(
+        np.searchsorted(trajectory.breaks, middle, side="right") - 1, 0, trajectory.breaks.size - 2
+    )
+    return pieces, knots[:-1] - trajectory.breaks[pieces]
+
+
+def _extended(trajectory: Trajectory, knots: Array, order: int, starts: float) -> Array:
+    """Return coefficients between knots of a trajectory that rests before its start and after its end."""
+    pieces, by = _places(trajectory, knots - starts)
+    found = _padded(_shifted(trajectory.coefficients[pieces], by), order)
+    middle = (knots[1:] + knots[:-1]) / 2 - starts
+    for outside, rest in ((middle < 0, trajectory.start), (middle > trajectory.duration, trajectory.end)):
+        found[outside] = 0.0
+        found[outside, 0] = rest
+    return found

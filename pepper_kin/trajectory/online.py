@@ -1,0 +1,310 @@
+"""Motion from one state to another that starts from where the robot is, and changes its mind on the way."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, MissingDependencyError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
+from pepper_kin.trajectory.trajectory import State, Trajectory
+
+Array = NDArray[np.float64]
+
+_SAME_TIME = 1e-12  # [s]
+_END = 1e-9  # [s]
+_TINY = 1e-9
+
+
+class OnlineMotion:
+    """Jerk-limited motion to a target that may be replaced at any time; all joints arrive together.
+
+    The motion is time-optimal from state to state within limits on velocity, acceleration and jerk, each
+    joint for itself and then slowed to the slowest (Berscheid and Kroeger, Jerk-limited real-time trajectory
+    generation with arbitrary target states, RSS 2021; by the package `ruckig`, in this process).  It knows
+    no obstacles, torques or balance; positions between start and target may leave their limits where the
+    robot is already too fast to stop, which `set_target` refuses.
+
+    Attributes:
+        pepper: The robot.
+        time: Time since the motion was made [s].
+
+    Args:
+        pepper: The robot.
+        q: Position to start from [rad or m], shape (n,).
+        v: Velocity [rad/s or m/s], shape (n,), or 0.
+        a: Acceleration [rad/s^2 or m/s^2], shape (n,), or 0.
+        jerk: Jerk limits, as in `retime`.
+        velocity_scale: Share of the velocity limits to use, in (0, 1].
+        acceleration_scale: Share of the acceleration limits to use, in (0, 1].
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, a share out of range, or a joint without velocity or
+            acceleration limit.
+        LimitError: where q is outside the position limits, or v or a beyond those that are used.
+        MissingDependencyError: where `ruckig` is not installed.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        q: ArrayLike,
+        v: ArrayLike = 0.0,
+        a: ArrayLike = 0.0,
+        *,
+        jerk: JerkLike = "moderate",
+        velocity_scale: float = 1.0,
+        acceleration_scale: float = 1.0,
+    ) -> None:
+        self._ruckig = _load()
+        self.pepper = pepper
+        self._limits = tuple(
+            _finite_limits(pepper, name, limit)
+            for name, limit in (
+                ("velocity", pepper.velocity_limits * _share("velocity_scale", velocity_scale)),
+                (
+                    "acceleration",
+                    pepper.acceleration_limits * _share("acceleration_scale", acceleration_scale),
+                ),
+                ("jerk", jerk_limits(pepper, jerk)),
+            )
+        )
+        position = _vector(pepper, q, "q")
+        check_within_limits(pepper, position, "q", _TINY)
+        state = State(position, _vector(pepper, v, "v"), _vector(pepper, a, "a"))
+        for name, value, limit in zip(("v", "a"), state[1:], self._limits[:2], strict=True):
+            _check_symmetric(pepper, name, value, limit)
+        self.time = 0.0
+        self._planner = self._ruckig.Ruckig(pepper.n)
+        self._pieces: list[tuple[float, Array]] = []  # start of each piece and its cubic, shape (4, n)
+        self._plan = _standing(state)
+        self._begun = 0.0
+        self._target = state.position
+        if np.any(state.velocity) or np.any(state.acceleration):
+            self._set(state, _stopping_point(state, self._limits), np.zeros(pepper.n))
+
+    def __repr__(self) -> str:
+        return f"OnlineMotion({self.pepper.n} joints, at {self.time:.4g} s, {self.remaining:.4g} s to go)"
+
+    @property
+    def state(self) -> State:
+        """Position, velocity and acceleration now, shape (n,) each, read-only."""
+        return State(*(read_only(part) for part in _at(self._plan, self.time - self._begun)))
+
+    @property
+    def target(self) -> Array:
+        """The position that it moves to [rad or m], shape (n,), read-only."""
+        return read_only(self._target)
+
+    @property
+    def remaining(self) -> float:
+        """Time until the target is reached [s]."""
+        return max(0.0, self._begun + float(self._plan[0][-1]) - self.time)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the target is reached."""
+        return self.remaining <= _END
+
+    def set_target(self, q_target: ArrayLike, v_target: ArrayLike = 0.0) -> float:
+        """Move to another target from the state of now, without a jump of position, velocity or acceleration.
+
+        Args:
+            q_target: Position [rad or m], shape (n,).
+            v_target: Velocity to arrive with [rad/s or m/s], shape (n,), or 0; after arriving the motion goes
+                on with it.
+
+        Returns:
+            The time that it will take [s].
+
+        Raises:
+            InvalidValueError: for a wrong shape or NaN.
+            LimitError: for a target outside the limits of position or velocity.
+            InfeasibleError: where joints cannot stay within their position limits on the way.
+        """
+        position, velocity = (
+            _vector(self.pepper, q_target, "q_target"),
+            _vector(self.pepper, v_target, "v_target"),
+        )
+        check_within_limits(self.pepper, position, "q_target", _TINY)
+        _check_symmetric(self.pepper, "v_target", velocity, self._limits[0])
+        now = State(*_at(self._plan, self.time - self._begun))
+        return self._set(now, position, velocity)
+
+    def step(self, dt: float) -> State:
+        """Let time pass, and return position, velocity and acceleration then, shape (n,) each, read-only.
+
+        Args:
+            dt: Time [s], above zero.
+        """
+        self.time += check_positive("dt", dt, "s")
+        return self.state
+
+    def to_trajectory(self) -> Trajectory:
+        """Return all that was moved so far and what is still to come, as exact cubics in time.
+
+        Raises:
+            InvalidValueError: where there was no motion and none is to come.
+        """
+        pieces = [*self._pieces, *self._cut(self._plan, self._begun, np.inf)]
+        end = max(self.time, self._begun + float(self._plan[0][-1]))
+        if end <= _SAME_TIME:
+            raise InvalidValueError("motion", "a duration of zero", "a target to move to, or a step")
+        breaks = np.array([start for start, _ in pieces if start < end - _SAME_TIME] + [end])
+        table = np.stack([cubic for _, cubic in pieces[: breaks.size - 1]])
+        return Trajectory(self.pepper.joint_names, breaks, table, self.pepper.joint_units)
+
+    def _set(self, now: State, position: Array, velocity: Array) -> float:
+        plan = self._solve(now, position, velocity)
+        self._refuse_outside(plan)
+        self._pieces += self._cut(self._plan, self._begun, self.time)
+        self._plan, self._begun, self._target = plan, self.time, position
+        return float(plan[0][-1])
+
+    def _solve(self, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
+        """Return breaks (m + 1,) and cubics (m + 1, 4, n) of the motion; the last one goes on for ever."""
+        module = self._ruckig
+        given = module.InputParameter(self.pepper.n)
+        given.current_position, given.current_velocity, given.current_acceleration = map(
+            np.ndarray.tolist, now
+        )
+        given.target_position, given.target_velocity = position.tolist(), velocity.tolist()
+        given.max_velocity, given.max_acceleration, given.max_jerk = (
+            limit.tolist() for limit in self._limits
+        )
+        given.synchronization = module.Synchronization.Time
+        found = module.Trajectory(self.pepper.n)
+        try:
+            result = self._planner.calculate(given, found)
+        except Exception as error:  # the package has one class of its own, which it does not always raise
+            raise InfeasibleError("motion", str(error), "choose another target") from error
+        if result not in (module.Result.Working, module.Result.Finished):
+            raise InfeasibleError("motion", f"ruckig says {result}", "choose another target")
+        return _cubics(found, now, position, velocity)
+
+    def _refuse_outside(self, plan: tuple[Array, Array]) -> None:
+        """Refuse a motion that leaves the position limits by more than where it is now."""
+        breaks, cubics = plan
+        if breaks.size < 2:
+            return
+        lower, upper = self.pepper.lower_limits, self.pepper.upper_limits
+        share = np.linspace(0.0, 1.0, 17)
+        piece = np.repeat(np.arange(breaks.size - 1), share.size)
+        x = (np.diff(breaks)[:, None] * share).ravel()[:, None]
+        c = cubics[piece]
+        q = c[:, 0] + x * (c[:, 1] + x * (c[:, 2] + x * c[:, 3]))
+        excess = np.maximum(lower - q, q - upper)
+        if excess.max() > 1e-6:
+            at, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
+            name = self.pepper.joint_names[joint]
+            raise InfeasibleError(
+                "motion",
+                f"{name} would pass {q[at, joint]:.4g} {self.pepper.joint_units[joint]} on the way, outside "
+                f"[{lower[joint]:.4g}, {upper[joint]:.4g}]",
+                "choose a target further inside, or set it earlier",
+            )
+
+    def _cut(self, plan: tuple[Array, Array], begun: float, until: float) -> list[tuple[float, Array]]:
+        """Return the pieces of a plan that begin before a time."""
+        breaks, cubics = plan
+        return [
+            (begun + float(start), cubic)
+            for start, cubic in zip(breaks, cubics, strict=True)
+            if begun + start < until - _SAME_TIME
+        ]
+
+
+def _load() -> Any:
+    try:
+        import ruckig
+    except ImportError as error:
+        raise MissingDependencyError("ruckig", "pip install 'ruckig>=0.14'", "motion online") from error
+    return ruckig
+
+
+def _share(quantity: str, value: float) -> float:
+    share = check_positive(quantity, value)
+    if share > 1.0:
+        raise InvalidValueError(quantity, value, "a number in (0, 1]")
+    return share
+
+
+def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:
+    if not np.isfinite(limit).all():
+        joint = pepper.joint_names[int(np.argmin(np.isfinite(limit)))]
+        raise InvalidValueError(f"{name} limit of {joint}", "none", "a finite one for motion online")
+    return np.array(limit)
+
+
+def _vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> Array:
+    if np.ndim(value) == 0:
+        value = np.full(pepper.n, value)
+    vector = as_joint_vectors(pepper, value, quantity)
+    if vector.ndim != 1:
+        raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({pepper.n},)")
+    return np.array(vector)
+
+
+def _check_symmetric(pepper: PepperModel, quantity: str, value: Array, limit: Array) -> None:
+    over = np.abs(value) - limit
+    if over.max() > _TINY:
+        j = int(np.argmax(over))
+        unit = pepper.joint_units[j] + ("/s^2" if quantity == "a" else "/s")
+        raise LimitError(quantity, pepper.joint_names[j], float(value[j]), -limit[j], limit[j], unit)
+
+
+def _standing(state: State) -> tuple[Array, Array]:
+    """Return the plan of staying where the robot is."""
+    still = np.zeros_like(state.position)
+    return np.zeros(1), np.stack([state.position, still, still, still])[None]
+
+
+def _stopping_point(state: State, limits: tuple[Array, ...]) -> Array:
+    """Return about where the robot stops when it brakes at half its acceleration limit [rad or m]."""
+    v, a = state.velocity, state.acceleration
+    after = v + a * np.abs(a) / (2 * limits[2])
+    return state.position + after * np.abs(after) / limits[1] + after * limits[1] / (2 * limits[2])
+
+
+def _cubics(found: Any, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
+    """Return a motion of ruckig's as cubics between the instants at which any joint changes its jerk."""
+    changes = [0.0, float(found.duration)]
+    for profile in found.profiles[0]:
+        brake = [0.0, *np.cumsum(profile.brake.t)] if hasattr(profile, "brake") else [0.0]
+        changes += brake
+        changes += list(brake[-1] + np.cumsum(profile.t))
+    times = np.unique(np.clip(changes, 0.0, found.duration))
+    times = times[np.append(np.diff(times) > _SAME_TIME, True)]
+    if times[-1] <= _SAME_TIME:
+        return _standing(State(position, velocity, velocity))[0], _going_on(position, velocity)[None]
+    cubics = []
+    q, v, a = (np.array(part) for part in now)
+    for start, end in itertools.pairwise(times):
+        h = end - start
+        a_end = np.array(found.at_time(end)[2])
+        j = (a_end - a) / h
+        cubics.append(np.stack([q, v, a / 2, j / 6]))
+        q, v, a = q + h * (v + h * (a / 2 + h * j / 6)), v + h * (a + h * j / 2), a_end
+    cubics.append(_going_on(position, velocity))
+    return times, np.stack(cubics)
+
+
+def _going_on(position: Array, velocity: Array) -> Array:
+    """Return the cubic of going on from the target with its velocity, shape (4, n)."""
+    still = np.zeros_like(position)
+    return np.stack([position, velocity, still, still])
+
+
+def _at(plan: tuple[Array, Array], time: float) -> tuple[Array, Array, Array]:
+    """Return position, velocity and acceleration at a time since the plan began."""
+    breaks, cubics = plan
+    i = max(0, int(np.searchsorted(breaks, time, side="right")) - 1)
+    x, c = time - float(breaks[i]), cubics[i]
+    q = c[0] + x * (c[1] + x * (c[2] + x * c[3]))
+    return q, c[1] + x * (2 * c[2] + 3 * x * c[3]), 2 * c[2] + 6 * x * c[3]

@@ -1,0 +1,151 @@
+"""A time law without jumps of acceleration: the moving average of a time-optimal one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.trajectory.path import CubicPath
+
+Array = NDArray[np.float64]
+
+PIECES = 90
+"""Number of pieces of a smooth time law, about."""
+
+_CLOSE = 0.45  # of a piece: knots nearer than this are one
+_JUMPS = 16  # jumps of acceleration that become knots, at most,
+_LARGE = 0.1  # and how large they are at least, as a share of the greatest acceleration
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothTime:
+    """s(tau) as quintic polynomials with continuous second derivative.
+
+    Attributes:
+        knots: Rising from 0 [s], shape (K + 1,); the path's breaks are among their values of s.
+        coefficients: Constant term first, shape (K, 6).
+    """
+
+    knots: Array
+    coefficients: Array
+
+    def at(self, piece: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array, Array]:
+        """Return s and its first three derivatives on chosen pieces."""
+        values = []
+        powers = np.arange(6.0)
+        gain = np.ones(6)
+        for derivative in range(4):
+            chosen = self.coefficients[piece] * gain
+            total = np.zeros(np.broadcast_shapes(chosen.shape[:-1], np.shape(local)))
+            for power in range(5, derivative - 1, -1):
+                total = total * local + chosen[..., power]
+            values.append(total)
+            gain = gain * np.maximum(powers - derivative, 0.0)
+        return values[0], values[1], values[2], values[3]
+
+    def derivatives(
+        self, curve: CubicPath, piece: NDArray[np.intp], local: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return Q(tau) = q(s(tau)) and its first three derivatives, shape (P, n) each."""
+        s, s1, s2, s3 = (value[:, None] for value in self.at(piece, local))
+        middle = self.at(np.arange(self.knots.size - 1), np.diff(self.knots) / 2)[0]
+        of_path = np.clip(np.searchsorted(curve.breaks, middle) - 1, 0, curve.breaks.size - 2)[piece]
+        within = s[:, 0] - curve.breaks[of_path]
+        q, q1, q2, q3 = (curve.at(of_path, within, derivative) for derivative in range(4))
+        return q, q1 * s1, q2 * s1**2 + q1 * s2, q3 * s1**3 + 3 * q2 * s1 * s2 + q1 * s3
+
+
+def smooth_time(curve: CubicPath, time: Array, s: Array, window: float) -> SmoothTime:
+    """Return the moving average over `window` [s] of a time law with piecewise constant d2s/dt2.
+
+        s_w(t) = (1 / w) integral of s from t - w to t:   ds_w/dt = (s(t) - s(t - w)) / w,
+    so that one more derivative is continuous; it takes `window` longer.
+
+    Args:
+        curve: The path, whose breaks become knots.
+        time: Times of the grid points [s], shape (N + 1,).
+        s: Path parameter there, shape (N + 1,).
+        window: Width of the average [s].
+    """
+    law = _TimeLaw(time, s)
+    duration = float(time[-1]) + window
+
+    def average(t: Array) -> tuple[Array, Array, Array]:
+        now, before = law(t), law(t - window)
+        return tuple((a - b) / window for a, b in zip(now, before, strict=True))  # type: ignore[return-value]
+
+    knots = np.linspace(0.0, duration, PIECES + 1)
+    dense = np.linspace(0.0, duration, 20 * PIECES + 1)
+    along = np.maximum.accumulate(average(dense)[0])
+    inner = np.interp(curve.breaks[1:-1], along, dense)
+    for _ in range(6):
+        place, speed, _ = average(inner)
+        inner = np.clip(inner - (place - curve.breaks[1:-1]) / np.maximum(speed, 1e-12), 0.0, duration)
+    knots = _with(knots, inner, _CLOSE * duration / PIECES)
+    knots = _with(knots, _jumps(law, window), _CLOSE * duration / PIECES, set(inner))
+    return SmoothTime(knots, _quintics(np.diff(knots), *average(knots)))
+
+
+def _jumps(law: _TimeLaw, window: float) -> Array:
+    """Return the times at which the third derivative of the average jumps most."""
+    jump = np.abs(np.diff(2 * law.half, prepend=0.0, append=0.0))
+    large = np.argsort(-jump)[:_JUMPS]
+    large = large[jump[large] > _LARGE * np.abs(2 * law.half).max()]
+    times = law.time[large]
+    return np.stack([times, times + window], axis=1).ravel()
+
+
+def _with(knots: Array, wanted: Array, close: float, fixed: set[float] | None = None) -> Array:
+    """Return knots with others added, which take the place of those that are close, but for fixed ones."""
+    fixed = set() if fixed is None else fixed
+    fixed = fixed | {knots[0], knots[-1]}
+    for value in wanted:
+        if min(abs(value - other) for other in fixed) < close:
+            continue
+        knots = np.append(knots[np.abs(knots - value) >= close], value)
+        fixed = fixed | {value}
+    return np.unique(np.append(knots, sorted(fixed)))
+
+
+class _TimeLaw:
+    """The integral of s(t), s and ds/dt, for a time law at rest before its start and after its end."""
+
+    def __init__(self, time: Array, s: Array) -> None:
+        h, step = np.diff(time), np.diff(s)
+        speed = np.zeros(s.size)
+        for i in range(h.size):  # constant acceleration: the mean of both ends is the mean speed
+            speed[i + 1] = max(2 * step[i] / h[i] - speed[i], 0.0)
+        self.time, self._s, self._speed = time, s, speed
+        self.half = np.diff(speed) / (2 * h)
+        area = s[:-1] * h + speed[:-1] * h**2 / 2 + self.half * h**3 / 3
+        self._area = np.concatenate([[0.0], np.cumsum(area)])
+
+    def __call__(self, t: Array) -> tuple[Array, Array, Array]:
+        inside = np.clip(t, 0.0, self.time[-1])
+        i = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, self.half.size - 1)
+        x, w, half, s = inside - self.time[i], self._speed[i], self.half[i], self._s[i]
+        place, speed = s + x * (w + x * half), w + 2 * x * half
+        area = self._area[i] + x * (s + x * (w / 2 + x * half / 3))
+        area = area + (t - inside) * np.where(t < 0, self._s[0], self._s[-1])
+        outside = (t < 0) | (t > self.time[-1])
+        return area, place, np.where(outside, 0.0, speed)
+
+
+def _quintics(h: Array, value: Array, slope: Array, bend: Array) -> Array:
+    """Return Hermite's quintics between values, first and second derivatives, shape (K, 6)."""
+    d0 = value[1:] - value[:-1] - h * slope[:-1] - h**2 / 2 * bend[:-1]
+    d1 = slope[1:] - slope[:-1] - h * bend[:-1]
+    d2 = bend[1:] - bend[:-1]
+    return np.stack(
+        [
+            value[:-1],
+            slope[:-1],
+            bend[:-1] / 2,
+            (10 * d0 - 4 * h * d1 + h**2 / 2 * d2) / h**3,
+            (-15 * d0 + 7 * h * d1 - h**2 * d2) / h**4,
+            (6 * d0 - 3 * h * d1 + h**2 / 2 * d2) / h**5,
+        ],
+        axis=1,
+    )
