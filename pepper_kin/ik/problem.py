@@ -167,7 +167,7 @@ def flatten_tasks(
             raise InvalidValueError("tasks", repr(tasks)[:80], "a list of tasks such as HandPosition")
     flat: list[Task] = []
     for item in cast("Iterable[Any]", given):
-        kind = _kind_of(type(item))
+        kind = _kind_of(cast("Hashable", type(item)))
         if kind is Task:
             flat.append(item)
         elif kind is TaskGroup:
