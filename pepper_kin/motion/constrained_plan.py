@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 PLANNER = "constrained_connect"
 SHORTCUTS = 60
+NO_SPLINE = "A path was found, but no spline through way-points of it keeps constraints and margin."
 
 
 def plan_constrained(
@@ -82,9 +83,8 @@ def plan_constrained(
         return ended(*(fault or next(off for off in faults if off is not None)), ik=ik)
     free = free_joints(pepper, joints, q_start, goals)
     if free.size == 0:
-        errors = largest_errors(pepper, q_start[None], tasks)
-        message = "Start and goal are the same."
-        return ended.solved(checks.exact, q_start[None], message, ik=ik, constraint_errors=errors)
+        said = {"ik": ik, "constraint_errors": largest_errors(pepper, q_start[None], tasks)}
+        return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", **said)
     room, manifold = (
         path_problem(checks, q_start, goals, free, margin),
         manifold_of(pepper, tasks, q_start, free),
@@ -96,10 +96,16 @@ def plan_constrained(
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
     path = _waypoints(pepper, room, manifold, result.path, seed, timeout / 2)
-    errors = () if path is None else largest_errors(pepper, path, tasks)
+    return _ended(ended, checks, tasks, path, said)
+
+
+def _ended(
+    ended: Ending, checks: Checks, tasks: Sequence[Task], path: Array | None, said: dict[str, Any]
+) -> Plan:
+    """Return the plan of way-points, if there are any and their spline keeps the constraints."""
+    errors = () if path is None else largest_errors(checks.pepper, path, tasks)
     if path is None or not _keeps(tasks, errors):
-        message = "A path was found, but no spline through way-points of it keeps constraints and margin."
-        return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
     return ended.solved(checks.exact, path, _words(tasks, path, errors), constraint_errors=errors, **said)
 
 

@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import IKResult, Task, solutions, solve
+from pepper_kin.ik import IKResult, Task, TaskGroup, solutions, solve
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.validity import holds
 
-INTERPRETED_SOLVER = "placo"
-"""Where nothing shall be compiled."""
+OTHER_SOLVER = "placo"
+"""Where nothing shall be compiled, and for tasks that the fast solver does not know."""
 
 FURTHER = 3
 """Solutions of a goal's tasks besides the first."""
@@ -59,9 +59,10 @@ def goals_of(
     machine code, further solutions are looked for.
     """
     pepper, checker = checks.pepper, checks.exact
-    solver = "fast" if checks.compiled else INTERPRETED_SOLVER
     if _are_tasks(goal):
         tasks = cast("Sequence[Task]", goal)
+        fast = checks.compiled and _are_known_to_fast(tasks)
+        solver = "fast" if fast else OTHER_SOLVER
         for scene in (checker.scene.padded(margin), checker.scene):
             ik = solve(
                 pepper, tasks, q0=start, solver=solver, scene=scene, seed=seed, joints=joints,
@@ -72,7 +73,7 @@ def goals_of(
         if not ik.success:
             return np.empty((0, pepper.n)), ik, (PlanStatus.NO_IK, ik.report())
         candidates, result = ik.q[None], ik
-        if checks.compiled:
+        if fast:
             more = solutions(pepper, tasks, start, count=FURTHER, scene=scene, seed=seed, joints=joints)
             candidates = np.concatenate([candidates, more])
     else:
@@ -87,8 +88,19 @@ def goals_of(
     return candidates[good], result, (None if good else faults[0])
 
 
+def _are_known_to_fast(tasks: Sequence[Any]) -> bool:
+    from pepper_kin.ik.fast import structures_of
+
+    parts = [part for task in tasks for part in (task.parts if isinstance(task, TaskGroup) else [task])]
+    try:
+        structures_of(parts)
+    except InvalidValueError:
+        return False
+    return True
+
+
 def _are_tasks(goal: object) -> bool:
-    return isinstance(goal, Sequence) and len(goal) > 0 and hasattr(goal[0], "residual")
+    return isinstance(goal, Sequence) and len(goal) > 0 and isinstance(goal[0], (Task, TaskGroup))
 
 
 def free_joints(

@@ -84,7 +84,7 @@ class FastChecker:
         q_all = as_joint_vectors(self.pepper, q, "q")
         if not self.supported:
             return self.exact.in_collision(q_all)
-        flat = np.ascontiguousarray(q_all.reshape(-1, self.pepper.n))
+        flat = _rows(q_all.reshape(-1, self.pepper.n))
         verdicts, _ = self._verdicts(flat, threads)
         ties = np.flatnonzero(verdicts == TIE)
         touching = verdicts != 0
@@ -94,7 +94,7 @@ class FastChecker:
 
     def doubts(self, q: ArrayLike) -> tuple[int, int]:
         """Return how many of the configurations q, shape (..., n), are left in doubt by spheres, by all."""
-        flat = np.ascontiguousarray(as_joint_vectors(self.pepper, q, "q").reshape(-1, self.pepper.n))
+        flat = _rows(as_joint_vectors(self.pepper, q, "q").reshape(-1, self.pepper.n))
         if not self.supported:
             return len(flat), len(flat)
         verdicts, doubts = self._verdicts(flat, 1)
@@ -116,7 +116,7 @@ class FastChecker:
             InvalidValueError: for a q of wrong length, or with NaN or infinity.
         """
         q_all = as_joint_vectors(self.pepper, q, "q")
-        bounds = self._part_bounds(np.ascontiguousarray(q_all.reshape(-1, self.pepper.n)))
+        bounds = self._part_bounds(_rows(q_all.reshape(-1, self.pepper.n)))
         least = bounds.min(axis=1, initial=self._resting_distance())
         return np.asarray(least.reshape(q_all.shape[:-1]))
 
@@ -256,3 +256,8 @@ def fast_checker_for(
 ) -> FastChecker:
     """Return the fast checker of a robot in a scene, built once and kept for the next call."""
     return FastChecker(pepper, scene, margin, self_margin)
+
+
+def _rows(q: Array) -> Array:
+    """Return joint positions as compiled code takes them: contiguous, and not read-only."""
+    return np.require(q, np.float64, ["C", "W"])
