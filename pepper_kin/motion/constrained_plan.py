@@ -83,7 +83,7 @@ def plan_constrained(
         return ended(*(fault or next(off for off in faults if off is not None)), ik=ik)
     free = free_joints(pepper, joints, q_start, goals)
     if free.size == 0:
-        said = {"ik": ik, "constraint_errors": largest_errors(pepper, q_start[None], tasks)}
+        said: dict[str, Any] = {"ik": ik, "constraint_errors": largest_errors(pepper, q_start[None], tasks)}
         return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", **said)
     room, manifold = (
         path_problem(checks, q_start, goals, free, margin),
