@@ -123,6 +123,7 @@ class _Search:
         self._explorer, self._deadline = explorer, deadline
 
     def run(self, seed: int, max_iterations: int) -> Found:
+        """Search until there is a path, or samples or time run out."""
         problem, oracle = self._problem, self._explorer.oracle
         if not oracle.states_valid(problem.start[None])[0]:
             return Found(Status.START_INVALID)

@@ -102,6 +102,7 @@ class _Search:
     def run(
         self, make: Callable[[Any], Any], seed: int, deadline: Deadline
     ) -> tuple[Status, FloatArray | None, int | None]:
+        """Search; returns the status, and the way-points and the goal's number if there is a path."""
         base, geometric, util = self._library
         problem = self._problem
         if not self._oracle.states_valid(problem.start[None])[0]:

@@ -113,6 +113,7 @@ class _Search:
         self._goals: dict[int, int] = {}  # number of the goal by the node that is its root
 
     def run(self, max_iterations: int) -> Found:
+        """Search until there is a path, or samples or time run out."""
         problem, source = self._problem, self._source
         if not self._oracle.states_valid(problem.start[None, :])[0]:
             return Found(Status.START_INVALID)

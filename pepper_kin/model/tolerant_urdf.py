@@ -214,6 +214,7 @@ class _Reader:
         return ShapeFacts(item.tag, sizes, pose)
 
     def joint(self, element: ET.Element) -> JointFacts:
+        """Read a joint; what is wrong with it is noted."""
         name, kind = element.get("name", ""), element.get("type", "")
         where = f"joint {name}"
         if not name:

@@ -32,6 +32,7 @@ class _Element:
         self.children: list[_Element] = []
 
     def named(self, tag: str) -> list[_Element]:
+        """Return the children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
 

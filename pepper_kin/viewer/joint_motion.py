@@ -55,11 +55,16 @@ class ExecutedMotion(Protocol):
     """
 
     @property
-    def time(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def time(self) -> NDArray[np.float64]:
+        """Sample times."""
+
     @property
-    def position(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def position(self) -> NDArray[np.float64]:
+        """Joint positions."""
+
     @property
-    def torque(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def torque(self) -> NDArray[np.float64]:
+        """Joint torques."""
 
 
 Playable: TypeAlias = JointMotion | Trajectory | ExecutedMotion | NDArray[np.float64] | Sequence[float]
