@@ -309,3 +309,57 @@ def test_misuse_is_named(pepper):
         suite.read(2.0, q, torque=np.zeros((2, pepper.n)))
     with pytest.raises(ValueError, match="read-only"):
         suite.read(2.0, q)["joint_encoders"].value[0] = 1.0
+
+
+def state(pepper, time, **changes):
+    rest = np.zeros(pepper.n)
+    base = {"position": pepper.posture("Stand"), "velocity": rest, "acceleration": rest, "torque": rest}
+    return SimpleNamespace(time=time, **{**base, **changes})
+
+
+def test_states_observed_are_recorded_and_begin_anew_with_the_clock(pepper):
+    wall = pk.Scene().add_box("wall", (0.2, 8, 4), (1.6, 0, 0))
+    suite = SensorSuite(pepper, sensors=["joint_encoders", "laser_front"], scene=wall, seed=2)
+    for step in range(501):
+        suite.observe(state(pepper, step * 0.001))
+    series = suite.recorded()
+    assert len(series["joint_encoders"]) == 26
+    assert len(series["laser_front"]) == 6
+    np.testing.assert_allclose(series["laser_front"].time, np.arange(6) / 10)
+    assert series["laser_front"].value.shape == (6, 15)
+    assert np.isfinite(series["laser_front"].value).all()
+    alone = SensorSuite(pepper, sensors=["laser_front"], seed=2)
+    for k in range(6):
+        read = alone.read(k / 10, pepper.posture("Stand"), scene=wall)["laser_front"]
+        np.testing.assert_array_equal(series["laser_front"].value[k], read.value)
+    late = suite.recorded(0.3)
+    np.testing.assert_allclose(late["laser_front"].time, [0, 0.1, 0.2], atol=1e-12)
+    suite.observe(state(pepper, 0.0))
+    assert len(suite.recorded()["joint_encoders"]) == 1
+    assert suite.recorded(1.0) == {}
+
+
+def test_a_moving_world_is_looked_at_where_it_is(pepper):
+    bumper = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "BumperB_frame")[:3, 3]
+
+    class Room:
+        place = 2.0
+        force = np.zeros(3)
+
+        def snapshot(self):
+            return pk.Scene().add_box("wall", (0.2, 8, 4), (self.place + 0.1, 0, 0))
+
+        @property
+        def contacts(self):
+            return [SimpleNamespace(names=("Tibia", "ball"), point=bumper, force=self.force)]
+
+    room = Room()
+    suite = SensorSuite(pepper, sensors=["laser_front", "bumper_back"], world=room, noise=False)
+    suite.observe(state(pepper, 0.0))
+    room.place, room.force = 1.5, np.array([1.0, 0, 0])
+    suite.observe(state(pepper, 0.1))
+    series = suite.recorded()
+    np.testing.assert_allclose(series["laser_front"].value[:, 7], [2.0 - 0.0562, 1.5 - 0.0562])
+    assert series["bumper_back"].value.tolist() == [False, True]
+    with pytest.raises(InvalidValueError, match="both"):
+        SensorSuite(pepper, scene=pk.Scene(), world=room)

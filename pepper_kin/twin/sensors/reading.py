@@ -57,8 +57,7 @@ class SensedState:
         a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
         torque: Of the servos [N m or N], shape (n,).
         scene: The world around the robot.
-        contacts: Where the robot is touched: anything with `links` and `points`, as
-            `pepper_kin.collision.Contact` has.
+        contacts: Where the robot is touched; see `SensorSuite.read`.
     """
 
     pepper: PepperModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from pepper_kin.twin.sensors.joint_sensors import JointEncoders, JointTorques
 from pepper_kin.twin.sensors.odometry_sensor import WheelOdometry
 from pepper_kin.twin.sensors.range_sensors import Laser, Sonar
 from pepper_kin.twin.sensors.reading import Reading, SensedState
+from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.sensors.robot_rays import RobotRays
 from pepper_kin.twin.sensors.sensor import Sensor
 from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
@@ -45,6 +46,27 @@ _RAYS: dict[str, Any] = {
 _EARLY = 1e-6  # of a period: a clock that counts steps may be late by rounding
 
 
+class State(Protocol):
+    """What a twin shows of itself."""
+
+    time: float
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    torque: NDArray[np.float64]
+
+
+class Surroundings(Protocol):
+    """A world that moves: where its bodies are now, and what they touch."""
+
+    @property
+    def contacts(self) -> Sequence[Any]:
+        """Where things touch; see `SensorSuite.read`."""
+
+    def snapshot(self) -> Scene:
+        """Return the scene as it is now."""
+
+
 class SensorSuite:
     """Pepper's sensors, each at its own rate.
 
@@ -58,13 +80,15 @@ class SensorSuite:
         noise: Whether readings are disturbed; without, they are the truth within the sensor's range.
         specifications: Specifications in place of Pepper's own, by name.
         floor: Whether there is a floor at z = 0 besides what the scene holds.
+        scene: The world that `observe` looks at, where it does not move.
+        world: The world that `observe` looks at, where it moves; one of the two at most.
 
     Attributes:
         sensors: The sensors by name, read-only.
 
     Raises:
         UnknownNameError: for a sensor that there is not, or a frame that the robot lacks.
-        InvalidValueError: for a seed that is no such integer.
+        InvalidValueError: for a seed that is no such integer, or both a scene and a world.
     """
 
     sensors: Mapping[str, Sensor]
@@ -78,7 +102,12 @@ class SensorSuite:
         noise: bool = True,
         specifications: Mapping[str, SensorSpecification] | None = None,
         floor: bool = True,
+        scene: Scene | None = None,
+        world: Surroundings | None = None,
     ) -> None:
+        if scene is not None and world is not None:
+            raise InvalidValueError("scene and world", "both", "one of the two at most")
+        self._scene, self._world = scene, world
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
             raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
         known = dict(sensor_specifications())
@@ -103,7 +132,8 @@ class SensorSuite:
         return tuple(self.sensors)
 
     def reset(self) -> None:
-        """Begin anew: every sensor is due at the next reading."""
+        """Begin anew: every sensor is due at the next reading, and what was recorded is forgotten."""
+        self._recorded: dict[str, list[Reading]] = {name: [] for name in self.sensors}
         self._sample = dict.fromkeys(self.sensors, -1)
         self._time, self._next = -math.inf, -math.inf
         for sensor in self.sensors.values():
@@ -128,8 +158,8 @@ class SensorSuite:
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,); none if omitted.
             torque: Of the servos [N m or N], shape (n,); none if omitted.
             scene: The world around the robot.
-            contacts: Where the robot is touched, as `pepper_kin.collision.contacts` lists it: anything with
-                `links` and `points`.
+            contacts: Where the robot is touched: what `pepper_kin.collision.contacts` lists, or what a twin's
+                world says (`names`, `point` and `force`, of which a force of 0 presses nothing).
 
         Returns:
             Readings by name; empty between samples.  Of several samples missed only the last is given.
@@ -155,6 +185,38 @@ class SensorSuite:
             default=math.inf,
         )
         return readings
+
+    def observe(self, state: State) -> None:
+        """Read what is due in a twin's state, and record it; a state not later than the last begins anew.
+
+        This is what a twin asks of the sensors that it is given: `Twin(pepper, sensors=suite)`.
+
+        Args:
+            state: Time, position, velocity, acceleration and torque.
+        """
+        if self._time < state.time < self._next:
+            self._time = state.time
+            return
+        if state.time <= self._time:
+            self.reset()
+        scene = self._scene if self._world is None else self._world.snapshot()
+        contacts = None if self._world is None else self._world.contacts
+        found = self.read(
+            state.time, state.position, state.velocity, state.acceleration, state.torque, scene, contacts
+        )
+        for name, reading in found.items():
+            self._recorded[name].append(reading)
+
+    def recorded(self, start: float = 0.0) -> dict[str, ReadingSeries]:
+        """Return what `observe` has recorded since a time, by name; sensors without a sample are left out.
+
+        Args:
+            start: The first time that counts [s]; times are given from there on.
+        """
+        kept = {
+            name: [row for row in rows if row.time >= start - 1e-9] for name, rows in self._recorded.items()
+        }
+        return {name: ReadingSeries.of(rows, start) for name, rows in kept.items() if rows}
 
     def _state(
         self,

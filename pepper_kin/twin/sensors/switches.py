@@ -77,9 +77,7 @@ class Switch(Sensor):
 
     def _in_contact(self, pose: NDArray[np.float64], state: SensedState) -> bool:
         for contact in state.contacts:
-            if contact.points is None:
-                continue
-            for link, point in zip(contact.links, contact.points, strict=True):
+            for link, point in touched(contact):
                 if link in self._links:
                     place = pose[:3, :3].T @ (np.asarray(point) - pose[:3, 3])
                     if (np.abs(place) <= self._half + CONTACT_REACH).all():
@@ -96,3 +94,17 @@ class Switch(Sensor):
             if coal.distance(self._pad, placement, shape, where, request, result) <= extra:
                 return True
         return False
+
+
+def touched(contact: Any) -> list[tuple[str | None, NDArray[np.float64]]]:
+    """Return what a contact touches, and where: two links or objects with their points.
+
+    Args:
+        contact: With `links` and `points`, as `pepper_kin.collision.Contact` has (points may be None, where
+            it is not known where), or with `names`, one `point` and a `force`, as a twin's world has.
+    """
+    if hasattr(contact, "links"):
+        return [] if contact.points is None else list(zip(contact.links, contact.points, strict=True))
+    if not np.any(contact.force):
+        return []
+    return [(name, contact.point) for name in contact.names]
