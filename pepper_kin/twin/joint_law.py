@@ -134,6 +134,22 @@ def first_piece(table: LawTable, h: float, v: Array, servo: Array) -> Piece:
     return Piece(servo, servo - friction, h * table.kp + table.kd + table.viscous + stick)
 
 
+def holds_unclipped(table: LawTable, h: float, q: Array, w: Array, servo: Array) -> bool:
+    """Return whether no motor is at its limit and no joint at a stop, for joints without friction and line.
+
+    Args:
+        table: The parameters.
+        h: Timestep [s].
+        q: Position at the start of the step.
+        w: Velocity at its end.
+        servo: What the servo wants at w = 0.
+    """
+    q_next = q + h * w
+    beyond = (q_next > table.upper) | (q_next < table.lower) | (q > table.upper) | (q < table.lower)
+    clipped = abs(servo - (h * table.kp + table.kd) * w) > np.minimum(table.limit, table.stall)
+    return not (beyond | clipped).any()
+
+
 def piece_at(
     table: LawTable, h: float, q: Array, w: Array, servo: Array, before: Array | None = None
 ) -> Piece:
