@@ -131,7 +131,7 @@ def replay(pepper: PepperModel, name: str, *, twin: Twin | None = None) -> Gestu
     Args:
         pepper: Pepper.
         name: "left-arm", "right-arm" or "head".
-        twin: The twin to use; `Twin(pepper)` if omitted.
+        twin: The twin to use; if omitted a new one, by the way that needs nothing compiled.
 
     Returns:
         The report, with trajectory and run.
@@ -145,7 +145,7 @@ def replay(pepper: PepperModel, name: str, *, twin: Twin | None = None) -> Gestu
     points[:, places] = np.clip(gesture.plan, pepper.lower_limits[places], pepper.upper_limits[places])
     trajectory = retime(pepper, points, solver="toppra")  # nothing to compile for one motion
     key_times = passing_times(trajectory, points)
-    run = (twin if twin is not None else Twin(pepper)).execute(trajectory)
+    run = (twin if twin is not None else Twin(pepper, compiled=False)).execute(trajectory)
     reached = np.minimum(key_times, run.duration)  # short of the end only where the run stopped
     measured = run.position_at(reached)[:, places]
     return GestureReport(gesture, trajectory, run, key_times, points[:, places], measured)
