@@ -14,7 +14,7 @@ from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
-from pepper_kin.twin.hooks import SensorsHook, WorldHook
+from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
 from pepper_kin.twin.integrator import Integrator, Series
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
@@ -40,7 +40,7 @@ class Twin:
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
         world: What the robot may touch; asked for its load in every step.
-        sensors: Shown every state.
+        sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
         compiled: Step by machine code, which is made once on a machine (some seconds) and then read from
@@ -321,6 +321,7 @@ class Twin:
             self.actuators.torque_limit,
             status,
             message,
+            readings_since(self.sensors, first * self.timestep),
         )
 
     def _advance(self, command: Command, load: Array) -> Series:
