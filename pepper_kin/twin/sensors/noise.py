@@ -12,6 +12,8 @@ from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
 
+_NO_NUMBERS = np.zeros(4, dtype=np.uint64)
+
 
 class SensorNoise:
     """The errors of one sensor.
@@ -30,11 +32,25 @@ class SensorNoise:
         words = np.random.SeedSequence([seed, zlib.crc32(specification.name.encode())])
         self._key = words.generate_state(2, np.uint64)
         self._biases: dict[tuple[int, ...], Array] = {}
+        self._source = np.random.Philox(key=self._key)
+        self._random = np.random.Generator(self._source)
 
     def generator(self, sample: int) -> np.random.Generator:
-        """Return the generator of a sample; those of samples 0, 1, 2, ... share no numbers."""
+        """Return the generator of a sample; those of samples 0, 1, 2, ... share no numbers.
+
+        There is one object, set anew each time: it is the last sample's that it gives.
+        """
         # The low word counts the numbers drawn; the third is the sample, the fourth tells biases apart.
-        return np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, sample, 0]))
+        counter = np.array([0, 0, sample, 0], dtype=np.uint64)
+        self._source.state = {
+            "bit_generator": "Philox",
+            "state": {"counter": counter, "key": self._key},
+            "buffer": _NO_NUMBERS,
+            "buffer_pos": len(_NO_NUMBERS),
+            "has_uint32": 0,
+            "uinteger": 0,
+        }
+        return self._random
 
     def bias(self, shape: tuple[int, ...]) -> Array:
         """Return the errors that last, drawn once, in the sensor's unit."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,21 +129,48 @@ class RayCaster:
             InvalidValueError: for NaN, infinity, shapes that do not broadcast, a direction of length 0, or a
                 maximum below 0.
         """
-        o, d, most, shape = _rays(origins, directions, maximum)
-        distance, solid, part = nearest_hits(o, d, most, self._solids, self._placed)
-        normal = normals_at(o, d, distance, solid, part, self._solids, self._placed.pose)
-        return RayHits(distance.reshape(shape), solid.reshape(shape), normal.reshape(*shape, 3))
+        rays = rays_of(origins, directions, maximum)
+        hits = self.cast_checked(rays)
+        shape = rays.shape
+        normal = hits.normal.reshape(*shape, 3)
+        return RayHits(hits.distance.reshape(shape), hits.solid.reshape(shape), normal)
 
     def distances(self, origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.inf) -> Array:
         """Return only the distances of `cast`, inf where nothing is met, shape (...) [m]."""
-        o, d, most, shape = _rays(origins, directions, maximum)
-        return nearest_hits(o, d, most, self._solids, self._placed)[0].reshape(shape)
+        rays = rays_of(origins, directions, maximum)
+        return self.distances_checked(rays).reshape(rays.shape)
+
+    def cast_checked(self, rays: Rays) -> RayHits:
+        """Return what `cast` does for rays that `rays_of` gave, all in one row."""
+        o, d, most, _ = rays
+        distance, solid, part = nearest_hits(o, d, most, self._solids, self._placed)
+        return RayHits(
+            distance, solid, normals_at(o, d, distance, solid, part, self._solids, self._placed.pose)
+        )
+
+    def distances_checked(self, rays: Rays) -> Array:
+        """Return what `distances` does for rays that `rays_of` gave, all in one row."""
+        return nearest_hits(*rays[:3], self._solids, self._placed)[0]
 
 
-def _rays(
-    origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike
-) -> tuple[Array, Array, Array, tuple[int, ...]]:
-    """Return origins (n, 3), unit directions (n, 3), greatest distances (n,), and the rays' own shape."""
+class Rays(NamedTuple):
+    """Rays in the form that compiled code takes.
+
+    Attributes:
+        origins: Shape (n, 3) [m].
+        directions: Unit vectors, shape (n, 3).
+        most: Greatest distances, shape (n,) [m].
+        shape: Of the rays as they were given.
+    """
+
+    origins: Array
+    directions: Array
+    most: Array
+    shape: tuple[int, ...]
+
+
+def rays_of(origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.inf) -> Rays:
+    """Return rays as compiled code takes them; see `RayCaster.cast` for arguments and errors."""
     start = as_finite(origins, "origins", (None,) * (np.ndim(origins) - 1) + (3,))
     aim = as_finite(directions, "directions", (None,) * (np.ndim(directions) - 1) + (3,))
     most = np.asarray(maximum, dtype=float)
@@ -163,7 +191,7 @@ def _rays(
     o = np.ascontiguousarray(np.broadcast_to(start, (*shape, 3))).reshape(-1, 3)
     d = np.ascontiguousarray(np.broadcast_to(aim, (*shape, 3))).reshape(-1, 3)
     # Compiled code is made for arrays that may be written to; a copy is cheaper than a second version.
-    return _writable(o), _writable(d), _writable(most), shape
+    return Rays(_writable(o), _writable(d), _writable(most), shape)
 
 
 def _writable(array: Array) -> Array:
@@ -173,7 +201,7 @@ def _writable(array: Array) -> Array:
 def _laid_out(geometries: Sequence[SceneGeometry]) -> Solids:
     kind, size = np.zeros(len(geometries), dtype=np.int64), np.zeros((len(geometries), 3))
     start = np.zeros((len(geometries), 2), dtype=np.int64)
-    trees: dict[int, tuple[int, int]] = {}
+    trees: dict[_Tree, tuple[int, int]] = {}
     boxes, links, parts = [np.empty((0, 6))], [np.empty((0, 2), dtype=np.int64)], [np.empty((0, 9))]
     nodes, count = 0, 0
     for item, geometry in enumerate(geometries):
@@ -181,13 +209,13 @@ def _laid_out(geometries: Sequence[SceneGeometry]) -> Solids:
         if kind[item] not in (TRIANGLES, BALLS):
             continue
         tree = _tree(geometry)
-        if id(tree) not in trees:  # a mesh that several links show is kept once
-            trees[id(tree)] = (nodes, count)
+        if tree not in trees:  # a mesh that several links show is kept once
+            trees[tree] = (nodes, count)
             boxes.append(tree.node_box)
             links.append(tree.node_link)
             parts.append(tree.parts)
             nodes, count = nodes + len(tree.node_box), count + len(tree.parts)
-        start[item] = trees[id(tree)]
+        start[item] = trees[tree]
     return Solids(kind, size, start, np.concatenate(boxes), np.concatenate(links), np.concatenate(parts))
 
 

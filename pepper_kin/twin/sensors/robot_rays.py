@@ -11,7 +11,7 @@ from pepper_kin.collision import AttachedObject, HalfSpace, Scene, SceneObject
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice
-from pepper_kin.twin.sensors.raycast import RayCaster, RayHits
+from pepper_kin.twin.sensors.raycast import RayCaster, RayHits, Rays, rays_of
 
 Array = NDArray[np.float64]
 
@@ -90,21 +90,25 @@ class RobotRays:
             UnknownNameError: for an attached object on a frame that the robot lacks.
         """
         self._place(as_joint_vectors(self.pepper, q, "q"), _EMPTY if scene is None else scene)
-        other = self._world.cast(origins, directions)
-        own = self._robot.cast(origins, directions, other.distance)
-        nearer = (own.solid >= 0)[..., None]
-        color = np.where(nearer, self._own_color(own), self._paint(other, origins, directions))
-        return Sight(
-            np.minimum(own.distance, other.distance), np.where(nearer, own.normal, other.normal), color
-        )
+        rays = rays_of(origins, directions)
+        other = self._world.cast_checked(rays)
+        own = self._robot.cast_checked(rays._replace(most=other.distance))
+        nearer = (own.solid >= 0)[:, None]
+        color = np.where(nearer, self._own_color(own), self._paint(other, rays))
+        normal = np.where(nearer, own.normal, other.normal)
+        shape = rays.shape
+        distance = np.minimum(own.distance, other.distance)
+        return Sight(distance.reshape(shape), normal.reshape(*shape, 3), color.reshape(*shape, 3))
 
     def distances(
         self, q: ArrayLike, scene: Scene | None, origins: ArrayLike, directions: ArrayLike
     ) -> Array:
         """Return only the distances of `look`, inf where nothing is met, shape (...) [m]."""
         self._place(as_joint_vectors(self.pepper, q, "q"), _EMPTY if scene is None else scene)
-        other = self._world.distances(origins, directions)
-        return np.minimum(other, self._robot.distances(origins, directions, other))
+        rays = rays_of(origins, directions)
+        other = self._world.distances_checked(rays)
+        own = self._robot.distances_checked(rays._replace(most=other))
+        return np.minimum(own, other).reshape(rays.shape)
 
     def _place(self, q: Array, scene: Scene) -> None:
         moved = self._q is None or not np.array_equal(q, self._q)
@@ -135,7 +139,7 @@ class RobotRays:
             return np.zeros((*hits.solid.shape, 3))
         return np.asarray(self._colors[hits.solid])
 
-    def _paint(self, hits: RayHits, origins: ArrayLike, directions: ArrayLike) -> Array:
+    def _paint(self, hits: RayHits, rays: Rays) -> Array:
         """Return the colours of what the world shows, with tiles on the floor."""
         if not len(self._world_colors):
             return np.zeros((*hits.solid.shape, 3))
@@ -143,10 +147,8 @@ class RobotRays:
         if not self.floor:
             return color
         on_floor = hits.solid == len(self._world_colors) - 1
-        aim = np.asarray(directions, dtype=float)
-        aim = aim / np.linalg.norm(aim, axis=-1, keepdims=True)
         far = np.where(on_floor, hits.distance, 0.0)
-        place = (np.asarray(origins, dtype=float) + far[..., None] * aim)[..., :2]
+        place = rays.origins[:, :2] + far[:, None] * rays.directions[:, :2]
         dark = on_floor & (np.floor(place / _TILE).sum(axis=-1) % 2 == 1)
         color[dark] = _FLOOR_COLORS[1]
         return color
