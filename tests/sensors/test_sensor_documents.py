@@ -1,27 +1,12 @@
-"""What the documents about sensors and base show runs; so does the example."""
+"""The page about sensors names all of them; the example passes its own check."""
 
-import re
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from pepper_kin.twin.sensors import sensor_specifications
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.mark.parametrize("document", ["sensors", "base"])
-def test_documents_run(document):
-    text = (ROOT / "docs" / f"{document}.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(blocks) >= 2
-    names = {}
-    for block in blocks:
-        exec(compile(block, document, "exec"), names)
-    if document == "base":
-        assert names["run"].status in ("rocked", "tipped", "fallen")
 
 
 def test_the_page_names_every_sensor_with_its_rate():
