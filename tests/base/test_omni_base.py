@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
 from pepper_kin.twin.base import (
     BaseController,
     BaseGeometry,
@@ -227,5 +227,9 @@ def test_misuse_is_named(base):
         OmniBase(parallel)
     with pytest.raises(InvalidValueError, match="base"):
         OmniBase("pepper")
+    urdf = """<robot name="arm"><link name="a"/><link name="b"/><joint name="j" type="continuous">
+        <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+    with pytest.raises(UnknownNameError, match="WheelFL_link"):
+        OmniBase(pk.load_robot(urdf))
     with pytest.raises(InvalidValueError, match="yaw"):
         world_velocity((0, 0, 0), np.nan)

@@ -24,7 +24,7 @@ class OmniBase:
     which is one row of the map from twists to wheel speeds w.
 
     Args:
-        base: Pepper, for its wheels, or the geometry of another base.
+        base: Pepper, for its wheels, or the geometry of another base; Pepper's by default.
 
     Attributes:
         geometry: The wheels.
@@ -32,6 +32,7 @@ class OmniBase:
 
     Raises:
         InvalidValueError: for anything else.
+        UnknownNameError: for a robot without Pepper's wheels.
         ModelError: for wheels that leave some motion of the base undetermined.
     """
 
@@ -39,6 +40,9 @@ class OmniBase:
         if not (base is None or isinstance(base, PepperModel | BaseGeometry)):
             raise InvalidValueError("base", type(base).__name__, "a robot, a BaseGeometry or None")
         self.geometry = base if isinstance(base, BaseGeometry) else pepper_base()
+        if isinstance(base, PepperModel):  # a robot without these wheels is not Pepper
+            for name in self.geometry.wheel_names:
+                base.frame_id(f"{name}_link")
         (x, y), (ax, ay) = self.geometry.contacts.T, self.geometry.axles.T
         rows = np.column_stack([ay, -ax, -y * ay - x * ax]) / self.geometry.wheel_radius
         if np.linalg.matrix_rank(rows, tol=1e-9 * np.abs(rows).max()) < 3:
