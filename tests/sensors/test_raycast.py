@@ -157,6 +157,24 @@ def test_a_mesh_file_is_hit_like_its_triangles(tmp_path):
     np.testing.assert_allclose(caster.distances([[1, 1, 1], [6, 1, 1]], [-1, -1, -1]), 5 / 6 * np.sqrt(3))
 
 
+def test_rays_along_the_axes_meet_corners_and_edges():
+    """Exactly through the corners of a mesh, also at its outline, where they run along faces of the trees."""
+    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
+    vertices = np.column_stack([x.ravel(), y.ravel(), 0.1 * np.sin(3 * x + y).ravel()])
+    at = np.arange(81).reshape(9, 9)
+    faces = np.concatenate(
+        [
+            np.column_stack([at[:-1, :-1].ravel(), at[:-1, 1:].ravel(), at[1:, 1:].ravel()]),
+            np.column_stack([at[:-1, :-1].ravel(), at[1:, 1:].ravel(), at[1:, :-1].ravel()]),
+        ]
+    )
+    caster = RayCaster([TriangleMesh(vertices, faces)], np.eye(4)[None])
+    for side in (1.0, -1.0):
+        origins = vertices * [1, 1, 0] + [0, 0, 2 * side]
+        found = caster.distances(origins, [0, 0, -side])
+        np.testing.assert_allclose(found, 2 - side * vertices[:, 2], atol=1e-12)
+
+
 def test_tree_holds_everything_once_and_stays_shallow():
     rng = np.random.default_rng(2)
     middle = np.concatenate([0.5 ** np.arange(400.0)[:, None] * [1, 1, 1], np.zeros((300, 3))])
@@ -173,7 +191,7 @@ def test_tree_holds_everything_once_and_stays_shallow():
                 assert (node_box[child, 3:] <= node_box[node, 3:]).all()
         else:
             inside = boxes[order[first : first + count]]
-            np.testing.assert_array_equal(node_box[node, :3], inside[:, :3].min(axis=0))
+            np.testing.assert_allclose(node_box[node, :3], inside[:, :3].min(axis=0), atol=1e-11)
             assert count <= 3
     assert depth.max() < DEPTH
 

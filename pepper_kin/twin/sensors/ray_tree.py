@@ -13,6 +13,7 @@ DEPTH = 128
 """No tree is deeper: room for a traversal's stack."""
 _MEDIAN_BELOW = 48  # beyond this depth halves are equal in number, so that at most 64 levels follow
 _BINS = 12
+_HAIR = 1e-12  # [m], and of the coordinates
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -56,7 +57,7 @@ def build_tree(boxes: Array, leaf: int) -> tuple[Array, Indices, Indices]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _enclose(boxes: Array, order: Indices, first: int, number: int, out: Array) -> None:
-    """Write the box around some things."""
+    """Write the box around some things, a hair wider: a ray along a face of it goes through it."""
     for axis in range(3):
         out[axis], out[axis + 3] = np.inf, -np.inf
     for place in range(first, first + number):
@@ -64,6 +65,9 @@ def _enclose(boxes: Array, order: Indices, first: int, number: int, out: Array) 
         for axis in range(3):
             out[axis] = min(out[axis], boxes[thing, axis])
             out[axis + 3] = max(out[axis + 3], boxes[thing, axis + 3])
+    for axis in range(3):
+        out[axis] -= _HAIR * (1.0 + abs(out[axis]))
+        out[axis + 3] += _HAIR * (1.0 + abs(out[axis + 3]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
