@@ -178,6 +178,35 @@ def test_a_ball_presses_the_bumper_that_it_touches(pepper):
     assert pressed(scene.add_box("wall", (0.1, 1, 1), (-0.30, 0, 0.5)), 3.0) == [False, False, True]
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["head_touch_front", "head_touch_middle", "head_touch_rear", "left_hand_touch", "right_hand_touch"],
+)
+def test_a_ball_that_rests_on_the_body_touches_the_pad_under_it(pepper, name):
+    """The ball lies on the body's collision shapes, over the pad, as a world with contacts would hold it."""
+    q = pepper.joint_vector({"HeadYaw": 0.3, "LElbowYaw": -0.6, "RElbowYaw": 0.6})
+    frame = sensor_specifications()[name].frame
+    pose = pk.kinematics.frame_pose(pepper, q, frame)
+    outward = pose[:3, 0 if "hand" in name else 2]  # the pads' axes as the URDF turns them
+    radius = 0.03
+
+    def ball(away):
+        return pk.Scene().add_sphere("ball", radius, pose[:3, 3] + (radius + away) * outward)
+
+    def in_the_body(scene):
+        touching = pk.collision.contacts(pepper, q, scene)
+        return any("ball" in contact.names and contact.distance < -1e-4 for contact in touching)
+
+    away = 0.0
+    while in_the_body(ball(away)):
+        away += 0.0005
+    assert away < 0.02
+    touched = SensorSuite(pepper).read(0.0, q, scene=ball(away))
+    assert touched[name].value
+    above = SensorSuite(pepper).read(0.0, q, scene=ball(away + 0.02))
+    assert not any(reading.value for other, reading in above.items() if "touch" in other)
+
+
 def test_contacts_press_what_they_lie_on(pepper):
     suite = SensorSuite(pepper, sensors=["head_touch_front", "head_touch_rear", "left_hand_touch"])
     q = pepper.joint_vector({"HeadYaw": 0.7})
