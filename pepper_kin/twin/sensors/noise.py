@@ -30,7 +30,7 @@ class SensorNoise:
     def __init__(self, specification: SensorSpecification, seed: int) -> None:
         self.specification = specification
         words = np.random.SeedSequence([seed, zlib.crc32(specification.name.encode())])
-        self._key = words.generate_state(2, np.uint64)
+        self._key = words.generate_state(2, np.uint64).astype(np.uint64)
         self._biases: dict[tuple[int, ...], Array] = {}
         self._source = np.random.Philox(key=self._key)
         self._random = np.random.Generator(self._source)
