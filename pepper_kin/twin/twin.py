@@ -17,6 +17,7 @@ from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
 from pepper_kin.twin.integrator import Integrator, Series
 from pepper_kin.twin.push import Push
+from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
 from pepper_kin.twin.state import TwinState, diverged
 
@@ -68,7 +69,7 @@ class Twin:
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
         self.world, self.sensors = world, sensors
-        self.substeps = _count(substeps)
+        self.substeps = whole_number("substeps", substeps)
         Integrator(pepper, timestep, self.actuators)  # refuses what is wrong by the names given here
         self._timestep = float(timestep)
         self.compiled = bool(compiled)
@@ -222,22 +223,9 @@ class Twin:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        if trajectory.joint_names != self.pepper.joint_names:
-            raise InvalidValueError(
-                "joints of the trajectory",
-                ", ".join(trajectory.joint_names),
-                ", ".join(self.pepper.joint_names),
-            )
-        if not (np.isfinite(settle) and settle >= 0):
-            raise InvalidValueError("settle", settle, "a finite time of at least 0 s")
+        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
         if not from_present:
-            start = trajectory(0.0)
-            self.reset(start.position, start.velocity)
-        steps = int(np.ceil((trajectory.duration + settle) / self.timestep - 1e-9))
-        time: Array = self.timestep * np.arange(steps + 1, dtype=float)
-        position, velocity, acceleration = trajectory(np.minimum(time, trajectory.duration))
-        after = time > trajectory.duration
-        velocity[after], acceleration[after] = 0.0, 0.0
+            self.reset(position[0], velocity[0])
         given = self._given(position, velocity, acceleration, np.zeros(self.pepper.n))
         return self._follow(Command(position, velocity, given))
 
@@ -440,7 +428,12 @@ class Twin:
         return series
 
 
-def _count(substeps: int) -> int:
-    if isinstance(substeps, bool) or not isinstance(substeps, (int, np.integer)) or substeps < 1:
-        raise InvalidValueError("substeps", repr(substeps), "an integer of at least 1")
-    return int(substeps)
+def whole_number(quantity: str, value: int) -> int:
+    """Return a number if it is an integer of at least 1.
+
+    Raises:
+        InvalidValueError: otherwise.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InvalidValueError(quantity, repr(value), "an integer of at least 1")
+    return int(value)

@@ -32,12 +32,15 @@ class Rolled(NamedTuple):
     """What robots did.
 
     Attributes:
-        position: Every so many steps [rad or m], shape (N, rows, n).
+        position: At the start and every so many steps [rad or m], shape (N, rows, n).  Where a robot has
+            stopped, the next row is the state that diverged, and the rest is of no use; there is one such row
+            too many where the steps do not divide evenly.
         velocity: The same [rad/s or m/s].
-        torque: The same [N m or N].
+        torque: The same [N m or N]; the first row is of no use.
         good: Number of good steps of each robot, shape (N,).
         last_position: Of the last good state [rad or m], shape (N, n).
         last_velocity: The same [rad/s or m/s], shape (N, n).
+        last_torque: In the last step [N m or N], shape (N, n); of no use where a robot has stopped.
     """
 
     position: Array
@@ -46,6 +49,7 @@ class Rolled(NamedTuple):
     good: NDArray[np.int64]
     last_position: Array
     last_velocity: Array
+    last_torque: Array
 
 
 class Engine:
@@ -104,7 +108,8 @@ class Engine:
         told = (*command, load)
         inputs = Inputs(*(values[np.newaxis] for values in told))
         rolled = self.run(q[np.newaxis], v[np.newaxis], inputs, steps)
-        return Series(rolled.position[0], rolled.velocity[0], rolled.torque[0], int(rolled.good[0]))
+        position, velocity, torque = (x[0, 1:] for x in (rolled.position, rolled.velocity, rolled.torque))
+        return Series(position, velocity, torque, int(rolled.good[0]))
 
     def run(
         self, q: Array, v: Array, inputs: Inputs, steps: int, *, every: int = 1, threads: int = 1
@@ -120,13 +125,13 @@ class Engine:
             threads: Number of threads; the result does not depend on it.
 
         Returns:
-            The states after every so many steps; rows after a robot has stopped are NaN, but for the one
-            that shows why.
+            The states.
         """
-        shape = (self.robots, steps // every, self._n)
-        position, velocity, torque = (np.full(shape, np.nan) for _ in range(3))
+        shape = (self.robots, 1 - (-steps // every), self._n)
+        position, velocity, torque = (np.empty(shape) for _ in range(3))
+        position[:, 0], velocity[:, 0] = q, v
         log = Log(position, velocity, torque, np.full(self.robots, steps, dtype=np.int64))
-        state = np.stack([self._blocks(q), self._blocks(v)])
+        state = np.stack([self._blocks(x) for x in (q, v, np.full_like(q, np.nan))])
         told = Inputs(*(self._spread(x) for x in inputs))
         weight = self._lanes * _WEIGHT
 
@@ -139,7 +144,7 @@ class Engine:
         if len(roll.signatures) > known and time.perf_counter() - begin > _SLOW + 1e-5 * steps:
             duration = time.perf_counter() - begin
             _logger.warning("compiled the twin, once on this machine, in %.1f s", duration)
-        return Rolled(position, velocity, torque, log.good, self._robots(state[0]), self._robots(state[1]))
+        return Rolled(position, velocity, torque, log.good, *(self._robots(x) for x in state))
 
     def _spread(self, values: Array) -> Array:
         """Return values for all robots in the order of elements; others as they are."""

@@ -45,7 +45,8 @@ class Log(NamedTuple):
     """What robots did.
 
     Attributes:
-        position: After every `every`-th step, shape (robots, T // every, n).
+        position: At the start and after every `every`-th step, and in the row after the last good one the
+            state that diverged, shape (robots, 1 + ceil(T / every), n).
         velocity: The same.
         torque: The same.
         good: Number of good steps of each robot, shape (robots,).
@@ -79,7 +80,7 @@ def roll(
         constant: What does not change in the step kernel's input, shape (blocks, .).
         room: Arrays to write to.
         inputs: What robots are told.
-        state: Position and velocity, shape (2, blocks, m); the result too.
+        state: Position, velocity and torque, shape (3, blocks, m); the result too.
         log: What to write.
     """
     steps, every, lanes, first, last = span
@@ -89,6 +90,7 @@ def roll(
         given[:m], given[m : 2 * m] = state[0, b], state[1, b]
         given[CONSTANT * m :] = constant[b]
         room.flags[ALIVE] = True
+        left = lanes
         for k in range(steps):
             _tell(b, k, lanes, law[b], given, inputs)
             call_kernel(addresses[0], given.ctypes.data, result.ctypes.data, room.work.ctypes.data)
@@ -97,13 +99,17 @@ def roll(
                 calm = calm and result[strange + lane] <= 0.0
             if not calm:
                 settle(h, addresses[1], lanes, law[b], room)
-                if not _survey(b, k, every, lanes, room, log):
+            if not calm or left < lanes:
+                left = _survey(b, k, every, lanes, room, log)
+                if left == 0:
                     break
             for e in range(2 * m):
                 given[e] = result[e]
             if (k + 1) % every == 0:
-                _write(b, k // every, lanes, room, log)
+                _write(b, (k + 1) // every, lanes, room, log)
         state[0, b], state[1, b] = given[:m], given[m : 2 * m]
+        if steps > 0:
+            state[2, b] = result[TORQUE * m : TORQUE * m + m]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -139,10 +145,10 @@ def _spread(b: int, k: int, lanes: int, values: Array, target: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _survey(b: int, k: int, every: int, lanes: int, room: Room, log: Log) -> bool:
-    """Stop robots whose new state is absurd; the result tells whether any robot is left."""
+def _survey(b: int, k: int, every: int, lanes: int, room: Room, log: Log) -> int:
+    """Stop robots whose new state is absurd, and return how many of the block's are left."""
     m, result, alive = room.answer.size, room.result, room.flags[ALIVE]
-    left = False
+    left = 0
     for lane in range(lanes):
         if alive[lane]:
             for e in range(lane, m, lanes):
@@ -151,10 +157,9 @@ def _survey(b: int, k: int, every: int, lanes: int, room: Room, log: Log) -> boo
             robot = b * lanes + lane
             if not alive[lane] and robot < log.good.size:
                 log.good[robot] = k
-                if k // every < log.position.shape[1]:
-                    _write_lane(robot, lane, k // every, lanes, room, log)
+                _write_lane(robot, lane, 1 + k // every, lanes, room, log)
         if alive[lane]:
-            left = True
+            left += 1
         else:  # it stays where it was last seen well
             for e in range(lane, 2 * m, lanes):
                 result[e] = room.given[e]
