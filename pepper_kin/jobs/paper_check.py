@@ -126,7 +126,7 @@ def check_paper(pepper: PepperModel | None = None, *, seed: int = 0) -> PaperChe
     pepper = load_pepper() if pepper is None else pepper
     movements = []
     for name in GESTURES:
-        twin = Twin(pepper)
+        twin = Twin(pepper, compiled=False)
         fast = replay(pepper, name, twin=twin)
         calm = replay(pepper, name, twin=twin, duration=ITERATIONS * PERIOD)
         movements.append(MovementCheck(fast, calm, _measured(pepper, calm, seed)))
