@@ -100,3 +100,27 @@ def paper(
             print(f"wrote {path}", file=sys.stderr)
     if not found.ok:
         raise typer.Exit(FAILED)
+
+
+@app.command()
+def physics(
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the files.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the free swing's start.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Run the twin beside MuJoCo: free swing, step responses, a gesture, a push (needs mujoco).
+
+    Example: pepper-kin check physics -o validation
+    """
+    from pepper_kin.atomic_file import write_bytes
+    from pepper_kin.jobs import check_physics
+
+    found = check_physics(seed=seed)
+    numbers = json.dumps(found.as_dict(), indent=2)
+    print(numbers if as_json else found.report())
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        for name, text in (("physics.txt", found.report()), ("physics.json", numbers)):
+            print(f"wrote {write_bytes(output / name, (text + chr(10)).encode())}", file=sys.stderr)
+    if not found.ok:
+        raise typer.Exit(FAILED)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, write_library_gesture
     from pepper_kin.jobs.paper_check import PaperCheck, check_paper
     from pepper_kin.jobs.paper_files import write_paper_check
+    from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
     from pepper_kin.jobs.reaching import ReachOutcome, reach
     from pepper_kin.jobs.result_files import write_gesture, write_outcome
 
@@ -25,9 +26,11 @@ _MODULES = {
     "DynamicsCheckRow": "dynamics_check",
     "MadeGesture": "gesture_job",
     "PaperCheck": "paper_check",
+    "PhysicsCheck": "physics_check",
     "ReachOutcome": "reaching",
     "check_dynamics": "dynamics_checking",
     "check_paper": "paper_check",
+    "check_physics": "physics_check",
     "demo_scene": "demo",
     "make_gesture": "gesture_job",
     "reach": "reaching",
@@ -44,9 +47,11 @@ __all__ = [
     "DynamicsCheckRow",
     "MadeGesture",
     "PaperCheck",
+    "PhysicsCheck",
     "ReachOutcome",
     "check_dynamics",
     "check_paper",
+    "check_physics",
     "demo_scene",
     "make_gesture",
     "reach",

@@ -72,7 +72,9 @@ def test_saturated_servos_and_stops_are_alike(h):
 def test_modes_with_friction_and_loads_are_alike(mode):
     robot = pk.load_pepper()
     load = 0.3 * np.random.default_rng(3).normal(size=(80, 15))
-    weak = actuator_parameters(robot, "motor").changed(mode={"LElbowYaw": mode, "HeadYaw": mode}, strength=0.7)
+    weak = actuator_parameters(robot, "motor").changed(
+        mode={"LElbowYaw": mode, "HeadYaw": mode}, strength=0.7
+    )
     fast, slow = both(robot, 80, load=load, actuators=weak, feedforward="gravity")
     agree(fast, slow)
 
