@@ -41,7 +41,6 @@ _is_chosen = njit(inline="always")(is_chosen)
 
 # What `answers` holds after q and the squared errors.
 STATUS, ITERATIONS, RESTARTS = 0, 1, 2
-EXTRA = 3
 
 SOLVED, UNREACHABLE, LIMITS = 0.0, 1.0, 2.0
 
