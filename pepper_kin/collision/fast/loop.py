@@ -46,12 +46,12 @@ from pepper_kin.collision.fast.layout import (
 from pepper_kin.collision.fast.layout import (
     FREE as MOVING,
 )
-from pepper_kin.collision.fast.native import call_kernel
 from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, WIDEST
 from pepper_kin.collision.fast.settle import settle
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.tables import violations
 from pepper_kin.collision.fast.world import WORDS, check_world
+from pepper_kin.kernels.native import call_kernel
 
 _logger = logging.getLogger(__name__)
 
