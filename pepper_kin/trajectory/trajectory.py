@@ -15,6 +15,8 @@ from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.binding import Binding
     from pepper_kin.trajectory.certificate import Certificate
@@ -341,6 +343,12 @@ class Trajectory:
         from pepper_kin.trajectory.check import check
 
         return check(pepper, self, scene=scene, **limits)
+
+    def plot(self, pepper: PepperModel, path: str | Path | None = None, **options: Any) -> Any:
+        """Draw it against the limits, and the phase plane; see `pepper_kin.trajectory.plot`."""
+        from pepper_kin.trajectory.plot import plot
+
+        return plot(self, pepper, path, **options)
 
     def _places(self, t: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """Return piece and local time of times; see `_within`."""
