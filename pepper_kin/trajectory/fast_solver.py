@@ -109,9 +109,10 @@ def fast_time_law(
         stretch = _stretched(task, x, stretch, found[3:])
     elif found[0] != NO_SPEED:
         slow = _WithoutRest(task)
-        x, stretch = slow.solve(), 1.0
-        if x is None:
+        alone = slow.solve()
+        if alone is None:
             return FastResult(None, None, slow.failed_at)
+        x, stretch = alone, 1.0
     if found[0] == NO_SPEED or not np.isfinite(stretch):
         return FastResult(None, None, 0.0)
     time, powers = polynomials(task.taylor, task.step, x, stretch)
