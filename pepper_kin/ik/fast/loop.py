@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +31,6 @@ from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT
 from pepper_kin.ik.tasks.task import Array
 
 _logger = logging.getLogger(__name__)
-_BEGIN = time.perf_counter()
-_SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
 
 NEAR, FAR = REACH
 NEAR_STARTS = len(REACH)
@@ -331,5 +328,5 @@ def descend_row(
     return iterations
 
 
-if time.perf_counter() - _BEGIN > _SLOW:
+if descend_row.stats.cache_misses:
     _logger.warning("compiled the fast IK solver, once on this machine; from now on it is loaded from disk")
