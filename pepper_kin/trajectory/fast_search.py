@@ -35,11 +35,11 @@ def coefficient_states(at: Array, room: Array) -> Array:
     """
     count, n = at.shape[1], at.shape[2]
     states = room[: 9 * count * n].reshape((3, 3 * count, n))
-    states[1:] = 0.0
     for k in range(count):
         for j in range(n):
             for part in range(3):
                 states[0, part * count + k, j] = at[0, k, j]
+            states[1, k, j] = states[1, count + k, j] = states[2, k, j] = 0.0
             states[2, count + k, j] = at[1, k, j]
             states[1, 2 * count + k, j] = at[1, k, j]
             states[2, 2 * count + k, j] = at[2, k, j]
@@ -51,7 +51,9 @@ def frame_states(at: Array, taylor: Array, step: Array) -> Array:
     """Return q and q' at the nodes, then in the middle of the intervals, shape (2, M + N, n)."""
     count, n = at.shape[1], at.shape[2]
     states = np.empty((2, count + step.size, n))
-    states[:, :count] = at[:2]
+    for k in range(count):
+        for j in range(n):
+            states[0, k, j], states[1, k, j] = at[0, k, j], at[1, k, j]
     for i in range(step.size):
         d = step[i] / 2
         for j in range(n):
@@ -103,10 +105,9 @@ def search(
     x_most = speed_bound(at, first, velocity, frame_speed, greatest)
     rows = a.shape[1]
     x, best = np.zeros(size + 1), np.zeros(size + 1)
-    rest = c[:, n:]
-    for k in range(rest.shape[0]):
-        for r in range(rest.shape[1]):
-            if not low[0, n + r] <= rest[k, r] <= high[0, n + r]:
+    for k in range(c.shape[0]):
+        for r in range(n, rows):
+            if not low[0, r] <= c[k, r] <= high[0, r]:
                 return CANNOT_REST, x, 1.0, a, b, c, np.zeros((3, 0, 0))
     lines = room[: lines_size(size, rows)].reshape((size, 3, 2 * rows + 1))
     span = np.empty((size, 3))
@@ -116,14 +117,16 @@ def search(
     for _ in range(_ROUNDS):
         if repeat_passes(step, first, a, b, c, low, high, x_most, changed, lines, span, reach, x) >= 0:
             break
-        changed[:] = False
+        for i in range(size):
+            changed[i] = False
         slower = inspect_joints(taylor, step, x, velocity, acceleration, low, high, x_most, _LEAST, changed)
         slower = max(slower, _inspect_frames(step, first, x, frame_speed, frame_middle, x_most, changed))
         needed = max(slower, _inspect_middles(step, x, middle, torque_limit, n, low, high, changed))
         duration = times(step, x)[size] * needed
         if duration < shortest:
             shortest, stretch = duration, slower
-            best[:] = x
+            for i in range(size + 1):
+                best[i] = x[i]
         if needed <= 1.0 + _SMALL_STRETCH:
             break
     return (FOUND if shortest < np.inf else NO_SPEED), best, stretch, a, b, c, middle
@@ -255,7 +258,10 @@ def near_limits(
     count = int(np.ceil(t[size] * stretch / dt)) + 1
     interval, local = np.empty(count, np.int64), np.empty(count)
     kept, k, square = 0, 0, stretch * stretch
-    scale = np.abs(c[:, n + begin : n + begin + limit.size]).max()
+    scale = 0.0
+    for node in range(c.shape[0]):
+        for j in range(n + begin, n + begin + limit.size):
+            scale = max(scale, abs(c[node, j]))
     for i in range(size):
         near = _is_near(i, step[i], first[i], a, b, c, middle, limit, x, square, begin, scale)
         end = t[i + 1] if i < size - 1 else np.inf
@@ -267,8 +273,7 @@ def near_limits(
                 interval[kept], local[kept] = i, time - t[i]
                 kept += 1
             k += 1
-    interval, local = interval[:kept].copy(), local[:kept].copy()
-    return interval, motion(taylor, step, x, interval, local, stretch)
+    return interval[:kept], motion(taylor, step, x, interval[:kept], local[:kept], stretch)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
