@@ -203,7 +203,8 @@ class Twin:
         if series.good < 1:
             after = (series.position[0], series.velocity[0], series.torque[0])
             step = self._step + 1
-            raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
+            wanted = self._integrator.wanted_torque(self._q, *command)
+            raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
         return self.state
 
     def execute(self, trajectory: Trajectory, settle: float = 0.0, *, from_present: bool = False) -> Run:
@@ -294,7 +295,8 @@ class Twin:
             step = first + count
             before = (logged[0][count - 1], logged[1][count - 1])
             after = (logged[0][count], logged[1][count], logged[2][count])
-            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
+            wanted = self._integrator.wanted_torque(self._q, *command.row(count))
+            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
             status, message = STOPPED, str(error)
         part = slice(count)
         return Run(
