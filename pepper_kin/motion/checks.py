@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.validity import TORQUE_SHARE, validity
+from pepper_kin.motion.validity import TORQUE_SHARE, holds, validity
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,10 @@ class Checks:
 
             return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
         return ~checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
+
+    def holds(self, q: Array) -> NDArray[np.bool_]:
+        """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""
+        return holds(self.pepper, q)
 
     def oracle(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float], *, for_edges: bool

@@ -13,7 +13,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.ends import fault_of, free_joints, goals_of
+from pepper_kin.motion.ends import fault_of_start, free_joints, goals_of
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import checked_start, path_problem
 from pepper_kin.motion.search import find_path
@@ -70,7 +70,7 @@ def plan(
     checks = Checks(pepper, scene, bool(compiled))
     begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
     ended = Ending(pepper, begin, seed, planner)
-    fault = fault_of(checks.exact, q_start, "start")
+    fault = fault_of_start(checks, q_start)
     if fault is not None:
         return ended(*fault)
     goals, ik, fault = goals_of(checks, q_start, goal, joints, margin, seed, timeout)
@@ -79,12 +79,12 @@ def plan(
     free = free_joints(pepper, joints, q_start, goals)
     if free.size == 0:
         return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", ik=ik)
-    problem, relaxed, embed = path_problem(checks, q_start, goals, free, margin)
+    room = path_problem(checks, q_start, goals, free, margin)
     left = max(timeout - (time.perf_counter() - begin), 1e-3)
-    result = find_path(problem, planner, seed=seed, timeout=left, compare=ik is not None)
+    result = find_path(room.problem, planner, seed=seed, timeout=left, compare=ik is not None)
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
-    path = waypoints_of(pepper, problem, relaxed, result.path, embed, seed=seed, timeout=timeout)
+    path = waypoints_of(room, result.path, seed=seed, timeout=timeout)
     message = f"Path of {len(path)} way-points."
     return ended.solved(checks.exact, path, message, ik=ik, states_checked=result.states_checked)

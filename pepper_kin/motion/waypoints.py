@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from pepper_kin import planners
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
+from pepper_kin.motion.problem import PathProblem
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 _PIECES = 6
+_ROUNDED = (6, 12, 24, 48)  # pieces of a path that is rounded everywhere alike
 _MOST_WAYPOINTS = 400
 _SHORTCUTS = 80
 
@@ -20,40 +22,34 @@ _SHORTCUTS = 80
 _FINER, _FINER_INTERPRETED = 20.0, 1.5
 
 
-def waypoints_of(
-    pepper: PepperModel,
-    problem: planners.Problem,
-    relaxed: planners.Problem,
-    path: planners.Path,
-    embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    *,
-    seed: int,
-    timeout: float,
-) -> NDArray[np.float64]:
+def waypoints_of(room: PathProblem, path: planners.Path, *, seed: int, timeout: float) -> NDArray[np.float64]:
     """Shorten and smooth a polyline, and return way-points for `retime`.
 
     `retime` draws a spline through way-points; so the spline itself is checked here, and way-points are added
     until it is valid everywhere at the problem's resolution.
 
     Args:
-        pepper: The robot.
-        problem: The planning problem, of the joints that move.
-        relaxed: The same with half the margin: a curve that rounds the corners of a path along the margin's
-            edge needs a little room beside it.
+        room: The planning problem, of the joints that move.
         path: A valid polyline of those joints.
-        embed: From states of the moving joints, shape (m, k), to whole configurations, shape (m, n).
         seed: Seed of short-cutting.
         timeout: Time budget of short-cutting [s].
 
     Returns:
         Way-points, shape (m, n) [rad or m]; the polyline's own ends come first and last.
     """
-    compiled = isinstance(problem.oracle, planners.CompiledValidity)
+    problem, checks = room.problem, room.checks
+    pepper, embed = checks.pepper, room.embed
+    compiled = checks.compiled
     # Machine code looks at the final curve far more closely, so that short-cuts need not be.
     fine = problem.spacing if compiled else problem.spacing / 4
     short = planners.shortcut(
         problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=fine
     )
+    if compiled:
+        quick = _rounded(room, short)
+        if quick is not None:
+            return quick
+    relaxed = room.relaxed
     for candidate in (short, path):
         try:
             curve = planners.smooth(relaxed, candidate, spacing=candidate.length / _PIECES)
@@ -64,6 +60,21 @@ def waypoints_of(
             return found
     # A polyline with no room to round its corners: way-points so dense that their spline follows it.
     return embed(short.resample(problem.spacing).points)
+
+
+def _rounded(room: PathProblem, path: planners.Path) -> NDArray[np.float64] | None:
+    """Return few way-points along a rounded path whose spline is clear; None where none are."""
+    from pepper_kin.motion.examination import is_clear
+    from pepper_kin.motion.native_curve import rounded_waypoints
+    from pepper_kin.trajectory.fast_solver import quick_spline
+
+    polyline, lengths = np.array(path.points), np.array(path.arc_lengths)
+    for pieces in _ROUNDED:
+        points = room.embed(rounded_waypoints(polyline, lengths, pieces))
+        spline = quick_spline(room.checks.pepper, points)
+        if spline is not None and is_clear(room.checks, *spline, room.reach, room.relaxed_margins):
+            return points
+    return None
 
 
 def _interpolated(
