@@ -18,7 +18,7 @@ from pepper_kin.collision.checker import LEVER, CollisionChecker
 from pepper_kin.collision.fast import layout as at
 from pepper_kin.collision.fast.expression import SLACK, pair_bounds, reaches, solid_poses, sphere_centers
 from pepper_kin.collision.fast.levers import moved_by
-from pepper_kin.collision.fast.options import LANES, ROOM
+from pepper_kin.collision.fast.options import LANES, POSE_LANES, ROOM
 from pepper_kin.collision.fast.solids import OTHER, Array, Solid
 from pepper_kin.collision.fast.structure import Structure, ball, coarse, group_spheres, structure_of
 from pepper_kin.collision.fast.tables import pack_tables
@@ -133,6 +133,7 @@ def _numbers(checker: CollisionChecker, structure: Structure, kernels: _Kernels)
     numbers[at.SELF_MARGIN], numbers[at.MARGIN] = checker.self_margin, checker.margin
     for place, one in kernels.by_place.items():
         numbers[place] = one.single_address if place == at.POSE_KERNEL else one.block_address
+    numbers[at.POSE_LANES_KERNEL] = kernels.by_place[at.POSE_KERNEL].block_address
     return numbers
 
 
@@ -176,6 +177,7 @@ def _room(pepper: PepperModel, structure: Structure, kernels: _Kernels) -> dict[
     classes, work = len(structure.classes), max(one.work_size for one in kernels.all)
     gravity_work = kernel(pepper, "gravity_torque").work_size  # compiled validity asks it too
     points = len(kernels.balls) + sum(len(s.outer) for s in kernels.spheres)
+    posed = 12 * len(structure.solids) * POSE_LANES
     poses = [np.zeros(12 * len(structure.solids)), *(_pose(s) for s in structure.objects)]
     return {
         at.POSES: np.concatenate(poses),
@@ -186,7 +188,7 @@ def _room(pepper: PepperModel, structure: Structure, kernels: _Kernels) -> dict[
         at.QUEUE: np.zeros(ROOM * (classes + 1)),
         at.QUEUE_LENGTH: np.zeros(classes),
         at.LANES_IN: np.zeros((n + 1) * LANES),
-        at.LANES_OUT: np.zeros((2 * classes + 3 * points + n) * LANES),
+        at.LANES_OUT: np.zeros(max((2 * classes + 3 * points + n) * LANES, posed)),
         at.LANES_WORK: np.zeros(work),
         at.WORLD: np.zeros((points + 2) * LANES),
         at.SINGLE_WORK: np.zeros(max(work, gravity_work)),
