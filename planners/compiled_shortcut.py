@@ -13,9 +13,6 @@ from .problem import Problem
 from .shortcut import FLAT
 from .vectors import FloatArray
 
-LEAST_GAIN = 1e-5
-"""Of the length: less is not worth asking the oracle for."""
-
 _STREAM = 1
 _SPARE = 32
 
@@ -28,6 +25,7 @@ def shorten_compiled(
     seed: int,
     iterations: int,
     resolution: float,
+    least_gain: float,
 ) -> FloatArray:
     """Return a shorter polyline; see `shortcut` for the method and the arguments."""
     world, n = world_of(problem, oracle, resolution), problem.n
@@ -41,7 +39,7 @@ def shorten_compiled(
             room[:size] = points[:size]
             points = room
         ended = native.shorten(
-            world, CLOCK, deadline.piece, LEAST_GAIN, FLAT, key, iterations, points, np.empty_like(points),
+            world, CLOCK, deadline.piece, least_gain, FLAT, key, iterations, points, np.empty_like(points),
             np.empty((2, len(points))), rows, counters,
         )  # fmt: skip
     return points[: counters[native.SIZE]].copy()

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from pepper_kin import planners
 
 ITERATIONS_TO_COMPARE = 300
 """Samples for the path to each further goal, once there is a path to one."""
 
-SHORTCUTS_TO_COMPARE = 30
-"""Short-cuts before paths to different goals are compared."""
+MOST_COMPARED = 1
+"""Further goals to which paths are searched, nearest first."""
+
+SHORTCUTS_TO_COMPARE = 40
+"""Short-cuts tried before paths to different goals are compared."""
+
+GAIN_TO_COMPARE = 0.02
+"""Part of the length that each of them has to save."""
 
 
 def find_path(
@@ -34,13 +42,11 @@ def find_path(
         return first
     best, shortest = first, _shortened(problem, first.path, seed)
     checked, spent = first.states_checked, first.time
-    for k, goal in enumerate(problem.goals):
-        if (
-            k == first.goal_index
-            or spent >= timeout
-            or problem.metric.distance(problem.start, goal) >= shortest.length
-        ):
-            continue
+    straight = problem.metric.distance(problem.start, problem.goals)
+    others = [int(k) for k in np.argsort(straight, kind="stable") if k != first.goal_index]
+    for k in others[:MOST_COMPARED]:
+        if spent >= timeout or straight[k] >= shortest.length:
+            break
         found = planners.rrt_connect(
             problem.towards(k), seed=seed, timeout=timeout - spent, max_iterations=ITERATIONS_TO_COMPARE
         )
@@ -55,5 +61,6 @@ def find_path(
 def _shortened(problem: planners.Problem, path: planners.Path, seed: int) -> planners.Path:
     """Return a path after a few short-cuts, checked as closely as the search itself checks."""
     return planners.shortcut(
-        problem, path, seed=seed, iterations=SHORTCUTS_TO_COMPARE, resolution=problem.spacing
-    )
+        problem, path, seed=seed, iterations=SHORTCUTS_TO_COMPARE, resolution=problem.spacing,
+        least_gain=GAIN_TO_COMPARE,
+    )  # fmt: skip

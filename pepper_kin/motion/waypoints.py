@@ -16,7 +16,8 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 _PIECES = 6
 _ROUNDED = (6, 12, 24, 48)  # pieces of a path that is rounded everywhere alike
 _MOST_WAYPOINTS = 400
-_SHORTCUTS = 80
+_SHORTCUTS = 120
+_LEAST_GAIN = 0.005  # of the length: what a short-cut has to save
 
 # States checked along the final curve, in each length of the problem's resolution.
 _FINER, _FINER_INTERPRETED = 20.0, 1.5
@@ -43,8 +44,9 @@ def waypoints_of(room: PathProblem, path: planners.Path, *, seed: int, timeout: 
     # Machine code looks at the final curve far more closely, so that short-cuts need not be.
     fine = problem.spacing if compiled else problem.spacing / 4
     short = planners.shortcut(
-        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=fine
-    )
+        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=fine,
+        least_gain=_LEAST_GAIN,
+    )  # fmt: skip
     if compiled:
         quick = _rounded(room, short)
         if quick is not None:
