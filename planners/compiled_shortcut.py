@@ -30,7 +30,9 @@ def shorten_compiled(
     """Return a shorter polyline; see `shortcut` for the method and the arguments."""
     world, n = world_of(problem, oracle, resolution), problem.n
     key, counters = stream_key(seed, _STREAM), np.zeros(native.COUNTERS, dtype=np.int64)
-    counters[native.SIZE] = len(points)
+    points = np.array(points)
+    flat = FLAT * problem.metric.arc_lengths(points)[-1]
+    counters[native.SIZE] = native.drop_flat(points, len(points), world.weights, flat)
     ended, rows = native.FULL, np.empty((2, n))
     while ended == native.FULL or (ended == native.TIME_UP and not deadline.expired):
         if ended == native.FULL:

@@ -77,12 +77,12 @@ def shortcut(
         resolution = max(problem.spacing / _FINER, FINEST_RESOLUTION * problem.diagonal)
     oracle = problem.counting_oracle(deadline, resolution)
     metric = problem.metric
-    points = _without_flat(path.points, metric)
     if code is not None:
         points = shorten_compiled(
-            problem, code, points, deadline, seed, iterations, oracle.resolution, float(least_gain)
+            problem, code, path.points, deadline, seed, iterations, oracle.resolution, float(least_gain)
         )
         return Path.trusted(points, metric)
+    points = _without_flat(path.points, metric)
     return Path.trusted(_shorten(oracle, points, deadline, seed, iterations, least_gain), metric)
 
 

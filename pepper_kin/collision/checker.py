@@ -292,7 +292,7 @@ def _finite(quantity: str, value: float) -> float:
     return number
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def checker_for(
     pepper: PepperModel,
     scene: Scene | None = None,

@@ -86,17 +86,16 @@ class Checks:
             goals: Goals, shape (m, n); one that keeps the margins will do.
             margin: The margin wished [m].
         """
-        kept_self = self._halved(start, goals, margin, lambda m: (0.0, m))
+        ends = np.vstack([start, goals])
+        kept_self = self._halved(ends, margin, lambda m: (0.0, m))
         kept_self = kept_self if kept_self == margin else kept_self / 2
-        return self._halved(start, goals, margin, lambda m: (m, kept_self)), kept_self
+        return self._halved(ends, margin, lambda m: (m, kept_self)), kept_self
 
-    def _halved(
-        self, start: Array, goals: Array, margin: float, margins: Callable[[float], tuple[float, float]]
-    ) -> float:
+    def _halved(self, ends: Array, margin: float, margins: Callable[[float], tuple[float, float]]) -> float:
         kept = margin
         while kept > LEAST_MARGIN:
-            given = margins(kept)
-            if self.free(start, *given) and self.free(goals, *given).any():
+            free = self.free(ends, *margins(kept))
+            if free[0] and free[1:].any():
                 return kept
             kept /= 2
         return 0.0

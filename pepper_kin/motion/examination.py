@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.native_curve import states_within, stations
+from pepper_kin.motion.native_curve import middles, stations
 
 Array = NDArray[np.float64]
 
-LONGEST_STEP = 0.008
-"""Distance that any point of the body moves between states that are far from everything [m]."""
-
-SHORTEST_STEP = 0.0005
-"""The same where the margin proves nothing [m]."""
+STEPS = (0.008, 0.002, 0.0005)
+"""Distances that any point of the body moves between states, from far from everything to near [m]."""
 
 
 def is_clear(
@@ -26,12 +21,12 @@ def is_clear(
     reach: Array,
     margins: tuple[float, float],
 ) -> bool:
-    """Whether margins are kept and gravity is held all along a piecewise cubic curve.
+    """Whether margins are kept and gravity is held along a piecewise cubic curve.
 
-    Between two states at most half a step away no point of the body moves farther than that; so where they
-    keep a distance of half a step, nothing touches in between.  States far from everything are looked at
-    every 8 mm.  Around those that are nearer, the curve is looked at again with the margins asked for, every
-    half millimetre or, where the margins are wider, every so much as they are.
+    The curve is cut into intervals on which no point of the body moves farther than 8 mm.  Where the state in
+    the middle of one keeps a distance of half that, nothing touches in all of the interval.  Others are cut
+    into intervals of 2 mm, and those into ones of half a millimetre, whose middles need only keep the margins
+    asked for.
 
     Args:
         checks: The robot in its scene, compiled.
@@ -40,19 +35,20 @@ def is_clear(
         reach: How far a joint moves a point of the body, shape (n,), see `joint_reaches`.
         margins: To the scene and to the robot itself [m].
     """
-    fine = min(max(min(margins), SHORTEST_STEP), LONGEST_STEP)
-    half = LONGEST_STEP / 2
-    far = max(margins[0], half), max(margins[1], half)
-    piece, local, width = stations(breaks, coefficients, reach, LONGEST_STEP)
-    states = states_within(coefficients, piece, local, width, 1)
-    if not checks.holds(states).all():
-        return False
-    near = ~checks.free(states, *far)
-    if not near.any():
-        return True
-    if far != margins and not checks.free(states[near], *margins).all():
-        return False
-    again = np.flatnonzero(near[:-1] | near[1:])
-    parts = math.ceil(LONGEST_STEP / fine)
-    between = states_within(coefficients, piece[again], local[again], width[again], parts)
-    return bool(checks.free(between, *margins).all())
+    piece, begin, width = stations(breaks, coefficients, reach, STEPS[0])
+    for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
+        states = middles(coefficients, piece, begin, width)
+        if step == STEPS[0] and not checks.holds(states).all():
+            return False
+        half = step / 2 if shorter is not None else 0.0
+        far = max(margins[0], half), max(margins[1], half)
+        near = ~checks.free(states, *far)
+        if not near.any():
+            return True
+        if shorter is None or far == margins or not checks.free(states[near], *margins).all():
+            return False
+        parts = round(step / shorter)
+        piece, begin, width = (np.repeat(values[near], parts) for values in (piece, begin, width))
+        width /= parts
+        begin += width * (np.arange(width.size) % parts)
+    return False

@@ -106,30 +106,27 @@ def stations(breaks: Array, coefficients: Array, reach: Array, step: float) -> t
 
 
 @njit(
-    "float64[:, ::1](float64[:, :, ::1], int64[::1], float64[::1], float64[::1], int64)",
+    "float64[:, ::1](float64[:, :, ::1], int64[::1], float64[::1], float64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def states_within(coefficients: Array, piece: Places, local: Array, width: Array, parts: int) -> Array:
-    """Return the states at equal parts of intervals of a curve, and at the end of the last.
+def middles(coefficients: Array, piece: Places, begin: Array, width: Array) -> Array:
+    """Return the states in the middle of intervals of a curve.
 
     Args:
         coefficients: Constant term first, shape (m, 4, n).
         piece: The piece of each of N intervals, shape (N,).
-        local: Where they begin, from the piece's first break, shape (N,).
+        begin: Where they begin, from the piece's first break, shape (N,).
         width: Their widths, shape (N,).
-        parts: States for each interval, the first at its beginning.
 
     Returns:
-        Shape (N * parts + 1, n).
+        Shape (N, n).
     """
-    n, count = coefficients.shape[2], piece.size
-    states = np.empty((count * parts + 1, n))
-    for k in range(count * parts + 1):
-        i = min(k // parts, count - 1)
-        x = local[i] + width[i] * (k - i * parts) / parts
-        one = coefficients[piece[i]]
+    n = coefficients.shape[2]
+    states = np.empty((piece.size, n))
+    for k in range(piece.size):
+        x, one = begin[k] + 0.5 * width[k], coefficients[piece[k]]
         for j in range(n):
             states[k, j] = one[0, j] + x * (one[1, j] + x * (one[2, j] + x * one[3, j]))
     return states

@@ -11,6 +11,8 @@ def resting_contact(checker: CollisionChecker, pairs: tuple[int, ...]) -> bool:
     """Return whether any of these pairs of a checker touches."""
     import pinocchio
 
+    if not pairs:
+        return False
     data = _placed(checker)
     return any(pinocchio.computeCollision(checker._model, data, pair) for pair in pairs)
 
