@@ -1,4 +1,4 @@
-"""The whole main job, from targets to a checked trajectory: python benchmarks/main_job.py [--count N] [--peer N].
+"""The main job, from targets to a checked trajectory: python benchmarks/main_job.py [--count N] [--peer N].
 
 A hand to a point and the eyes on it, from `Stand`: inverse kinematics, path, short-cuts, way-points, and
 timing within velocity, acceleration and torque limits.  Ours is `pk.plan` and `pk.retime`, whose path has
@@ -64,7 +64,7 @@ class Job:
 
 
 def jobs(count: int, seed: int = 0) -> list[Job]:
-    """Return tasks whose points lie before the robot, the four scenes in turn, and clear of what is in them."""
+    """Return tasks whose points lie before the robot, clear of what is in the scenes, which take turns."""
     rng = np.random.default_rng(seed)
     worlds = list(scenes().items())
     found: list[Job] = []

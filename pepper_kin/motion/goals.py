@@ -1,4 +1,4 @@
-"""Goals of a path from IK tasks: many solutions found at once in machine code, of which the clear ones stay."""
+"""Goals of a path from IK tasks: many solutions found in machine code, of which the clear ones stay."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.ik import IKResult, Task, TaskGroup, solve
-from pepper_kin.ik.problem import flatten_tasks, movable_joints
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.descenders import make_descender
+from pepper_kin.ik.precedence import balanced
+from pepper_kin.ik.problem import flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.search import Budget, search
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import Checks
 
@@ -25,8 +29,11 @@ ROUNDS = (16, 48, 160, 512)
 ROUNDS_FOR_MARGIN = 2
 """Rounds after which a solution nearer to something than the margin will do."""
 
-MOST_CHECKED = 64
-"""Solutions of a round that are examined, nearest first."""
+CAREFUL_STARTS = 2
+"""Further starts of a search that keeps clear all the way, which is slow."""
+
+STEPS = 150
+"""Of inverse kinematics from each start."""
 
 APART = 0.1
 """Solutions that differ by less than this in every joint count as one [rad or m]."""
@@ -60,35 +67,80 @@ def clear_goals(
     Returns:
         Goals, shape (m, n), m of 1 to 4, the best first, and the result of inverse kinematics for that one.
     """
-    from pepper_kin.ik.fast import alternatives
-
     begin = time.perf_counter()
-    pepper = checks.pepper
-    first = solve(pepper, tasks, start, seed=seed, joints=joints, timeout=timeout)
+    first = solve(checks.pepper, tasks, start, seed=seed, joints=joints, timeout=timeout)
     if not first.success:
         return None
-    parts = tuple(flatten_tasks(pepper, tasks))
-    movable = None if joints is None else movable_joints(pepper, joints)
-    spent = first.restarts
-    spare = np.empty((0, pepper.n))  # clear, but for the margin
+    sought = _Search(checks, start, tasks, joints, margin, seed)
+    good = sought.look(first.q[None])
     for number, count in enumerate(ROUNDS):
-        more = alternatives(pepper, parts, start, movable, seed + _SEEDS_APART * number, count, 150)
-        spent += count
-        candidates = np.array([first.q, *more] if number == 0 else more).reshape(-1, pepper.n)[:MOST_CHECKED]
-        candidates = candidates[checks.holds(candidates)]
-        good = different(candidates[checks.free(candidates, margin)], 1 + FURTHER)
-        if not len(good):
-            spare = np.concatenate([spare, candidates[checks.free(candidates)]])
-            if number + 1 >= ROUNDS_FOR_MARGIN:
-                good = different(spare, 1 + FURTHER)
-        if len(good):
-            scene = checks.exact.scene
-            evidence = replace(first.evidence, scene=scene, q=read_only(good[0].copy()))  # type: ignore[type-var]
-            elapsed = time.perf_counter() - begin
-            return good, replace(first, q=evidence.q, evidence=evidence, restarts=spent, time=elapsed)
-        if time.perf_counter() - begin > timeout:
+        if number == ROUNDS_FOR_MARGIN and not len(good):
+            good = sought.carefully(begin + timeout)
+        if not len(good) or number == 0:
+            good = sought.round(number, count, good)
+        if len(good) or time.perf_counter() - begin > timeout:
             break
-    return None
+    if not len(good):
+        return None
+    evidence = replace(first.evidence, scene=checks.exact.scene, q=read_only(good[0].copy()))  # type: ignore[type-var]
+    elapsed = time.perf_counter() - begin
+    return good, replace(
+        first, q=evidence.q, evidence=evidence, restarts=first.restarts + sought.spent, time=elapsed
+    )
+
+
+class _Search:
+    """Solutions of tasks from many starts, examined together."""
+
+    def __init__(
+        self,
+        checks: Checks,
+        start: Array,
+        tasks: Sequence[Task | TaskGroup],
+        joints: str | Sequence[str] | None,
+        margin: float,
+        seed: int,
+    ) -> None:
+        self.checks, self.start, self.margin, self.seed = checks, start, margin, seed
+        self.parts = tuple(flatten_tasks(checks.pepper, tasks))
+        self.movable = None if joints is None else movable_joints(checks.pepper, joints)
+        self.spare = np.empty((0, checks.pepper.n))  # clear, but for the margin
+        self.spent = 0
+
+    def look(self, candidates: Array) -> Array:
+        """Return the candidates, shape (m, n), that keep the margin and can be held; keep the other clear."""
+        candidates = candidates[self.checks.holds(candidates)]
+        wide = self.checks.free(candidates, self.margin)
+        if not wide.any():
+            self.spare = np.concatenate([self.spare, candidates[self.checks.free(candidates)]])
+        return candidates[wide]
+
+    def round(self, number: int, count: int, before: Array) -> Array:
+        """Return goals from `count` further starts and from those found before."""
+        from pepper_kin.ik.fast import alternatives
+
+        seed = self.seed + _SEEDS_APART * number
+        found = alternatives(self.checks.pepper, self.parts, self.start, self.movable, seed, count, STEPS)
+        self.spent += count
+        good = before
+        if found:
+            good = np.concatenate([before, self.look(np.array(found))])
+        if not len(good) and number + 1 >= ROUNDS_FOR_MARGIN:
+            good = self.spare
+        return different(good, 1 + FURTHER)
+
+    def carefully(self, deadline: float) -> Array:
+        """Return a goal that is come to along a way clear of collisions, if there is one."""
+        pepper, scene = self.checks.pepper, self.checks.exact.scene
+        movable = np.ones(pepper.n, dtype=bool) if self.movable is None else self.movable
+        problem = make_problem(pepper, balanced(self.parts), self.start, movable, keep_idle=False)
+        budget = Budget(self.seed, CAREFUL_STARTS, STEPS, deadline)
+        found = search(problem, make_descender("fast", problem), Collisions(pepper, scene), budget)
+        self.spent += found.restarts
+        if not found.best.is_good:
+            return self.spare
+        good = self.look(found.best.q[None])
+        return good if len(good) else self.spare
 
 
 def different(solutions: Array, count: int) -> Array:

@@ -63,7 +63,8 @@ def rounded_waypoints(points: Array, lengths: Array, pieces: int) -> Array:
 
 
 @njit(
-    "Tuple((int64[::1], float64[::1], float64[::1]))(float64[::1], float64[:, :, ::1], float64[::1], float64)",
+    "Tuple((int64[::1], float64[::1], float64[::1]))"
+    "(float64[::1], float64[:, :, ::1], float64[::1], float64)",
     cache=True,
     nogil=True,
     error_model="numpy",

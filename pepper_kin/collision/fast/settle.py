@@ -132,7 +132,7 @@ def pair_distance(memory: Array, solids: Array, poses: Array, a: int, b: int, le
 
 @njit("void(float64[::1], int64[::1], int64)", **OPTIONS)
 def _pose(memory: Array, rows: NDArray[np.int64], count: int) -> None:
-    """Write the poses of the robot's solids at up to POSE_LANES configurations into LANES_OUT, side by side."""
+    """Write poses of the solids at up to POSE_LANES configurations into LANES_OUT, side by side."""
     numbers, given, found = section(memory, NUMBERS), section(memory, LANES_IN), section(memory, LANES_OUT)
     n, q, work = int(numbers[N]), section(memory, ROWS), section(memory, LANES_WORK)
     for lane in range(POSE_LANES):
