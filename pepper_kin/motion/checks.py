@@ -34,12 +34,13 @@ class Checks:
         self.pepper, self.scene, self.compiled = pepper, scene, compiled
         self.exact: CollisionChecker = checker_for(pepper, scene)
         if compiled:
-            import pepper_kin.ik.fast  # noqa: F401  what a goal's tasks will be solved by
+            # What will be needed is loaded, or compiled, before any clock starts.
+            import pepper_kin.collision.fast.loop
+            import pepper_kin.ik.fast
+            import pepper_kin.motion.native_curve  # noqa: F401
             from pepper_kin.collision.fast import fast_checker_for
 
-            checker = fast_checker_for(pepper, scene)
-            checker.in_collision(np.zeros((1, pepper.n)))
-            self.compiled = checker.supported
+            self.compiled = fast_checker_for(pepper, scene).supported
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""

@@ -35,6 +35,7 @@ def is_clear(
         reach: How far a joint moves a point of the body, shape (n,), see `joint_reaches`.
         margins: To the scene and to the robot itself [m].
     """
+    breaks, coefficients, reach = (np.require(a, float, ["C", "W"]) for a in (breaks, coefficients, reach))
     piece, begin, width = stations(breaks, coefficients, reach, STEPS[0])
     for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
         states = middles(coefficients, piece, begin, width)

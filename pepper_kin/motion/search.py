@@ -20,6 +20,9 @@ SHORTCUTS_TO_COMPARE = 40
 GAIN_TO_COMPARE = 0.02
 """Part of the length that each of them has to save."""
 
+SHARE_OF_TIME = 0.02
+"""Part of the time budget that they may take."""
+
 
 def find_path(
     problem: planners.Problem, planner: str, *, seed: int, timeout: float, compare: bool
@@ -40,7 +43,7 @@ def find_path(
     first = planners.rrt_connect(problem, seed=seed, timeout=timeout)
     if first.path is None or not compare or len(problem.goals) == 1:
         return first
-    best, shortest = first, _shortened(problem, first.path, seed)
+    best, shortest = first, _shortened(problem, first.path, seed, timeout)
     checked, spent = first.states_checked, first.time
     straight = problem.metric.distance(problem.start, problem.goals)
     others = [int(k) for k in np.argsort(straight, kind="stable") if k != first.goal_index]
@@ -52,15 +55,15 @@ def find_path(
         )
         checked, spent = checked + found.states_checked, spent + found.time
         if found.path is not None:
-            path = _shortened(problem, found.path, seed)
+            path = _shortened(problem, found.path, seed, timeout)
             if path.length < shortest.length:
                 best, shortest = replace(found, goal_index=k), path
     return replace(best, path=shortest, cost=shortest.length, states_checked=checked, time=spent)
 
 
-def _shortened(problem: planners.Problem, path: planners.Path, seed: int) -> planners.Path:
+def _shortened(problem: planners.Problem, path: planners.Path, seed: int, timeout: float) -> planners.Path:
     """Return a path after a few short-cuts, checked as closely as the search itself checks."""
     return planners.shortcut(
         problem, path, seed=seed, iterations=SHORTCUTS_TO_COMPARE, resolution=problem.spacing,
-        least_gain=GAIN_TO_COMPARE,
+        least_gain=GAIN_TO_COMPARE, timeout=SHARE_OF_TIME * timeout,
     )  # fmt: skip
