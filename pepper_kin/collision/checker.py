@@ -307,7 +307,6 @@ def _finite(quantity: str, value: float) -> float:
     return number
 
 
-@lru_cache(maxsize=64)
 def checker_for(
     pepper: PepperModel,
     scene: Scene | None = None,
@@ -316,6 +315,14 @@ def checker_for(
     looks: Looks = "collision",
 ) -> CollisionChecker:
     """Return the checker of a robot in a scene, built once and kept for the next call."""
+    return _checker_for(pepper, scene, margin, self_margin, looks)
+
+
+@lru_cache(maxsize=64)
+def _checker_for(
+    pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float, looks: Looks
+) -> CollisionChecker:
+    """Keep one checker however the arguments are written."""
     if margin == 0.0 and self_margin == 0.0:
         return CollisionChecker(pepper, scene, looks=looks)
-    return checker_for(pepper, scene, looks=looks).with_margins(margin, self_margin)
+    return _checker_for(pepper, scene, 0.0, 0.0, looks).with_margins(margin, self_margin)

@@ -36,7 +36,7 @@ def splines(count, seed=0):
 
 
 def dense(spline, step):
-    """States of a spline no joint of which moves a point farther than a step, evaluated by the path itself."""
+    """States of a spline between which no point of the body moves farther than a step."""
     found = []
     for i, h in enumerate(np.diff(spline.breaks)):
         coarse = spline.at(np.full(40, i), np.linspace(0, h, 40))

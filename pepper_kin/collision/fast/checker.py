@@ -254,11 +254,18 @@ class FastChecker:
         return bounds
 
 
-@lru_cache(maxsize=64)
 def fast_checker_for(
     pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0, self_margin: float = 0.0
 ) -> FastChecker:
     """Return the fast checker of a robot in a scene, built once and kept for the next call."""
+    return _fast_checker_for(pepper, scene, margin, self_margin)
+
+
+@lru_cache(maxsize=64)
+def _fast_checker_for(
+    pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float
+) -> FastChecker:
+    """Keep one checker however the arguments are written."""
     return FastChecker(pepper, scene, margin, self_margin)
 
 
