@@ -49,7 +49,6 @@ def is_clear(
         if shorter is None or far == margins or not checks.free(states[near], *margins).all():
             return False
         parts = round(step / shorter)
-        piece, begin, width = (np.repeat(values[near], parts) for values in (piece, begin, width))
-        width /= parts
-        begin += width * (np.arange(width.size) % parts)
+        piece, width = np.repeat(piece[near], parts), np.repeat(width[near] / parts, parts)
+        begin = np.repeat(begin[near], parts) + width * (np.arange(width.size) % parts)
     return False

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.ik import IKResult, Task, TaskGroup, solve
+from pepper_kin.ik.certificate import Evidence
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.descenders import make_descender
 from pepper_kin.ik.precedence import balanced
@@ -82,11 +83,10 @@ def clear_goals(
             break
     if not len(good):
         return None
-    evidence = replace(first.evidence, scene=checks.exact.scene, q=read_only(good[0].copy()))  # type: ignore[type-var]
+    q = read_only(good[0].copy())
+    evidence = Evidence(checks.pepper, sought.parts, start, sought.movable, checks.exact.scene, q)
     elapsed = time.perf_counter() - begin
-    return good, replace(
-        first, q=evidence.q, evidence=evidence, restarts=first.restarts + sought.spent, time=elapsed
-    )
+    return good, replace(first, q=q, evidence=evidence, restarts=first.restarts + sought.spent, time=elapsed)
 
 
 class _Search:
