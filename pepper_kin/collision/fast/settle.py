@@ -38,9 +38,9 @@ from pepper_kin.collision.fast.layout import (
     section,
     section_bits,
 )
-from pepper_kin.collision.fast.native import call_kernel
 from pepper_kin.collision.fast.options import OPTIONS, POSE_LANES
 from pepper_kin.collision.fast.solids import BOX, OTHER, Array
+from pepper_kin.kernels.native import call_kernel
 
 TIE_WIDTH = 3e-6
 """Distances within this of the threshold are ties: coal's own iterations end at 1e-6 [m]."""
