@@ -84,7 +84,7 @@ def clear_goals(
     if not len(good):
         return None
     q = read_only(good[0].copy())
-    evidence = Evidence(checks.pepper, sought.parts, start, sought.movable, checks.exact.scene, q)
+    evidence = Evidence(checks.pepper, sought.parts, start, sought.movable, checks.exact.scene, q).certificate
     elapsed = time.perf_counter() - begin
     return good, replace(first, q=q, evidence=evidence, restarts=first.restarts + sought.spent, time=elapsed)
 
