@@ -19,7 +19,6 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.kernels import Kernel, compile_function
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.frame_in_plane import FrameInPlane
 
 if TYPE_CHECKING:
     import casadi
@@ -30,8 +29,6 @@ Array = NDArray[np.float64]
 
 LARGEST = ("JointPosture", "CenterOfMassOverWheels")
 """Tasks whose error is the largest component of the residual: each component is a constraint of its own."""
-
-IN_PLANE = "FrameInPlane"
 
 _kept: WeakKeyDictionary[PepperModel, dict[tuple[Structure, ...], Kernel]] = WeakKeyDictionary()
 
@@ -120,8 +117,6 @@ def _kind(task: Task) -> str:
     """
     if not all(slot.__module__.startswith("pepper_kin.") for slot in (type(task).residual, type(task).size)):
         return ""
-    if isinstance(task, FrameInPlane):
-        return IN_PLANE
     from pepper_kin.ik.fast.structure import structure_of  # loads a solver in machine code: only here
 
     try:
@@ -131,24 +126,18 @@ def _kind(task: Task) -> str:
 
 
 def _structure(task: Task) -> Structure:
-    from pepper_kin.ik.fast.structure import Structure, structure_of
+    from pepper_kin.ik.fast.structure import structure_of
 
-    if isinstance(task, FrameInPlane):
-        return Structure(IN_PLANE, task.frame, (), (), 6)
     return structure_of(task)._replace(hard=False)
-
-
-def _target(task: Task) -> Array:
-    from pepper_kin.ik.fast.structure import target_of
-
-    return np.concatenate((task.target, task.normal)) if isinstance(task, FrameInPlane) else target_of(task)
 
 
 def _machine_code(
     pepper: PepperModel, tasks: tuple[Task, ...], frozen: Array, free: NDArray[np.int64]
 ) -> planners.MachineCodeManifold:
+    from pepper_kin.ik.fast.structure import target_of
+
     kernel = _kernel(pepper, tuple(_structure(task) for task in tasks))
-    given = np.concatenate([frozen, *[_target(task) for task in tasks]])
+    given = np.concatenate([frozen, *[target_of(task) for task in tasks]])
     return planners.MachineCodeManifold(
         kernel.single_address, given, free, free, pepper.n, kernel.work_size, keep_alive=kernel
     )
@@ -178,15 +167,9 @@ def _residuals(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi
     for task in structures:
         target = targets[place : place + task.target_size]
         place += task.target_size
-        if task.kind == IN_PLANE:
-            pose, jacobian = motion.frames[task.frame]
-            normal = target[3:].T
-            values.append(normal @ (pose[:, 3] - target[:3]))
-            slopes.append(normal @ jacobian[:3, :])
-        else:
-            residual, jacobian = task_residual(pepper, task, motion, target)
-            values.append(residual)
-            slopes.append(jacobian)
+        residual, jacobian = task_residual(pepper, task, motion, target)
+        values.append(residual)
+        slopes.append(jacobian)
     rows = casadi.vec(casadi.densify(casadi.vertcat(*slopes)).T)
     output = casadi.densify(casadi.vertcat(*values, rows))
     return casadi.Function("constraints", [q, targets], [casadi.cse(output)])

@@ -14,6 +14,7 @@ from pepper_kin.ik.tasks import (
     BaseYaw,
     CenterOfMass,
     CenterOfMassOverWheels,
+    FrameInPlane,
     FrameOrientation,
     FramePosition,
     JointPosture,
@@ -26,6 +27,7 @@ from pepper_kin.ik.tasks.task import Array
 
 KINDS = (
     "FramePosition",
+    "FrameInPlane",
     "FrameOrientation",
     "AxisAlignment",
     "LookAt",
@@ -46,7 +48,7 @@ class Structure(NamedTuple):
     Attributes:
         kind: One of `KINDS`.
         frame: Name of the frame; empty where the task acts on joints.
-        axis: Axis in the frame, for tasks that have one.
+        axis: Axis in the frame, or normal in the world, for tasks that have one.
         joints: Names of the joints, for a posture; empty for all.
         target_size: Numbers that describe the target.
         reference: Name of the frame that `frame` or the centre of mass is seen from; empty for the world.
@@ -94,6 +96,8 @@ def structures_of(tasks: Sequence[Task]) -> tuple[Structure, ...]:
 def _structure(task: Task) -> Structure:
     if isinstance(task, FramePosition):
         return Structure("FramePosition", task.frame, (), (), 3)
+    if isinstance(task, FrameInPlane):
+        return Structure("FrameInPlane", task.frame, tuple(task.normal.tolist()), (), 3)
     if isinstance(task, FrameOrientation):
         return Structure("FrameOrientation", task.frame, (), (), 9)
     if isinstance(task, AxisAlignment):
