@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
@@ -94,6 +94,36 @@ def manifold_of(
     )
 
 
+def residuals_of(
+    pepper: PepperModel, tasks: Sequence[Task], frozen: Array, free: NDArray[np.int64]
+) -> Callable[[Array], tuple[Array, Array]]:
+    """Return the function from states of some joints, shape (m, k), to residuals and their Jacobians.
+
+    Args:
+        pepper: The robot.
+        tasks: As `as_constraints` returns them.
+        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        free: Indices of the joints that move, shape (k,).
+
+    Returns:
+        A callable to arrays of shape (m, r) and (m, r, k).
+    """
+    python = _InPython(pepper, tuple(tasks), frozen, free)
+    if not all(_kind(task) for task in tasks):
+        return python
+    from pepper_kin.ik.fast.structure import target_of
+
+    kernel = _kernel(pepper, tuple(_structure(task) for task in tasks))
+    targets = np.concatenate([target_of(task) for task in tasks])
+
+    def evaluate(states: Array) -> tuple[Array, Array]:
+        numbers = np.asarray(kernel(python.whole(states), targets))
+        rows = numbers.shape[1] // (1 + pepper.n)
+        return numbers[:, :rows], numbers[:, rows:].reshape(len(states), rows, pepper.n)[:, :, free]
+
+    return evaluate
+
+
 class _InPython:
     """Tasks of a user's own classes, state by state."""
 
@@ -102,9 +132,13 @@ class _InPython:
     ) -> None:
         self._pepper, self._tasks, self._frozen, self._free = pepper, tasks, frozen, free
 
-    def __call__(self, states: Array) -> tuple[Array, Array]:
+    def whole(self, states: Array) -> Array:
         q = np.tile(self._frozen, (len(states), 1))
         q[:, self._free] = states
+        return q
+
+    def __call__(self, states: Array) -> tuple[Array, Array]:
+        q = self.whole(states)
         values = [np.concatenate([task.residual(self._pepper, x) for task in self._tasks]) for x in q]
         slopes = [np.concatenate([task.jacobian(self._pepper, x) for task in self._tasks]) for x in q]
         return np.array(values), np.array(slopes)[:, :, self._free]

@@ -49,10 +49,10 @@ def plan(
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
         margin: Distance that is kept to all things [m]; less where start or goal are nearer than that.
         seed: Seed of all random choices.
-        timeout: Time budget of IK and search [s].  Short-cutting stops after a number of attempts, so that
+        timeout: Time budget of IK and search [s].  Short-cutting stops after some attempts, so that
             the same seed gives the same path, or after as much time again.
         compiled: Whether checks and search run as machine code, which the first use on a machine compiles for
-            a minute.  False: coal and interpreted code, hundreds of times slower; placo solves the goal's tasks.
+            a minute.  False: coal and interpreted code, hundreds of times slower; goals are solved by placo.
 
     Returns:
         The plan; without a path, its status and message tell why.

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.balance_term import BalanceTerm
 from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm
 from pepper_kin.motion.optimisation.closeness_term import ClosenessTerm
 from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
+from pepper_kin.motion.optimisation.held_term import HeldTerm
 from pepper_kin.motion.optimisation.moving import Moving
 from pepper_kin.motion.optimisation.range_term import RangeTerm
 from pepper_kin.motion.optimisation.torque_term import TorqueTerm
@@ -49,6 +53,7 @@ class SplineProblem:
         limits: Limits of velocity, acceleration, torque and balance.
         margin: Distance to keep [m].
         intervals: Pieces of the spline.
+        tasks: IK tasks that stay met along the motion.
         all_joints: Whether joints that stand still in the motion to start from may move, too.
 
     Attributes:
@@ -64,6 +69,7 @@ class SplineProblem:
         limits: Limits,
         margin: float,
         intervals: int,
+        tasks: Sequence[Task] = (),
         *,
         all_joints: bool = False,
     ) -> None:
@@ -83,9 +89,10 @@ class SplineProblem:
         efforts = pepper.effort_limits if limits.torque is None else limits.torque
         torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1)
         self._clearance = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
-        constraints: list[RangeTerm | ClearanceTerm] = []
+        apart = ClearanceTerm(self._moving, scene or Scene(), margin, 4, only_moving=True)
+        constraints: list[RangeTerm | ClearanceTerm | HeldTerm] = [HeldTerm(self._moving, tasks, 4)]
         if scene is not None:
-            constraints = [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._clearance]
+            constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), apart]
         near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
         self._floors = [term for term in constraints if len(term)]
         standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
