@@ -56,7 +56,7 @@ def test_a_hand_stays_at_a_height_and_the_gaze_on_a_point():
             [pk.ik.HandPosition("left", hand), pk.ik.LookAt(point)],
             q0=PEPPER.posture("Stand"),
             scene=POST,
-        ).q  # fmt: skip
+        ).q
         for hand in ((0.28, 0.30, 0.85), (0.30, 0.05, 0.85))
     )
     plan = pk.plan(PEPPER, start, goal, constraints=[gaze, height], timeout=30.0)

@@ -39,7 +39,7 @@ class ClearanceTerm:
     def __init__(
         self, moving: Moving, scene: Scene, margin: float, per_interval: int, *, only_moving: bool = False
     ) -> None:
-        self.per_interval, self.wall = per_interval, Wall.ABOVE_ZERO
+        self.per_interval, self.wall, self.kinked = per_interval, Wall.ABOVE_ZERO, True
         self._moving, self._margin = moving, margin
         self._bodies, self._frames = bodies_of(moving.pepper, scene, margin)
         self._poses = kernel(moving.pepper, "frame_poses", self._frames) if self._frames else None

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SOLVERS = ("newton",)
+SOLVERS = ("newton", "ipopt", "fatrop")
 _STEP = 0.001  # [s], between the states at which the result is examined
 _COAL_STATES = 16  # of them, the nearest to anything, are measured by coal
 _CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
@@ -63,10 +63,10 @@ def optimise(
     The motion is a cubic B-spline from rest to rest whose accelerations are continuous and zero at both ends.
     Unknowns are its control points and its duration.  Limits of position and velocity hold at control points
     and so everywhere, those of acceleration at knots, where it is extreme; torques hold at knots, clearances
-    and tasks at four samples in each interval.  A feasible interior-point method (`planners.optimisation.descend`)
+    and tasks at four samples in each interval.  A feasible interior-point method (`planners.optimisation`)
     lowers the cost; values and exact derivatives come from compiled code.  The result is examined every
-    millisecond: time is stretched where a torque is exceeded, and where distances are not kept, or nothing
-    was gained, the motion before is returned.
+    millisecond: time is stretched where a torque is exceeded, and where distances or tasks are not kept, or
+    nothing was gained, the motion before is returned.
 
     Args:
         pepper: The robot.
@@ -83,9 +83,9 @@ def optimise(
         torque_scale: Share of the effort limits to use, in (0, 1].
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
-        max_iterations: Newton steps at most.
-        timeout: Wall time of the search [s]; the best motion so far is then taken.
-        solver: "newton".
+        max_iterations: Newton steps at most; ten times as many of a general solver.
+        timeout: Wall time of the search [s]; the best motion so far is then taken.  "fatrop" takes no notice.
+        solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver: references, slower.
 
     Returns:
         The result; its trajectory is never worse than the one to start from (which may collide if it does).
@@ -108,7 +108,7 @@ def optimise(
     tasks = as_constraints(pepper, constraints) if constraints else ()
     problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks)
     judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks)
-    judged = judge(problem.descend(wanted, max_iterations, timeout))
+    judged = judge(problem.descend(wanted, max_iterations, timeout, solver))
     return replace(judged, time=time.perf_counter() - begin)
 
 

@@ -26,11 +26,15 @@ from pepper_kin.planners.optimisation import (
     RestSpline,
     Weights,
     descend,
+    descend_by,
 )
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limit_use import Limits
 
 Array = NDArray[np.float64]
+
+GENERAL_STEPS = 10
+"""Steps that a general solver may take for each of Newton's."""
 
 _STILL = 1e-9  # [rad or m]; joints that move less do not move
 _FIT_SAMPLES = 12  # of the first motion, for each interval
@@ -116,13 +120,16 @@ class SplineProblem:
         """
         return self._clearance.distances(q[:, self._moving.joints]) + self._margin
 
-    def descend(self, wanted: float | None, max_iterations: int, timeout: float) -> Descent:
+    def descend(
+        self, wanted: float | None, max_iterations: int, timeout: float, solver: str = "newton"
+    ) -> Descent:
         """Search from the first motion, made slow enough to keep all limits.
 
         Args:
             wanted: Duration that the motion shall have [s]; None where it is free.
-            max_iterations: Newton steps at most.
+            max_iterations: Newton steps at most; general solvers take up to `GENERAL_STEPS` as many.
             timeout: Wall time [s].
+            solver: "newton", or a general solver of `planners.optimisation.descend_by`.
 
         Returns:
             The descent.
@@ -132,6 +139,11 @@ class SplineProblem:
         for term in self._floors:
             term.start_from(objective.samples(term, control))
         duration = self._feasible_duration(control)
+        if solver != "newton":
+            return descend_by(
+                objective, self._first, wanted or duration, solver=solver, free_duration=wanted is None,
+                max_iterations=GENERAL_STEPS * max_iterations, timeout=timeout,
+            )  # fmt: skip
         if wanted is None:
             return descend(
                 objective, self._first, duration,
