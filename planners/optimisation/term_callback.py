@@ -11,7 +11,7 @@ from ..vectors import FloatArray
 from .rows import Rows, Term
 
 
-class TermCallback(casadi.Callback):  # type: ignore[misc]
+class TermCallback(casadi.Callback):
     """(q, v, a), shape (n, K) each -> values, shape (R, K), of a term at all samples at once.
 
     Derivatives are the term's own; second derivatives count as zero, so that what a solver takes for the
@@ -49,7 +49,7 @@ class TermCallback(casadi.Callback):  # type: ignore[misc]
         """Return the shape of the output."""
         return casadi.Sparsity.dense(self.rows, self._count)
 
-    def eval(self, arguments: list[Any]) -> list[Any]:
+    def eval(self, arguments: Any) -> Any:
         """Return the values."""
         return [casadi.DM(self._term.values(*_states(arguments)).T)]
 
@@ -65,13 +65,13 @@ class TermCallback(casadi.Callback):  # type: ignore[misc]
         """Derivatives are known."""
         return True
 
-    def get_jacobian(self, name: str, inames: list[str], onames: list[str], options: dict[str, Any]) -> Any:
+    def get_jacobian(self, name: Any, inames: Any, onames: Any, options: Any) -> Any:
         """Return the function of the derivatives."""
         self._slopes = _Slopes(name, self._term, (self._n, self._count, self.rows), self._sparsity, options)
         return self._slopes
 
 
-class _Slopes(casadi.Callback):  # type: ignore[misc]
+class _Slopes(casadi.Callback):
     """(q, v, a, values) -> derivatives of the values by each, block by block of a sample."""
 
     def __init__(
@@ -101,7 +101,7 @@ class _Slopes(casadi.Callback):  # type: ignore[misc]
         """Return where derivatives are not zero."""
         return self._sparsity[i]
 
-    def eval(self, arguments: list[Any]) -> list[Any]:
+    def eval(self, arguments: Any) -> Any:
         """Return the derivatives."""
         answers = []
         parts = _parts(self._term.rows(*_states(arguments[:3])))
@@ -123,7 +123,7 @@ class _Slopes(casadi.Callback):  # type: ignore[misc]
         """Second derivatives count as zero."""
         return True
 
-    def get_jacobian(self, name: str, inames: list[str], onames: list[str], options: dict[str, Any]) -> Any:
+    def get_jacobian(self, name: Any, inames: Any, onames: Any, options: Any) -> Any:
         """Return the function of the second derivatives, which are zero."""
         shapes = [self.sparsity_in(i) for i in range(4)]
         outputs = [self.sparsity_out(i) for i in range(3)]
@@ -139,7 +139,7 @@ def _blocks(rows: int, n: int, count: int, present: bool) -> Any:
     return casadi.diagcat(*[casadi.Sparsity.dense(rows, n)] * count)
 
 
-def _states(arguments: list[Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _states(arguments: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
     q, v, a = (np.ascontiguousarray(np.array(part).T) for part in arguments)
     return q, v, a
 

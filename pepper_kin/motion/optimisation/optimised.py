@@ -29,7 +29,7 @@ _ADVICE = {
     OptimisedStatus.IMPROVED: "Examine it with check().",
     OptimisedStatus.NOT_CHEAPER: "Take the motion as it is, or weigh jerk more.",
     OptimisedStatus.NOT_CLEAR: "Give a path that keeps more distance, more intervals or a smaller margin.",
-    OptimisedStatus.OFF_CONSTRAINT: "Give a path that keeps the tasks, as plan() finds it, or more intervals.",
+    OptimisedStatus.OFF_CONSTRAINT: "Give a path that keeps the tasks, as plan() does, or more intervals.",
     OptimisedStatus.NO_ROOM: "Give a path further from limits, more intervals, or a longer duration.",
 }
 
