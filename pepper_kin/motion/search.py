@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_kin import planners
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+
+PLANNERS = ("rrt_connect", "rrt_star")
 
 ITERATIONS_TO_COMPARE = 300
 """Samples for the path to each further goal, once there is a path to one."""
@@ -22,6 +25,29 @@ GAIN_TO_COMPARE = 0.02
 
 SHARE_OF_TIME = 0.02
 """Part of the time budget that they may take."""
+
+
+def check_planner(planner: str, constrained: bool, compiled: bool) -> None:
+    """Refuse a planner that there is not, or that does not do what is asked of it.
+
+    Raises:
+        InvalidValueError: for an unknown planner, one that the installed OMPL lacks, and options that
+            constraints leave no choice of.
+        MissingDependencyError: for a planner of OMPL's where that is not installed.
+    """
+    own = ", ".join(map(repr, PLANNERS))
+    if planner not in PLANNERS:
+        available = planners.available_ompl_planners()
+        if planner in planners.OMPL_PLANNERS and not available:
+            raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'", f"planner {planner!r}")
+        if planner not in available:
+            lacking = " (the installed ompl lacks it)" if planner in planners.OMPL_PLANNERS else ""
+            allowed = ", ".join((own, *map(repr, available)))
+            raise InvalidValueError("planner", f"{planner!r}{lacking}", f"one of {allowed}")
+    if constrained and planner != PLANNERS[0]:
+        raise InvalidValueError("planner", repr(planner), f"{PLANNERS[0]!r} (the default) with constraints")
+    if constrained and not compiled:
+        raise InvalidValueError("compiled", compiled, "True with constraints")
 
 
 def find_path(
