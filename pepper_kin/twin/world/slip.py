@@ -1,0 +1,133 @@
+"""Coulomb's law by a few convex problems: what each slip lifts is taken off, and pyramids turn to the slip."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pepper_kin.collision.fast.options import OPTIONS
+from pepper_kin.twin.world.newton import newton, times
+
+Array = NDArray[np.float64]
+
+SWEEPS = 10
+LIFT = 1e-4
+"""A further problem is solved where a slip lifts by more than this [m/s]."""
+
+
+@njit("void(float64[:, ::1], float64[::1], float64[::1], float64[::1])", **OPTIONS)
+def first_shift(jacobian: Array, start: Array, friction: Array, shift: Array) -> None:
+    """Write mu |v_t| of every point before the step."""
+    slip = np.empty(3 * len(friction))
+    times(jacobian, start, slip)
+    for c in range(len(friction)):
+        shift[c] = friction[c] * math.hypot(slip[3 * c + 1], slip[3 * c + 2])
+
+
+@njit("void(float64[::1], float64[:, ::1], float64[::1], float64[::1])", **OPTIONS)
+def velocities(free: Array, response: Array, pushes: Array, u: Array) -> None:
+    """Write free + M^-1 J^T p."""
+    u[:] = free
+    for r in range(len(pushes)):
+        if pushes[r] != 0.0:
+            for k in range(len(u)):
+                u[k] += response[r, k] * pushes[r]
+
+
+@njit(
+    "float64(float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], "
+    "float64[::1])",
+    **OPTIONS,
+)
+def lift(
+    jacobian: Array, u: Array, pushes: Array, drop: Array, friction: Array, shift: Array, slip: Array
+) -> float:
+    """Return by how much a slip that was not allowed for lifts or lowers a point that matters [m/s]."""
+    times(jacobian, u, slip)
+    worst = 0.0
+    for c in range(len(drop)):
+        if pushes[3 * c] <= 0.0 and slip[3 * c] + drop[c] > -LIFT:
+            continue
+        first, second = abs(slip[3 * c + 1]), abs(slip[3 * c + 2])
+        length = math.hypot(first, second)
+        off = friction[c] * (length - max(first, second))
+        worst = max(worst, off + abs(friction[c] * length - shift[c]))
+    return worst
+
+
+@njit(
+    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], "
+    "float64[::1])",
+    **OPTIONS,
+)
+def follow(
+    jacobian: Array,
+    response: Array,
+    tangents: Array,
+    rows: Array,
+    slip: Array,
+    friction: Array,
+    shift: Array,
+) -> None:
+    """Take over the slips: their share of the drop, and their directions as first tangents."""
+    for c in range(len(friction)):
+        a, b = slip[3 * c + 1], slip[3 * c + 2]
+        length = math.hypot(a, b)
+        shift[c] = friction[c] * length
+        if length < LIFT:
+            continue
+        a, b = a / length, b / length
+        for matrix in (jacobian, response):
+            first, second = matrix[3 * c + 1], matrix[3 * c + 2]
+            for k in range(matrix.shape[1]):
+                x, y = first[k], second[k]
+                first[k], second[k] = a * x + b * y, a * y - b * x
+        second = np.cross(rows[c, 3:6], tangents[c])
+        for i in range(3):
+            tangents[c, i] = a * tangents[c, i] + b * second[i]
+
+
+@njit(
+    "Tuple((int64, int64, float64))(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], "
+    "float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], "
+    "float64[::1], float64[::1])",
+    **OPTIONS,
+)
+def solve_compiled(
+    mass: Array,
+    free: Array,
+    start: Array,
+    jacobian: Array,
+    response: Array,
+    soft: Array,
+    drop: Array,
+    friction: Array,
+    tangents: Array,
+    rows: Array,
+    u: Array,
+    pushes: Array,
+) -> tuple[int, int, float]:
+    """Solve a step by Newton's method; write velocities and impulses.
+
+    Returns:
+        Newton steps, -1 if it failed; convex problems; the lift that is left [m/s].
+    """
+    shift, shifted, slip = np.empty(len(drop)), np.empty(len(drop)), np.empty(len(pushes))
+    first_shift(jacobian, start, friction, shift)
+    guess = start.copy()
+    total, left = 0, 0.0
+    for sweep in range(1, SWEEPS + 1):
+        shifted[:] = drop + shift
+        steps = newton(mass, free, jacobian, soft, shifted, friction, guess, pushes)
+        if steps < 0:
+            return -1, sweep, left
+        total += steps
+        velocities(free, response, pushes, u)
+        left = lift(jacobian, u, pushes, drop, friction, shift, slip)
+        if left <= LIFT or sweep == SWEEPS:
+            return total, sweep, left
+        follow(jacobian, response, tangents, rows, slip, friction, shift)
+    return total, SWEEPS, left
