@@ -70,6 +70,6 @@ def _by_programme(problem: ContactProblem, rows: Array, programme: ImpulseProgra
         if left <= LIFT or sweep == SWEEPS:
             break
         follow(
-            problem.jacobian, problem.response, problem.tangents, rows, slip, problem.friction, shift
+            problem.jacobian, problem.response, problem.tangents, rows, slip, problem.friction, shift, sweep
         )
     return StepSolution(u, pushes, "proxsuite", sweep, left)

@@ -17,6 +17,7 @@ from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_ch
 from pepper_kin.model.shapes import read_only, transform
 from pepper_kin.twin.world.colliders import FREE, Colliders, colliders, place_shapes
 from pepper_kin.twin.world.free_body import FreeBody, fly, principal_inertia
+from pepper_kin.twin.world.outcome import apply, fall
 from pepper_kin.twin.world.problem import ContactProblem, assemble
 from pepper_kin.twin.world.programme import ImpulseProgramme
 from pepper_kin.twin.world.search import MOST_POINTS, ContactSearch
@@ -292,20 +293,22 @@ class World:
         count = self._search.run(h)
         if count < 0:
             raise ContactError(self._step, (), f"more than {MOST_POINTS} points in contact")
-        self._rows, self._pairs_now = self._search.rows[:count].copy(), self._search.shapes[:count].copy()
+        self._rows, self._pairs_now = self._search.rows[:count], self._search.shapes[:count]
         self._forces, self._solution = np.zeros((count, 3)), None
         load = np.zeros(len(moving))
+        before = self._velocity.copy()
         if count:
-            load = self._contact(robot, h)
+            finite = self._contact(robot, h, load)
         else:
-            self._velocity[:, :3] += h * self.gravity
-        if not np.isfinite(self._velocity).all() or not np.isfinite(load).all():
-            raise ContactError(self._step, self._touching(), "the velocities are not finite")
+            finite = fall(self._velocity, self._weight, h)
+        if not finite:
+            self._velocity = before
+            raise ContactError(self._step, self._touching(), "velocities became infinite or NaN")
         fly(self._position, self._rotation, self._velocity, self._inertia, h)
         return load
 
-    def _contact(self, robot: tuple[Array, ...], h: float) -> Array:
-        """Solve the contacts: write velocities and forces, return the load on the robot."""
+    def _contact(self, robot: tuple[Array, ...], h: float, load: Array) -> bool:
+        """Solve the contacts; write velocities, forces and load, return whether they are finite."""
         table, tree, state = self._table, self._tree, self._state
         problem = ContactProblem(
             *assemble(
@@ -324,22 +327,10 @@ class World:
         if solution is None:
             raise ContactError(self._step, self._touching(), "the contact problem was not solved")
         self._solution = solution
-        u, columns = solution.velocity, problem.columns
-        flying = columns < 0
-        self._velocity[flying, :3] += h * self.gravity
-        for row in np.flatnonzero(~flying):
-            self._velocity[row] = u[columns[row] : columns[row] + 6]
-        pushes = solution.impulses.reshape(-1, 3) / h
-        normals, tangents = self._rows[:, 3:6], problem.tangents
-        self._forces = (
-            pushes[:, :1] * normals + pushes[:, 1:2] * tangents + pushes[:, 2:] * np.cross(normals, tangents)
-        )
-        n = len(robot[0])
-        load = np.zeros(n)
-        touched = len(u) - 6 * int((~flying).sum())
-        if touched:
-            load = pushes.ravel() @ problem.jacobian[:, :n]
-        return load
+        return apply(
+            solution.velocity, solution.impulses, problem.jacobian, self._rows, problem.tangents,
+            problem.columns, self._weight, h, self._velocity, self._forces, load,
+        )  # fmt: skip
 
     def _touching(self) -> tuple[tuple[str, str], ...]:
         names = self._table.names
