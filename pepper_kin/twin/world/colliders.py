@@ -95,6 +95,7 @@ class _Row:
     index: int
     pose: Array
     pad: float = 0.0
+    of_robot: bool = False
 
 
 def colliders(
@@ -143,7 +144,8 @@ def _fixed_rows(pepper: PepperModel | None, scene: Scene) -> Iterator[_Row]:
         mover = ON_ROBOT if body.kind != WORLD and body.joint else STANDS
         simple = isinstance(geometry, Box | Sphere | Capsule | Cylinder | HalfSpace)
         pad = 0.0 if simple else body.padding
-        yield _Row(body.owner, geometry if simple else solid.geometry, mover, body.joint, pose, pad)
+        shape = geometry if simple else solid.geometry
+        yield _Row(body.owner, shape, mover, body.joint, pose, pad, body.kind != WORLD)
 
 
 def _geometry_of(body: Body, shapes: Iterator[Any], scene: Scene) -> Any:
@@ -159,6 +161,7 @@ def _pairs(rows: list[_Row], scene: Scene) -> Iterator[tuple[int, int]]:
         for j in range(i + 1, len(rows)):
             second = rows[j]
             alike = first.mover == second.mover and first.mover != FREE
+            alike = alike or (first.of_robot and second.of_robot)
             if alike or (min(first.name, second.name), max(first.name, second.name)) in scene.allowed:
                 continue
             yield (i, j) if first.mover > second.mover else (j, i)

@@ -22,6 +22,8 @@ RECOVERY = 0.2
 """Share of an overlap that one step takes back."""
 FASTEST_RECOVERY = 0.2
 """Overlaps are not taken back faster than this [m/s]."""
+IMMOVABLE = 1e-9
+"""Points of which an impulse of 1 N s moves nothing faster than this [m/s] do not push."""
 ALIGNED = 1e-7
 """Slower slips have no direction [m/s]."""
 
@@ -291,6 +293,8 @@ def assemble(
             for k in range(size):
                 total += weight * row[k] * answer[k]
         gap = points[c, 6]
-        friction[c], soft[c] = mu, SOFTNESS * max(total, 1e-12)
+        friction[c], soft[c] = mu, SOFTNESS * total
         drop[c] = gap / h if gap >= 0 else max(RECOVERY * gap / h, -FASTEST_RECOVERY)
+        if total < IMMOVABLE:
+            soft[c], drop[c] = 1.0, max(drop[c], 0.0)
     return mass, free, start, jacobian, response, soft, drop, friction, tangents, columns, sound
