@@ -1,11 +1,13 @@
 """The twin: the robot's dynamics with its servos, stepped through time."""
 
-from pepper_kin.twin.actuators import ActuatorParameters, actuator_parameters
+from pepper_kin.twin.actuator_data import actuator_parameters
+from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.gestures import GestureReport, replay
 from pepper_kin.twin.integrator import Integrator
 from pepper_kin.twin.paper_gestures import GESTURES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.twin.run import Run, read_run
-from pepper_kin.twin.twin import DivergedError, Twin, TwinState
+from pepper_kin.twin.state import DivergedError, TwinState
+from pepper_kin.twin.twin import Twin
 
 __all__ = [
     "GESTURES",
