@@ -24,7 +24,7 @@ Indices = NDArray[np.int64]
 STANDS, ON_ROBOT, FREE = 0, 1, 2
 """Who moves a shape: nobody, a joint of the robot, or itself."""
 
-ROUNDED = 1e-3
+ROUNDED = 2e-4
 """Corners that coal sees are rounded by this at most, so that its distances stay those of shapes apart [m]."""
 
 

@@ -42,7 +42,7 @@ class ContactError(PepperKinError):
 
     def __init__(self, step: int, names: tuple[tuple[str, str], ...], cause: str) -> None:
         self.step, self.names, self.cause = step, names, cause
-        touching = ", ".join(f"{a} on {b}" for a, b in names) or "nothing touches"
+        touching = ", ".join(f"{a} on {b}" for a, b in dict.fromkeys(names)) or "nothing touches"
         super().__init__(f"world stopped at step {step}: {cause}; in contact: {touching}")
 
 
@@ -325,7 +325,9 @@ class World:
             raise ContactError(self._step, self._touching(), "the robot's mass matrix is not positive definite")
         solution = solve_step(problem, self._rows, self.solver, self._programme)
         if solution is None:
-            raise ContactError(self._step, self._touching(), "the contact problem was not solved")
+            finite = np.isfinite(problem.free).all()
+            cause = "the contact problem was not solved" if finite else "the robot's force or velocity is NaN"
+            raise ContactError(self._step, self._touching(), cause)
         self._solution = solution
         return apply(
             solution.velocity, solution.impulses, problem.jacobian, self._rows, problem.tangents,
