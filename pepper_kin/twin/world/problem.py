@@ -225,7 +225,18 @@ def _number(count: int, shapes: Indices, mover: Indices, index: Indices, n: int,
     return robot
 
 
-@njit(**OPTIONS)
+_VECTOR, _MATRIX, _CUBE, _INDICES = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64[::1]"
+
+
+@njit(
+    f"Tuple(({_MATRIX}, {_VECTOR}, {_VECTOR}, {_MATRIX}, {_MATRIX}, {_VECTOR}, {_VECTOR}, {_VECTOR}, "
+    f"{_MATRIX}, {_INDICES}, boolean))("
+    f"Tuple((int64, {_MATRIX}, int64[:, ::1])), Tuple(({_INDICES}, {_INDICES}, {_VECTOR})), "
+    f"Tuple(({_INDICES}, boolean[::1], {_INDICES}, {_VECTOR}, {_MATRIX}, {_MATRIX})), "
+    f"Tuple(({_MATRIX}, {_CUBE}, {_MATRIX}, {_VECTOR}, {_MATRIX})), "
+    f"Tuple(({_VECTOR}, {_MATRIX}, {_VECTOR})), {_VECTOR}, float64)",
+    **OPTIONS,
+)
 def assemble(
     contacts: tuple[int, Array, Indices],
     shapes: tuple[Indices, Indices, Array],

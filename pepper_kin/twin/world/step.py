@@ -46,6 +46,8 @@ def solve_step(
         solver: "compiled" (proxsuite stands in where it fails) or "proxsuite".
         programme: Kept by the caller, so that it starts warm.
     """
+    if not np.isfinite(problem.free).all():
+        return None
     u, pushes = np.empty(len(problem.free)), np.empty(len(problem.jacobian))
     if solver == "compiled":
         steps, sweeps, left = solve_compiled(

@@ -255,8 +255,8 @@ class World:
         if self.pepper is None or mass_hat.shape != (len(q), len(q)) or len(q) != self.pepper.n:
             robot = "no robot" if self.pepper is None else f"{self.pepper.n} joints"
             raise InvalidValueError("mass_hat", f"shape {mass_hat.shape} with q of {len(q)}", f"{robot}")
-        robot_state = (np.array(v, dtype=float), np.array(mass_hat, dtype=float), np.array(force, dtype=float))
-        return self._advance(np.array(q, dtype=float), robot_state, h)
+        moving, matrix, pull = (np.array(part, dtype=float, order="C") for part in (v, mass_hat, force))
+        return self._advance(np.array(q, dtype=float), (moving, matrix, pull), h)
 
     def advance_alone(self, h: float, q: ArrayLike | None = None) -> None:
         """Advance the free bodies by h [s] around a robot that does not move, or without one.
