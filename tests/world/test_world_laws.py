@@ -130,7 +130,8 @@ def test_a_ball_rolls_down_a_slope_with_five_sevenths_of_g_sin():
 def test_a_stack_of_boxes_stays():
     world = World(None, FLOOR)
     for level in range(5):
-        world.add_box(f"box {level}", (0.1, 0.1, 0.1), 0.2, (0.004 * level, 0, 0.05 + 0.1 * level), (0, 0, 0.2 * level))
+        place = (0.004 * level, 0, 0.05 + 0.1 * level)
+        world.add_box(f"box {level}", (0.1, 0.1, 0.1), 0.2, place, (0, 0, 0.2 * level))
     start = {name: body.pose for name, body in world.bodies.items()}
     run(world, 2000)
     for name, body in world.bodies.items():

@@ -67,14 +67,14 @@ def test_leaning_on_a_wall_the_wall_carries_what_the_torques_say():
     for k in range(600):
         state = twin.step(q + min(1.0, k / 200) * (lean - q))
     contacts = [c for c in twin.world.contacts if np.linalg.norm(c.force) > 1e-9]
-    assert {contact.names for contact in contacts} == {("l_wrist", "wall"), ("r_wrist", "wall")}
+    assert {contact.names for contact in contacts} == {("l_wrist", "wall")}
     assert np.abs(state.velocity).max() < 1e-4
     pushed = sum(contact.force for contact in contacts)
     assert -60.0 < pushed[0] < -5.0  # the wall pushes back
     for contact in contacts:
         assert contact.normal == pytest.approx([-1, 0, 0])
         assert contact.gap > -1e-5
-    assert np.abs(off_balance(pepper, state, contacts)).max() < 0.01
+    assert np.abs(off_balance(pepper, state, contacts)).max() < 1e-4
     without = np.abs(off_balance(pepper, state, []))
     assert without[pepper.joint_index("HipPitch")] > 5.0
 
@@ -94,19 +94,22 @@ def test_a_hand_pushes_a_box_along_a_table_against_its_friction():
     forward[pepper.joint_index("BaseX")] = speed
     ratios, moved = [], []
     for k in range(600):
-        twin.step(q + min(1.0, k / 50) * 0 + forward * H * (k + 1), forward)
+        twin.step(q + forward * H * (k + 1), forward)
         parcel = world.bodies["parcel"]
-        table = sum(c.force for c in world.contacts if c.names == ("parcel", "table"))
+        below = [c for c in world.contacts if c.names == ("parcel", "table")]
+        table = sum(c.force for c in below)
         hand = sum((c.force for c in world.contacts if "table" not in c.names), np.zeros(3))
         weight = np.array([0, 0, -mass * 9.81])
         if k > 400:
             assert np.linalg.norm(hand) > 0.5
-            ratios.append(np.hypot(table[0], table[1]) / table[2])
-            moved.append((parcel.velocity[0], np.linalg.norm(table + hand + weight)))
+            ratios.append(sum(np.hypot(*c.force[:2]) for c in below) / table[2])
+            touch = next(c.point for c in world.contacts if "table" not in c.names and c.force.any())
+            there = parcel.velocity[:3] + np.cross(parcel.velocity[3:], touch - parcel.position)
+            moved.append((there[0], np.linalg.norm(table + hand + weight)))
     moved = np.array(moved)
     assert np.median(ratios) == pytest.approx(mu, rel=2e-3)  # the law of friction, measured
     assert max(ratios) < mu * (1 + 1e-6)
-    assert np.mean(moved[:, 0]) == pytest.approx(speed, rel=0.02)
+    assert np.mean(moved[:, 0]) == pytest.approx(speed, rel=0.01)  # where the hand touches
     assert np.median(moved[:, 1]) < 0.05 * mass * 9.81  # hand, table and weight are in balance
     assert parcel.position[2] == pytest.approx(top + 0.07, abs=1e-3)
 
@@ -117,9 +120,8 @@ def test_an_arm_on_its_way_down_is_caught_on_an_edge():
     shoulder = pepper.joint_index("LShoulderPitch")
     q[shoulder], q[pepper.joint_index("LElbowRoll")] = 0.2, -0.1
     elbow = pk.kinematics.frame_pose(pepper, q, "LForeArm")[:3, 3]
-    edge = elbow + [0.06, 0, -0.10]
-    centre = edge + [0.2, 0, -0.2]
-    scene = Scene().add_box("block", (0.4, 1.0, 0.4), centre)
+    edge = elbow + np.array([0.08, 0, -0.10])  # the far one: the forearm slopes down beyond it
+    scene = Scene().add_box("block", (0.06, 0.2, 0.4), edge - [0.03, 0, 0.2])
     free = Twin(pepper, H)
     caught = Twin(pepper, H, world=World(pepper, scene))
     lower = q.copy()
@@ -141,13 +143,14 @@ def test_an_arm_on_its_way_down_is_caught_on_an_edge():
 
 
 def grip(mass, friction):
-    """Close the left hand on an upright bar and lift the hand by 5 cm; returns bar and hand's rise, and world."""
+    """Close the left hand on an upright bar, lift it by 5 cm; return both rises and the world."""
     pepper = pk.load_pepper(hands="mimic")
     hand = pepper.joint_index("LHand")
     up, q, way = np.array([0.0, 0.0, 1.0]), pepper.posture("Stand").copy(), []
     for height in (0.80, 0.85):
         level = pk.ik.AxisAlignment("LArm_effector", up, axis=(0, 1, 0), tolerance=0.03)
-        solution = pk.ik.solve(pepper, [pk.ik.HandPosition("left", (0.30, 0.20, height)), level], q0=q, scene=Scene())
+        tasks = [pk.ik.HandPosition("left", (0.30, 0.20, height)), level]
+        solution = pk.ik.solve(pepper, tasks, q0=q, scene=Scene())
         assert solution.success
         q = solution.q.copy()
         q[hand] = 0.9

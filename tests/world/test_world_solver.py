@@ -10,7 +10,7 @@ from pepper_kin.twin.world.programme import ImpulseProgramme
 
 
 def random_problem(seed, count, size):
-    """A problem like those of boxes: fewer velocities than edges, so that impulses are not unique without R."""
+    """A problem like those of boxes: fewer velocities than edges, impulses not unique but for R."""
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(size, size))
     mass = root @ root.T + 0.1 * np.eye(size)
@@ -100,9 +100,8 @@ def test_a_programme_solved_again_starts_where_it_ended():
 
 def test_newton_says_when_the_matrix_is_not_positive_definite():
     problem = random_problem(0, 1, 6)
-    pushes = np.empty(3)
-    bad = -problem.mass
-    assert (
-        newton(bad, problem.free, problem.jacobian, problem.soft, problem.drop, problem.friction, problem.start.copy(), pushes)
-        == -1
-    )
+    steps = newton(
+        -problem.mass, problem.free, problem.jacobian, problem.soft, problem.drop, problem.friction,
+        problem.start.copy(), np.empty(3),
+    )  # fmt: skip
+    assert steps == -1

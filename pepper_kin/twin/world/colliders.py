@@ -25,7 +25,7 @@ STANDS, ON_ROBOT, FREE = 0, 1, 2
 """Who moves a shape: nobody, a joint of the robot, or itself."""
 
 ROUNDED = 2e-4
-"""Corners that coal sees are rounded by this at most, so that its distances stay those of shapes apart [m]."""
+"""Corners that coal sees are rounded by this at most, so that shapes that touch are apart to it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,25 +107,24 @@ def colliders(
     count = len(rows)
     poses = np.array([row.pose for row in rows]).reshape(-1, 4, 4)
     measured = [_measure(row.geometry) for row in rows]
-    first_names = [row.name for row in rows]
+    pads = np.array([row.pad for row in rows])
     return Colliders(
-        names=tuple(first_names),
+        names=tuple(row.name for row in rows),
         kind=np.array([kind for kind, _, _ in measured], dtype=np.int64),
         size=np.array([size for _, size, _ in measured]).reshape(-1, 3),
         mover=np.array([row.mover for row in rows], dtype=np.int64),
         index=np.array([row.index for row in rows], dtype=np.int64),
         own_rotation=np.ascontiguousarray(poses[:, :3, :3]),
         own_position=np.ascontiguousarray(poses[:, :3, 3]),
-        ball=np.array([[*ball[:3], ball[3] + row.pad] for (_, _, ball), row in zip(measured, rows, strict=True)])
-        .reshape(-1, 4),
+        ball=np.array([ball for _, _, ball in measured]).reshape(-1, 4) + pads[:, None] * [0, 0, 0, 1],
         rotation=np.ascontiguousarray(poses[:, :3, :3]),
         position=np.ascontiguousarray(poses[:, :3, 3]),
         middle=np.zeros((count, 3)),
         speed=np.zeros(count),
         pairs=np.array(list(_pairs(rows, scene)), dtype=np.int64).reshape(-1, 2),
         geometries=tuple(row.geometry for row in rows),
-        pads=[row.pad for row in rows],
-    )  # fmt: skip
+        pads=pads.tolist(),
+    )
 
 
 def _fixed_rows(pepper: PepperModel | None, scene: Scene) -> Iterator[_Row]:

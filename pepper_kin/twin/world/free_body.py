@@ -60,7 +60,7 @@ class FreeBody:
 
     @property
     def kinetic_energy(self) -> float:
-        """m v^2 / 2 + w . I w / 2 [J]."""
+        """Of moving and turning, m v^2 / 2 + w . I w / 2 [J]."""
         turning = self.pose[:3, :3].T @ self.velocity[3:]
         moving = self.velocity[:3]
         return float(self.mass * moving @ moving + self.inertia @ turning**2) / 2

@@ -79,7 +79,8 @@ def of_round(
     for i in range(3):
         uu, ww, uw = uu + u[i] * u[i], ww + w[i] * w[i], uw + u[i] * w[i]
         ud, wd = ud + u[i] * apart[i], wd + w[i] * apart[i]
-    # |apart + s u - t w| least over s, t in [-1, 1]: free, then one clamped after the other (Ericson 2005, 5.1.9)
+    # |apart + s u - t w| least over s, t in [-1, 1]: free, then one clamped after the other
+    # (Ericson, Real-Time Collision Detection, 2005, 5.1.9)
     across = uu * ww - uw * uw
     s = 0.0
     if across > 1e-12 * uu * ww:
@@ -93,10 +94,7 @@ def of_round(
     gap = length - size[0] - other_size[0]
     if gap > margin:
         return 0
-    if length > 1e-12:
-        normal = normal / length
-    else:
-        normal = np.array([0.0, 0.0, 1.0])
+    normal = normal / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])
     rows[0, :3] = other_centre + t * w + normal * (other_size[0] + 0.5 * gap)
     rows[0, 3:6] = normal
     rows[0, 6] = gap

@@ -29,7 +29,7 @@ ALIGNED = 1e-7
 
 
 class ContactProblem(NamedTuple):
-    """One step's problem for k points and N velocities: those of the robot (if touched) and of bodies touched.
+    """One step's problem for k points and N velocities: of the robot, if touched, and of bodies touched.
 
     Attributes:
         mass: M, shape (N, N).
@@ -38,7 +38,7 @@ class ContactProblem(NamedTuple):
         jacobian: J, rows normal, first and second tangent of each point, shape (3 k, N).
         response: J M^-1, shape (3 k, N).
         soft: R of each point's edges, shape (k,).
-        drop: Normal velocity that closes the gap, negated: gap / h, or what takes an overlap back, shape (k,).
+        drop: Speed that closes the gap, gap / h, or, below zero, takes an overlap back, shape (k,).
         friction: mu, shape (k,).
         tangents: First tangent in the world, shape (k, 3).
         columns: First column of each free body, -1 where it touches nothing, shape (b,).

@@ -139,33 +139,35 @@ def _find(
                 square += (middle[i, k] - middle[j, k]) ** 2
             if square > (ball[i, 3] + ball[j, 3] + margin) ** 2:
                 continue
-        if (b == BOX or b == HALF_SPACE) and (
+        if b in (BOX, HALF_SPACE) and (
             _above(b, size[j], rotation[j], position[j], middle[i], ball[i, 3]) > margin
         ):
             continue
-        if a == BOX and b != HALF_SPACE and (
-            _above(a, size[i], rotation[i], position[i], middle[j], ball[j, 3]) > margin
+        if (
+            a == BOX
+            and b != HALF_SPACE
+            and (_above(a, size[i], rotation[i], position[i], middle[j], ball[j, 3]) > margin)
         ):
             continue
         if found + 4 > len(rows) or left == len(undecided):
             return -1, 0
-        new, swapped = OPEN, False
+        new, swapped, room = OPEN, False, rows[found:]
         if b == HALF_SPACE and a != OTHER:
             new = on_plane(
-                a, size[i], rotation[i], position[i], b, size[j], rotation[j], position[j], margin, rows[found:]
+                a, size[i], rotation[i], position[i], b, size[j], rotation[j], position[j], margin, room
             )  # fmt: skip
         elif a <= CAPSULE and b <= CAPSULE:
             new = of_round(
-                a, size[i], rotation[i], position[i], b, size[j], rotation[j], position[j], margin, rows[found:]
+                a, size[i], rotation[i], position[i], b, size[j], rotation[j], position[j], margin, room
             )  # fmt: skip
         elif b == BOX and a != OTHER:
             new = on_box(
-                a, size[i], rotation[i], position[i], b, size[j], rotation[j], position[j], margin, rows[found:]
+                a, size[i], rotation[i], position[i], b, size[j], rotation[j], position[j], margin, room
             )  # fmt: skip
         elif a == BOX and b < HALF_SPACE:
             swapped = True
             new = on_box(
-                b, size[j], rotation[j], position[j], a, size[i], rotation[i], position[i], margin, rows[found:]
+                b, size[j], rotation[j], position[j], a, size[i], rotation[i], position[i], margin, room
             )  # fmt: skip
         if new == OPEN:
             undecided[left, 0], undecided[left, 1] = i, j

@@ -1,4 +1,4 @@
-"""Coulomb's law by a few convex problems: what each slip lifts is taken off, and pyramids turn to the slip."""
+"""Coulomb's law by a few convex problems: what slips lift is taken off, and pyramids turn to the slips."""
 
 from __future__ import annotations
 

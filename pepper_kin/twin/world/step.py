@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.twin.world.problem import ContactProblem
 from pepper_kin.twin.world.programme import ImpulseProgramme
-from pepper_kin.twin.world.slip import SWEEPS, LIFT, first_shift, follow, lift, solve_compiled, velocities
+from pepper_kin.twin.world.slip import LIFT, SWEEPS, first_shift, follow, lift, solve_compiled, velocities
 
 Array = NDArray[np.float64]
 
@@ -64,9 +64,10 @@ def _by_programme(problem: ContactProblem, rows: Array, programme: ImpulseProgra
     u = np.empty(len(problem.free))
     first_shift(problem.jacobian, problem.start, problem.friction, shift)
     for sweep in range(1, SWEEPS + 1):
-        pushes = programme.solve(problem, problem.drop + shift)
-        if pushes is None:
+        found = programme.solve(problem, problem.drop + shift)
+        if found is None:
             return None
+        pushes = found
         velocities(problem.free, problem.response, pushes, u)
         left = lift(problem.jacobian, u, pushes, problem.drop, problem.friction, shift, slip)
         if left <= LIFT or sweep == SWEEPS:

@@ -87,6 +87,20 @@ class World:
         UnknownNameError: for frames that the robot lacks.
     """
 
+    _position: Array
+    _rotation: Array
+    _velocity: Array
+    _mass: Array
+    _inertia: Array
+    _rough: Array
+    _table: Colliders
+    _search: ContactSearch
+    _rows: Array
+    _pairs_now: NDArray[np.int64]
+    _forces: Array
+    _solution: StepSolution | None
+    _step: int
+
     def __init__(
         self,
         pepper: PepperModel | None,
@@ -102,7 +116,9 @@ class World:
             check_names(pepper, self.scene)
         elif self.scene.attached:
             raise InvalidValueError(
-                "scene", f"{', '.join(self.scene.attached)} attached", "nothing attached where there is no robot"
+                "scene",
+                f"{', '.join(self.scene.attached)} attached",
+                "nothing attached where there is no robot",
             )
         self.friction = _friction("friction", friction)
         self.gravity = read_only(as_finite(gravity, "gravity", (3,)))
@@ -201,8 +217,11 @@ class World:
             raise UnknownNameError("free body", name, self._initial)
         row = list(self._initial).index(name)
         new = transform(*_pose(name, np.zeros(3), np.zeros(3) if rpy is None else rpy))
-        where = self._position[row] if position is None else as_finite(position, f"position of {name!r}", (3,))
-        moving = self._velocity[row] if velocity is None else as_finite(velocity, f"velocity of {name!r}", (6,))
+        where, moving = self._position[row], self._velocity[row]
+        if position is not None:
+            where = as_finite(position, f"position of {name!r}", (3,))
+        if velocity is not None:
+            moving = as_finite(velocity, f"velocity of {name!r}", (6,))
         self._position[row], self._velocity[row] = where, moving
         if rpy is not None:
             self._rotation[row] = new[:3, :3]
@@ -279,7 +298,7 @@ class World:
                 raise InvalidValueError("q", f"shape {posture.shape}", f"shape ({self.pepper.n},)")
         self._advance(np.array(posture), self._still, h)
 
-    def _advance(self, q: Array, robot: tuple[Array, ...], h: float) -> Array:
+    def _advance(self, q: Array, robot: tuple[Array, Array, Array], h: float) -> Array:
         if not 0.0 < h <= LONGEST_STEP:
             raise InvalidValueError("h", f"{h} s", f"a number in (0, {LONGEST_STEP}] s")
         self._step += 1
@@ -297,17 +316,14 @@ class World:
         self._forces, self._solution = np.zeros((count, 3)), None
         load = np.zeros(len(moving))
         before = self._velocity.copy()
-        if count:
-            finite = self._contact(robot, h, load)
-        else:
-            finite = fall(self._velocity, self._weight, h)
+        finite = self._contact(robot, h, load) if count else fall(self._velocity, self._weight, h)
         if not finite:
             self._velocity = before
             raise ContactError(self._step, self._touching(), "velocities became infinite or NaN")
         fly(self._position, self._rotation, self._velocity, self._inertia, h)
         return load
 
-    def _contact(self, robot: tuple[Array, ...], h: float, load: Array) -> bool:
+    def _contact(self, robot: tuple[Array, Array, Array], h: float, load: Array) -> bool:
         """Solve the contacts; write velocities, forces and load, return whether they are finite."""
         table, tree, state = self._table, self._tree, self._state
         problem = ContactProblem(
@@ -322,7 +338,8 @@ class World:
             )
         )
         if not problem.sound:
-            raise ContactError(self._step, self._touching(), "the robot's mass matrix is not positive definite")
+            cause = "the robot's mass matrix is not positive definite"
+            raise ContactError(self._step, self._touching(), cause)
         solution = solve_step(problem, self._rows, self.solver, self._programme)
         if solution is None:
             finite = np.isfinite(problem.free).all()
@@ -363,19 +380,20 @@ class World:
         held = list(self._initial.values())
         now = [present.get(body.name, body) for body in held]
         self._position = np.array([body.position for body in now]).reshape(-1, 3)
-        self._rotation = np.ascontiguousarray(np.array([body.pose for body in now]).reshape(-1, 4, 4)[:, :3, :3])
+        poses = np.array([body.pose for body in now]).reshape(-1, 4, 4)
+        self._rotation = np.ascontiguousarray(poses[:, :3, :3])
         self._velocity = np.array([body.velocity for body in now]).reshape(-1, 6)
         self._mass = np.array([body.mass for body in held])
         self._inertia = np.array([body.inertia for body in held]).reshape(-1, 3)
         free = tuple((body.name, body.geometry) for body in held)
-        self._table: Colliders = colliders(self.pepper, self.scene, free)
+        self._table = colliders(self.pepper, self.scene, free)
         own = np.array([body.friction for body in held])
         self._rough = np.full(len(self._table.names), self.friction)
         self._rough[self._table.mover == FREE] = own
         self._search = ContactSearch(self._table)
         self._rows, self._forces = np.zeros((0, 7)), np.zeros((0, 3))
         self._pairs_now = np.zeros((0, 2), np.int64)
-        self._solution: StepSolution | None = None
+        self._solution = None
         self._step = 0
 
 
