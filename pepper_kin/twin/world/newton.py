@@ -98,6 +98,25 @@ def _add_active(hessian: Array, jacobian: Array, y: Array, soft: Array, friction
                 hessian[i, k] += x * a[k] + y1 * b[k] + y2 * d[k]
 
 
+@njit("void(float64[:, ::1], float64[::1], float64[::1])", **OPTIONS)
+def _take_pushes(jacobian: Array, pushes: Array, gradient: Array) -> None:
+    """Take J^T p from a gradient."""
+    for r in range(len(pushes)):
+        if pushes[r] != 0.0:
+            for k in range(len(gradient)):
+                gradient[k] -= jacobian[r, k] * pushes[r]
+
+
+@njit("boolean(float64[:, ::1], float64[:, ::1])", **OPTIONS)
+def _same_sides(y: Array, change: Array) -> bool:
+    """Whether the same edges push after a change."""
+    for c in range(len(y)):
+        for e in range(4):
+            if (y[c, e] + change[c, e] < 0) != (y[c, e] < 0):
+                return False
+    return True
+
+
 @njit(
     "int64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1], float64[::1], float64[::1], "
     "float64[::1], float64[::1])",
@@ -133,7 +152,7 @@ def newton(
     """
     size, rows, count = len(free), len(pushes), len(soft)
     slip, moved = np.empty(rows), np.empty(rows)
-    y, change, after = np.empty((count, 4)), np.empty((count, 4)), np.empty((count, 4))
+    y, change = np.empty((count, 4)), np.empty((count, 4))
     direction, gradient, apart = np.empty(size), np.empty(size), np.empty(size)
     hessian, none = np.empty((size, size)), np.zeros(count)
     for iteration in range(ITERATIONS):
@@ -142,10 +161,7 @@ def newton(
         impulses(y, soft, friction, pushes)
         apart[:] = u - free
         times(mass, apart, gradient)
-        for r in range(rows):
-            if pushes[r] != 0.0:
-                for k in range(size):
-                    gradient[k] -= jacobian[r, k] * pushes[r]
+        _take_pushes(jacobian, pushes, gradient)
         hessian[:] = mass
         _add_active(hessian, jacobian, y, soft, friction)
         if not factor(hessian):
@@ -159,12 +175,7 @@ def newton(
             return iteration
         times(jacobian, direction, moved)
         edges(moved, none, friction, change)
-        same = True
-        for c in range(count):
-            for e in range(4):
-                after[c, e] = y[c, e] + change[c, e]
-                same = same and (after[c, e] < 0) == (y[c, e] < 0)
-        if same:
+        if _same_sides(y, change):
             u += direction
             times(jacobian, u, slip)
             edges(slip, drop, friction, y)

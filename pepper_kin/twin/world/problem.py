@@ -205,6 +205,29 @@ def _respond(
                 response[k + 3 + i] += rotation[b, i, o] * turned
 
 
+@njit(
+    "boolean(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1], "
+    "float64[::1], float64)",
+    **OPTIONS,
+)
+def _robot(
+    mass: Array, free: Array, start: Array, lower: Array, v: Array, mass_hat: Array, force: Array, h: float
+) -> bool:
+    """Write the robot's part, and the factor of its mass matrix; return whether that is positive definite."""
+    n = len(lower)
+    if n == 0:
+        return True
+    lower[:] = mass_hat
+    mass[:n, :n] = mass_hat
+    start[:n] = v
+    free[:n] = force
+    sound = factor(lower)
+    solve(lower, free[:n])
+    for k in range(n):
+        free[k] = v[k] + h * free[k]
+    return sound
+
+
 @njit("int64(int64, int64[:, ::1], int64[::1], int64[::1], int64, int64[::1])", **OPTIONS)
 def _number(count: int, shapes: Indices, mover: Indices, index: Indices, n: int, columns: Indices) -> int:
     """Give columns to the free bodies that touch something; return how many columns the robot has: n or 0."""
@@ -270,15 +293,8 @@ def assemble(
             size += 6
     mass = np.zeros((size, size))
     free, start = np.zeros(size), np.zeros(size)
-    lower, sound = np.zeros((n, n)), True
-    if n:
-        lower[:] = mass_hat
-        mass[:n, :n] = mass_hat
-        sound = factor(lower)
-        free[:n] = force
-        solve(lower, free[:n])
-        free[:n] = v + h * free[:n]
-        start[:n] = v
+    lower = np.zeros((n, n))
+    sound = _robot(mass, free, start, lower, v, mass_hat, force, h)
     _bodies(mass, free, start, rotation, velocity, masses, inertia, columns, gravity, h)
     jacobian, response = np.zeros((3 * count, size)), np.zeros((3 * count, size))
     soft, drop, friction = np.zeros(count), np.zeros(count), np.zeros(count)
