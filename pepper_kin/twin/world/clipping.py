@@ -38,7 +38,8 @@ def clip(outline: Array, count: int, half_u: float, half_v: float, room: Array) 
         for k in range(count):
             here = half - sign * outline[k, axis]
             if here >= 0:
-                room[kept] = outline[k]
+                for i in range(3):
+                    room[kept, i] = outline[k, i]
                 kept += 1
             if count == 1 or (count == 2 and k == 1):
                 continue
@@ -46,10 +47,13 @@ def clip(outline: Array, count: int, half_u: float, half_v: float, room: Array) 
             there = half - sign * outline[after, axis]
             if (here >= 0) != (there >= 0):
                 share = here / (here - there)
-                room[kept] = outline[k] + share * (outline[after] - outline[k])
+                for i in range(3):
+                    room[kept, i] = outline[k, i] + share * (outline[after, i] - outline[k, i])
                 kept += 1
         count = kept
-        outline[:count] = room[:count]
+        for k in range(count):
+            for i in range(3):
+                outline[k, i] = room[k, i]
         if count == 0:
             return 0
     return count
@@ -84,7 +88,10 @@ def reduce(outline: Array, count: int, room: Array) -> int:
     kept = 0
     for k in (lowest, far, left, right):
         if k >= 0:
-            room[kept] = outline[k]
+            for i in range(3):
+                room[kept, i] = outline[k, i]
             kept += 1
-    outline[:kept] = room[:kept]
+    for k in range(kept):
+        for i in range(3):
+            outline[k, i] = room[k, i]
     return kept

@@ -223,15 +223,17 @@ def place_shapes(
     origin, linear, angular = np.zeros(3), np.zeros(3), np.zeros(3)
     for s in range(len(mover)):
         if mover[s] == ON_ROBOT:
-            frame[:] = joint_rotation[index[s]]
-            origin[:] = joint_position[index[s]]
-            linear[:] = joint_linear[index[s]]
-            angular[:] = joint_angular[index[s]]
+            for i in range(3):
+                origin[i] = joint_position[index[s], i]
+                linear[i], angular[i] = joint_linear[index[s], i], joint_angular[index[s], i]
+                for k in range(3):
+                    frame[i, k] = joint_rotation[index[s], i, k]
         elif mover[s] == FREE:
-            frame[:] = body_rotation[index[s]]
-            origin[:] = body_position[index[s]]
-            linear[:] = body_velocity[index[s], :3]
-            angular[:] = body_velocity[index[s], 3:]
+            for i in range(3):
+                origin[i] = body_position[index[s], i]
+                linear[i], angular[i] = body_velocity[index[s], i], body_velocity[index[s], 3 + i]
+                for k in range(3):
+                    frame[i, k] = body_rotation[index[s], i, k]
         if mover[s] != STANDS:
             for i in range(3):
                 position[s, i] = origin[i]

@@ -116,7 +116,7 @@ def _turn(rotation: Array, angular: Array, inertia: Array, h: float) -> None:
     for i in range(3):
         middle[i] = 0.25 * h * (start[i] + now[i])  # half the turn
     turned = np.empty((3, 3))
-    x, y, z = middle
+    x, y, z = middle[0], middle[1], middle[2]
     scale = 2.0 / (1.0 + x * x + y * y + z * z)
     for i in range(3):  # R (1 + scale (S + S^2)), S the cross product with the middle
         a, b, c = rotation[i, 0], rotation[i, 1], rotation[i, 2]

@@ -36,30 +36,45 @@ def reach(kind: int, size: Array, rotation: Array, centre: Array, x: float, y: f
     return middle + size[0] * abs(first) + size[1] * abs(second) + size[2] * abs(along)
 
 
-@njit(
-    "int64(float64[::1], float64[::1], float64[:], float64, float64[::1], float64[:, ::1])",
-    **OPTIONS,
-)
+@njit("void(float64[:, ::1], int64, float64[::1], float64, float64[::1], float64, float64[::1])", **OPTIONS)
+def _point(
+    points: Array, row: int, centre: Array, along: float, axis: Array, out: float, outward: Array
+) -> None:
+    """Write centre + along axis + out outward."""
+    for i in range(3):
+        points[row, i] = centre[i] + along * axis[i] + out * outward[i]
+
+
+@njit("int64(float64[::1], float64[::1], float64[::1], float64, float64[::1], float64[:, ::1])", **OPTIONS)
 def _rim(size: Array, centre: Array, axis: Array, along: float, d: Array, points: Array) -> int:
     """Write the end or the side of a cylinder that looks along d."""
-    outward = d - along * axis
+    outward, side = np.empty(3), np.empty(3)
+    least = 0
+    for i in range(3):
+        outward[i] = d[i] - along * axis[i]
+        if abs(axis[i]) < abs(axis[least]):
+            least = i
     length = math.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2)
     if length < 1e-12:  # d along the axis: any radius will do
-        k = int(np.argmin(np.abs(axis)))
-        outward = -axis[k] * axis
-        outward[k] += 1.0
+        for i in range(3):
+            outward[i] = -axis[least] * axis[i]
+        outward[least] += 1.0
         length = math.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2)
-    outward = outward / length
+    for i in range(3):
+        outward[i] /= length
+    radius, half = size[0], size[1]
     if abs(along) < 0.7:
-        points[0, :] = centre + size[0] * outward + size[1] * axis
-        points[1, :] = centre + size[0] * outward - size[1] * axis
+        _point(points, 0, centre, half, axis, radius, outward)
+        _point(points, 1, centre, -half, axis, radius, outward)
         return 2
-    middle = centre + (size[1] if along > 0 else -size[1]) * axis
-    side = np.cross(axis, outward)
-    points[0, :] = middle + size[0] * outward
-    points[1, :] = middle + size[0] * side
-    points[2, :] = middle - size[0] * outward
-    points[3, :] = middle - size[0] * side
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        side[i] = axis[k] * outward[m] - axis[m] * outward[k]
+    end = half if along > 0 else -half
+    _point(points, 0, centre, end, axis, radius, outward)
+    _point(points, 1, centre, end, axis, radius, side)
+    _point(points, 2, centre, end, axis, -radius, outward)
+    _point(points, 3, centre, end, axis, -radius, side)
     return 4
 
 
@@ -71,30 +86,30 @@ def feature(kind: int, size: Array, rotation: Array, centre: Array, d: Array, po
         How many points: 1 of a ball, 2 of a capsule or of a cylinder's side, 4 of a box's face or of a
         cylinder's end, in the order of their outline.
     """
+    axis = np.empty(3)
+    along = 0.0
+    for i in range(3):
+        axis[i] = rotation[i, 2]
+        along += d[i] * axis[i]
     if kind == BALL:
-        points[0, :] = centre + size[0] * d
+        _point(points, 0, centre, 0.0, axis, size[0], d)
         return 1
-    axis = rotation[:, 2]
-    along = d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2]
     if kind == CAPSULE:
-        points[0, :] = centre + size[0] * d + size[1] * axis
-        points[1, :] = centre + size[0] * d - size[1] * axis
+        _point(points, 0, centre, size[1], axis, size[0], d)
+        _point(points, 1, centre, -size[1], axis, size[0], d)
         return 2
     if kind == CYLINDER:
         return _rim(size, centre, axis, along, d, points)
-    face, most = 2, abs(along)
+    face, height = 2, along
     for k in range(2):
-        height = d[0] * rotation[0, k] + d[1] * rotation[1, k] + d[2] * rotation[2, k]
-        if abs(height) > most:
-            face, most = k, abs(height)
-    height = d[0] * rotation[0, face] + d[1] * rotation[1, face] + d[2] * rotation[2, face]
-    sign = 1.0 if height >= 0 else -1.0
+        other = d[0] * rotation[0, k] + d[1] * rotation[1, k] + d[2] * rotation[2, k]
+        if abs(other) > abs(height):
+            face, height = k, other
+    out = size[face] if height >= 0 else -size[face]
     k, m = (face + 1) % 3, (face + 2) % 3
     for corner in range(4):
         a = size[k] if corner in (0, 3) else -size[k]
         b = size[m] if corner < 2 else -size[m]
         for i in range(3):
-            points[corner, i] = (
-                centre[i] + sign * size[face] * rotation[i, face] + a * rotation[i, k] + b * rotation[i, m]
-            )
+            points[corner, i] = centre[i] + out * rotation[i, face] + a * rotation[i, k] + b * rotation[i, m]
     return 4

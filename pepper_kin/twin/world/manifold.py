@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pepper_kin.collision.fast.options import OPTIONS
-from pepper_kin.twin.world.clipping import clip, reduce
+from pepper_kin.twin.world.clipping import ROOM, clip, reduce
 from pepper_kin.twin.world.kinds import BALL, BOX, CAPSULE, feature, reach
 
 Array = NDArray[np.float64]
@@ -20,6 +20,18 @@ SETTLED = 1e-4
 """A manifold counts if its lowest point is as low as the other shape reaches, but for this [m]."""
 
 _SHAPE = "int64, float64[::1], float64[:, ::1], float64[::1]"
+
+
+@njit(
+    "void(float64[:, ::1], int64, float64, float64, float64, float64, float64, float64, float64)", **OPTIONS
+)
+def _write(
+    rows: Array, row: int, x: float, y: float, z: float, nx: float, ny: float, nz: float, gap: float
+) -> None:
+    """Write a point, halfway between the surfaces, given that on the second shape's."""
+    half = 0.5 * gap
+    rows[row, 0], rows[row, 1], rows[row, 2] = x + half * nx, y + half * ny, z + half * nz
+    rows[row, 3], rows[row, 4], rows[row, 5], rows[row, 6] = nx, ny, nz, gap
 
 
 @njit(f"int64({_SHAPE}, {_SHAPE}, float64, float64[:, ::1])", **OPTIONS)
@@ -36,24 +48,19 @@ def on_plane(
     rows: Array,
 ) -> int:
     """Write contacts of a shape with a half-space, rows (point, normal, gap); the normal leaves the plane."""
-    normal = np.ascontiguousarray(plane_rotation[:, 2])
-    height = plane_size[0]
-    for i in range(3):
-        height += normal[i] * plane_centre[i]
-    gap = -reach(kind, size, rotation, centre, -normal[0], -normal[1], -normal[2]) - height
-    if gap > margin:
+    x, y, z = plane_rotation[0, 2], plane_rotation[1, 2], plane_rotation[2, 2]
+    height = plane_size[0] + x * plane_centre[0] + y * plane_centre[1] + z * plane_centre[2]
+    if -reach(kind, size, rotation, centre, -x, -y, -z) - height > margin:
         return 0
-    points = np.empty((4, 3))
-    count = feature(kind, size, rotation, centre, -normal, points)
+    down, points = np.empty(3), np.empty((4, 3))
+    down[0], down[1], down[2] = -x, -y, -z
+    count = feature(kind, size, rotation, centre, down, points)
     kept = 0
     for k in range(count):
-        gap = -height
-        for i in range(3):
-            gap += normal[i] * points[k, i]
+        a, b, c = points[k, 0], points[k, 1], points[k, 2]
+        gap = x * a + y * b + z * c - height
         if gap <= margin:
-            rows[kept, :3] = points[k] - 0.5 * gap * normal
-            rows[kept, 3:6] = normal
-            rows[kept, 6] = gap
+            _write(rows, kept, a - gap * x, b - gap * y, c - gap * z, x, y, z, gap)
             kept += 1
     return kept
 
@@ -72,11 +79,13 @@ def of_round(
     rows: Array,
 ) -> int:
     """Write the contact of two balls or capsules, where their segments are nearest."""
-    u = rotation[:, 2] * (size[1] if kind == CAPSULE else 0.0)
-    w = other_rotation[:, 2] * (other_size[1] if other_kind == CAPSULE else 0.0)
-    apart = centre - other_centre
+    u, w, apart, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    half = size[1] if kind == CAPSULE else 0.0
+    other_half = other_size[1] if other_kind == CAPSULE else 0.0
     uu, ww, uw, ud, wd = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(3):
+        u[i], w[i] = half * rotation[i, 2], other_half * other_rotation[i, 2]
+        apart[i] = centre[i] - other_centre[i]
         uu, ww, uw = uu + u[i] * u[i], ww + w[i] * w[i], uw + u[i] * w[i]
         ud, wd = ud + u[i] * apart[i], wd + w[i] * apart[i]
     # |apart + s u - t w| least over s, t in [-1, 1]: free, then one clamped after the other
@@ -89,15 +98,16 @@ def of_round(
     t = min(1.0, max(-1.0, t))
     if uu > 0:
         s = min(1.0, max(-1.0, (uw * t - ud) / uu))
-    normal = apart + s * u - t * w
+    for i in range(3):
+        normal[i] = apart[i] + s * u[i] - t * w[i]
     length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
     gap = length - size[0] - other_size[0]
     if gap > margin:
         return 0
-    normal = normal / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])
-    rows[0, :3] = other_centre + t * w + normal * (other_size[0] + 0.5 * gap)
-    rows[0, 3:6] = normal
-    rows[0, 6] = gap
+    for i in range(3):
+        normal[i] = normal[i] / length if length > 1e-12 else (1.0 if i == 2 else 0.0)
+        apart[i] = other_centre[i] + t * w[i] + other_size[0] * normal[i]
+    _write(rows, 0, apart[0], apart[1], apart[2], normal[0], normal[1], normal[2], gap)
     return 1
 
 
@@ -141,7 +151,9 @@ def _ball_on_corner(
     rows: Array,
 ) -> int:
     """Write the contact of a ball, centre outside, with the nearest point of a box."""
-    nearest = box_centre.copy()
+    nearest, normal = np.empty(3), np.empty(3)
+    for i in range(3):
+        nearest[i] = box_centre[i]
     for k in range(3):
         along = 0.0
         for i in range(3):
@@ -149,17 +161,16 @@ def _ball_on_corner(
         along = min(box_size[k], max(-box_size[k], along))
         for i in range(3):
             nearest[i] += along * box_rotation[i, k]
-    normal = centre - nearest
+    for i in range(3):
+        normal[i] = centre[i] - nearest[i]
     length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
     gap = length - radius
     if gap > margin:
         return 0
     if length < 1e-12:
         return OPEN
-    normal = normal / length
-    rows[0, :3] = nearest + 0.5 * gap * normal
-    rows[0, 3:6] = normal
-    rows[0, 6] = gap
+    x, y, z = normal[0] / length, normal[1] / length, normal[2] / length
+    _write(rows, 0, nearest[0], nearest[1], nearest[2], x, y, z, gap)
     return 1
 
 
@@ -184,10 +195,12 @@ def _on_face(
 ) -> int:
     k = face[0]
     first, second = (k + 1) % 3, (k + 2) % 3
-    normal = face[1] * box_rotation[:, k]
-    points = np.empty((4, 3))
-    count = feature(kind, size, rotation, centre, -normal, points)
-    outline, room = np.empty((16, 3)), np.empty((16, 3))
+    normal, down, points = np.empty(3), np.empty(3), np.empty((4, 3))
+    for i in range(3):
+        normal[i] = face[1] * box_rotation[i, k]
+        down[i] = -normal[i]
+    count = feature(kind, size, rotation, centre, down, points)
+    outline, room = np.empty((ROOM, 3)), np.empty((ROOM, 3))
     for p in range(count):
         u, v, w = 0.0, 0.0, 0.0
         for i in range(3):
@@ -205,7 +218,8 @@ def _on_face(
     for p in range(count):
         least = min(least, outline[p, 2])
         if outline[p, 2] <= margin:
-            outline[kept] = outline[p]
+            for i in range(3):
+                outline[kept, i] = outline[p, i]
             kept += 1
     if least > lowest + SETTLED:
         return OPEN

@@ -80,13 +80,14 @@ def _add_active(hessian: Array, jacobian: Array, y: Array, soft: Array, friction
     """Add J_a^T R^-1 J_a of the edges that push to the lower triangle of a matrix."""
     size = len(hessian)
     for c in range(len(soft)):
-        on = [1.0 if y[c, e] < 0 else 0.0 for e in range(4)]
         mu, stiff = friction[c], 1.0 / soft[c]
-        nn = (on[0] + on[1] + on[2] + on[3]) * stiff
+        first, second = (stiff if y[c, 0] < 0 else 0.0), (stiff if y[c, 1] < 0 else 0.0)
+        third, fourth = (stiff if y[c, 2] < 0 else 0.0), (stiff if y[c, 3] < 0 else 0.0)
+        nn = first + second + third + fourth
         if nn == 0:
             continue
-        n1, n2 = mu * (on[0] - on[1]) * stiff, mu * (on[2] - on[3]) * stiff
-        t1, t2 = mu * mu * (on[0] + on[1]) * stiff, mu * mu * (on[2] + on[3]) * stiff
+        n1, n2 = mu * (first - second), mu * (third - fourth)
+        t1, t2 = mu * mu * (first + second), mu * mu * (third + fourth)
         a, b, d = jacobian[3 * c], jacobian[3 * c + 1], jacobian[3 * c + 2]
         for i in range(size):
             x = nn * a[i] + n1 * b[i] + n2 * d[i]
@@ -105,6 +106,12 @@ def _take_pushes(jacobian: Array, pushes: Array, gradient: Array) -> None:
         if pushes[r] != 0.0:
             for k in range(len(gradient)):
                 gradient[k] -= jacobian[r, k] * pushes[r]
+
+
+@njit("void(float64[::1], float64, float64[::1])", **OPTIONS)
+def _move(u: Array, step: float, direction: Array) -> None:
+    for k in range(len(u)):
+        u[k] += step * direction[k]
 
 
 @njit("boolean(float64[:, ::1], float64[:, ::1])", **OPTIONS)
@@ -159,14 +166,18 @@ def newton(
         times(jacobian, u, slip)
         edges(slip, drop, friction, y)
         impulses(y, soft, friction, pushes)
-        apart[:] = u - free
+        for k in range(size):
+            apart[k] = u[k] - free[k]
         times(mass, apart, gradient)
         _take_pushes(jacobian, pushes, gradient)
-        hessian[:] = mass
+        for i in range(size):
+            for k in range(i + 1):
+                hessian[i, k] = mass[i, k]
         _add_active(hessian, jacobian, y, soft, friction)
         if not factor(hessian):
             return -1
-        direction[:] = -gradient
+        for k in range(size):
+            direction[k] = -gradient[k]
         solve(hessian, direction)
         decrement = 0.0
         for k in range(size):
@@ -176,7 +187,7 @@ def newton(
         times(jacobian, direction, moved)
         edges(moved, none, friction, change)
         if _same_sides(y, change):
-            u += direction
+            _move(u, 1.0, direction)
             times(jacobian, u, slip)
             edges(slip, drop, friction, y)
             impulses(y, soft, friction, pushes)
@@ -186,5 +197,5 @@ def newton(
         for k in range(size):
             slope += apart[k] * gradient[k]
             curve += direction[k] * gradient[k]
-        u += _length(y, change, soft, slope, curve) * direction
+        _move(u, _length(y, change, soft, slope, curve), direction)
     return -1

@@ -85,20 +85,26 @@ def _point_rows(
             column = driver[joint]
             if column >= 0:
                 scale = sign * ratio[joint]
-                ax, ay, az = joint_axis[joint]
+                ax, ay, az = joint_axis[joint, 0], joint_axis[joint, 1], joint_axis[joint, 2]
                 if slides[joint]:
                     rows[0, column] += scale * ax
                     rows[1, column] += scale * ay
                     rows[2, column] += scale * az
                 else:
-                    x, y, z = point - joint_position[joint]
+                    x = point[0] - joint_position[joint, 0]
+                    y = point[1] - joint_position[joint, 1]
+                    z = point[2] - joint_position[joint, 2]
                     rows[0, column] += scale * (ay * z - az * y)
                     rows[1, column] += scale * (az * x - ax * z)
                     rows[2, column] += scale * (ax * y - ay * x)
             joint = parent[joint]
     elif mover == FREE:
         first = columns[index]
-        x, y, z = point - body_position[index]
+        x, y, z = (
+            point[0] - body_position[index, 0],
+            point[1] - body_position[index, 1],
+            point[2] - body_position[index, 2],
+        )
         for i in range(3):
             rows[i, first + i] += sign
         rows[0, first + 4] += sign * z
@@ -118,19 +124,24 @@ def _frame(rows: Array, normal: Array, free: Array, tangent: Array) -> None:
         for k in range(size):
             slip[i] += rows[i, k] * free[k]
     along = slip[0] * normal[0] + slip[1] * normal[1] + slip[2] * normal[2]
-    slip -= along * normal
+    for i in range(3):
+        slip[i] -= along * normal[i]
     length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
     if length < ALIGNED:
         axis = 0
         for i in range(1, 3):
             if abs(normal[i]) < abs(normal[axis]) - 1e-6:
                 axis = i
-        slip[:] = -normal[axis] * normal
+        for i in range(3):
+            slip[i] = -normal[axis] * normal[i]
         slip[axis] += 1.0
         length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
     for i in range(3):
         tangent[i] = slip[i] / length
-    second = np.cross(normal, tangent)
+    second = np.empty(3)
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        second[i] = normal[k] * tangent[m] - normal[m] * tangent[k]
     for k in range(size):
         x, y, z = rows[0, k], rows[1, k], rows[2, k]
         rows[0, k] = normal[0] * x + normal[1] * y + normal[2] * z
@@ -186,9 +197,9 @@ def _respond(
 ) -> None:
     """Write M^-1 row."""
     if n:
-        part = row[:n].copy()
-        solve(lower, part)
-        response[:n] = part
+        for k in range(n):
+            response[k] = row[k]
+        solve(lower, response[:n])
     for b in range(len(columns)):
         k = columns[b]
         if k < 0:
@@ -217,10 +228,10 @@ def _robot(
     n = len(lower)
     if n == 0:
         return True
-    lower[:] = mass_hat
-    mass[:n, :n] = mass_hat
-    start[:n] = v
-    free[:n] = force
+    for i in range(n):
+        start[i], free[i] = v[i], force[i]
+        for k in range(n):
+            lower[i, k] = mass[i, k] = mass_hat[i, k]
     sound = factor(lower)
     solve(lower, free[:n])
     for k in range(n):

@@ -176,6 +176,7 @@ def _find(
         for k in range(found, found + new):
             shapes[k, 0], shapes[k, 1] = i, j
             if swapped:
-                rows[k, 3:6] = -rows[k, 3:6]
+                for m in range(3, 6):
+                    rows[k, m] = -rows[k, m]
         found += new
     return found, left

@@ -30,7 +30,8 @@ def first_shift(jacobian: Array, start: Array, friction: Array, shift: Array) ->
 @njit("void(float64[::1], float64[:, ::1], float64[::1], float64[::1])", **OPTIONS)
 def velocities(free: Array, response: Array, pushes: Array, u: Array) -> None:
     """Write free + M^-1 J^T p."""
-    u[:] = free
+    for k in range(len(u)):
+        u[k] = free[k]
     for r in range(len(pushes)):
         if pushes[r] != 0.0:
             for k in range(len(u)):
@@ -56,6 +57,14 @@ def lift(
         off = friction[c] * (length - max(first, second))
         worst = max(worst, off + abs(friction[c] * length - shift[c]))
     return worst
+
+
+@njit("void(float64[:, ::1], int64, float64, float64)", **OPTIONS)
+def _turn(matrix: Array, row: int, a: float, b: float) -> None:
+    """Turn two rows by an angle of cosine a and sine b."""
+    for k in range(matrix.shape[1]):
+        x, y = matrix[row, k], matrix[row + 1, k]
+        matrix[row, k], matrix[row + 1, k] = a * x + b * y, a * y - b * x
 
 
 @njit(
@@ -89,14 +98,13 @@ def follow(
         turn = math.atan2(b, a)
         turn = turning * (turn - 0.5 * math.pi * round(turn / (0.5 * math.pi)))
         a, b = math.cos(turn), math.sin(turn)
-        for matrix in (jacobian, response):
-            first, second = matrix[3 * c + 1], matrix[3 * c + 2]
-            for k in range(matrix.shape[1]):
-                x, y = first[k], second[k]
-                first[k], second[k] = a * x + b * y, a * y - b * x
-        second = np.cross(rows[c, 3:6], tangents[c])
-        for i in range(3):
-            tangents[c, i] = a * tangents[c, i] + b * second[i]
+        _turn(jacobian, 3 * c + 1, a, b)
+        _turn(response, 3 * c + 1, a, b)
+        x, y, z = tangents[c, 0], tangents[c, 1], tangents[c, 2]
+        nx, ny, nz = rows[c, 3], rows[c, 4], rows[c, 5]
+        tangents[c, 0] = a * x + b * (ny * z - nz * y)
+        tangents[c, 1] = a * y + b * (nz * x - nx * z)
+        tangents[c, 2] = a * z + b * (nx * y - ny * x)
 
 
 @njit(
@@ -129,7 +137,8 @@ def solve_compiled(
     guess = start.copy()
     total, left = 0, 0.0
     for sweep in range(1, SWEEPS + 1):
-        shifted[:] = drop + shift
+        for c in range(len(drop)):
+            shifted[c] = drop[c] + shift[c]
         steps = newton(mass, free, jacobian, soft, shifted, friction, guess, pushes)
         if steps < 0:
             return -1, sweep, left

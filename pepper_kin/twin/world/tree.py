@@ -161,9 +161,10 @@ def _place(
         for i in range(3):
             at_axis[j, i] = base[i, 0] * axis[j, 0] + base[i, 1] * axis[j, 1] + base[i, 2] * axis[j, 2]
         if slides[j]:
-            at_rotation[j] = base
             for i in range(3):
                 at_position[j, i] += angle * at_axis[j, i]
+                for m in range(3):
+                    at_rotation[j, i, m] = base[i, m]
         else:
             rodrigues(axis[j], angle, turn)
             for i in range(3):
@@ -171,8 +172,9 @@ def _place(
                     at_rotation[j, i, m] = (
                         base[i, 0] * turn[0, m] + base[i, 1] * turn[1, m] + base[i, 2] * turn[2, m]
                     )
-        x, y, z = at_position[j] - at_position[p]
-        wx, wy, wz = angular[p]
+        x, y = at_position[j, 0] - at_position[p, 0], at_position[j, 1] - at_position[p, 1]
+        z = at_position[j, 2] - at_position[p, 2]
+        wx, wy, wz = angular[p, 0], angular[p, 1], angular[p, 2]
         linear[j, 0] = linear[p, 0] + wy * z - wz * y
         linear[j, 1] = linear[p, 1] + wz * x - wx * z
         linear[j, 2] = linear[p, 2] + wx * y - wy * x
