@@ -11,7 +11,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.twin.actuators import ActuatorParameters
-from pepper_kin.twin.joint_law import Piece, first_piece, law_table, piece_at, seen
+from pepper_kin.twin.joint_law import Piece, first_piece, holds_unclipped, law_table, piece_at, seen
 
 Array = NDArray[np.float64]
 
@@ -24,19 +24,19 @@ SAME_FORCE = 1e-9  # [N m or N] and part of the force: agreement of law and equa
 
 
 class Series(NamedTuple):
-    """What an engine did in some steps; where the state diverged, `count` is less than their number.
+    """What an engine did in some steps; where the state diverged, `good` is less than their number.
 
     Attributes:
         position: At the end of each step [rad or m], shape (T, n).
         velocity: [rad/s or m/s], shape (T, n).
         torque: Of the actuators during each step [N m or N], shape (T, n).
-        count: Number of good steps; the row after them, if any, is the state that diverged.
+        good: Number of good steps; the row after them, if any, is the state that diverged.
     """
 
     position: Array
     velocity: Array
     torque: Array
-    count: int
+    good: int
 
 
 class Integrator:
@@ -90,6 +90,7 @@ class Integrator:
         self._map = pepper.full_map if pepper.is_coupled else None
         self._offset = pepper.full_offset
         self._law = law_table(pepper, actuators)
+        self._plain = not (self._law.coulomb.any() or self._law.line.any())
         self._n = pepper.n
 
     def gravity_torque(self, q: Array) -> Array:
@@ -104,6 +105,11 @@ class Integrator:
         """Return the torque of the actuators at a state, instead of at the end of a step [N m or N]."""
         servo = self._servo(q, q_ref, v_ref, feedforward)
         return piece_at(self._law, 0.0, q, v, servo).torque
+
+    def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
+        """Return what the actuators want at the end of a step if the joints then stand still, unclipped."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._servo(q, q_ref, v_ref, feedforward)
 
     def step(
         self,
@@ -220,6 +226,8 @@ class Integrator:
             force = piece.intercept - piece.slope * v
             a = self._acceleration(q, v, force if load is None else force + load, law.rotor + h * piece.slope)
             before, w = w, v + h * a
+            if round_ == 0 and self._plain and holds_unclipped(law, h, q, w, piece.torque):
+                return w, piece.torque - (h * law.kp + law.kd) * w, piece
             found = piece_at(law, h, q, w, servo)
             given, due = found.intercept - found.slope * w, piece.intercept - piece.slope * w
             if not (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,11 +14,15 @@ from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
-from pepper_kin.twin.hooks import SensorsHook, WorldHook
+from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
 from pepper_kin.twin.integrator import Integrator, Series
 from pepper_kin.twin.push import Push
+from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
 from pepper_kin.twin.state import TwinState, diverged
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.fast.engine import Engine
 
 Array = NDArray[np.float64]
 
@@ -35,9 +41,12 @@ class Twin:
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
         world: What the robot may touch; asked for its load in every step.
-        sensors: Shown every state.
+        sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
+        compiled: Step by machine code, which is made once on a machine (some seconds) and then read from
+            disk; otherwise by Pinocchio from Python, some hundred times slower and ready at once.  The states
+            agree to 1e-9.
 
     Raises:
         InvalidValueError: for a timestep out of range, an unknown feed-forward, actuators of other joints, or
@@ -54,14 +63,17 @@ class Twin:
         world: WorldHook | None = None,
         sensors: SensorsHook | None = None,
         substeps: int = 1,
+        compiled: bool = True,
     ) -> None:
         self.pepper = pepper
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
         self.world, self.sensors = world, sensors
-        self.substeps = _count(substeps)
+        self.substeps = whole_number("substeps", substeps)
         Integrator(pepper, timestep, self.actuators)  # refuses what is wrong by the names given here
         self._timestep = float(timestep)
+        self.compiled = bool(compiled)
+        self._engine: Engine | None = None
         self._integrator = Integrator(pepper, self._timestep / self.substeps, self.actuators)
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._pushes: tuple[Push, ...] = ()
@@ -188,10 +200,11 @@ class Twin:
         command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
         before = (self._q, self._v)
         series = self._advance(command.as_rows(), outer[np.newaxis])
-        if series.count < 1:
+        if series.good < 1:
             after = (series.position[0], series.velocity[0], series.torque[0])
             step = self._step + 1
-            raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
+            wanted = self._integrator.wanted_torque(self._q, *command)
+            raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
         return self.state
 
     def execute(self, trajectory: Trajectory, settle: float = 0.0, *, from_present: bool = False) -> Run:
@@ -211,22 +224,9 @@ class Twin:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        if trajectory.joint_names != self.pepper.joint_names:
-            raise InvalidValueError(
-                "joints of the trajectory",
-                ", ".join(trajectory.joint_names),
-                ", ".join(self.pepper.joint_names),
-            )
-        if not (np.isfinite(settle) and settle >= 0):
-            raise InvalidValueError("settle", settle, "a finite time of at least 0 s")
+        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
         if not from_present:
-            start = trajectory(0.0)
-            self.reset(start.position, start.velocity)
-        steps = int(np.ceil((trajectory.duration + settle) / self.timestep - 1e-9))
-        time: Array = self.timestep * np.arange(steps + 1, dtype=float)
-        position, velocity, acceleration = trajectory(np.minimum(time, trajectory.duration))
-        after = time > trajectory.duration
-        velocity[after], acceleration[after] = 0.0, 0.0
+            self.reset(position[0], velocity[0])
         given = self._given(position, velocity, acceleration, np.zeros(self.pepper.n))
         return self._follow(Command(position, velocity, given))
 
@@ -290,12 +290,13 @@ class Twin:
             np.concatenate([row[np.newaxis], rows])
             for row, rows in zip(start, (series.position, series.velocity, series.torque), strict=True)
         ]
-        count, status, message = series.count + 1, COMPLETED, ""
+        count, status, message = series.good + 1, COMPLETED, ""
         if count < len(time):
             step = first + count
             before = (logged[0][count - 1], logged[1][count - 1])
             after = (logged[0][count], logged[1][count], logged[2][count])
-            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
+            wanted = self._integrator.wanted_torque(self._q, *command.row(count))
+            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
             status, message = STOPPED, str(error)
         part = slice(count)
         return Run(
@@ -310,6 +311,7 @@ class Twin:
             self.actuators.torque_limit,
             status,
             message,
+            readings_since(self.sensors, first * self.timestep),
         )
 
     def _advance(self, command: Command, load: Array) -> Series:
@@ -323,7 +325,7 @@ class Twin:
             part = slice(done, done + max(count, 1))
             outer = load if len(load) == 1 else load[part]
             series = self._run(due.part(part), outer) if count else self._coupled(due.part(part), outer)
-            good = series.count
+            good = series.good
             for store, values in zip(rows, series[:3], strict=True):
                 store[part] = values
             self._take(series, good)
@@ -347,14 +349,13 @@ class Twin:
         k, h = self.substeps, self._integrator.timestep
         fine = command if k == 1 else command.refined(k, h)
         outer = load if k == 1 or len(load) == 1 else np.repeat(load, k, axis=0)
-        gravity = self.feedforward == "gravity"
-        series = self._integrator.run(self._q, self._v, *fine, outer, gravity=gravity)
+        series = self._steps(self._q, self._v, fine, outer)
         if k == 1:
             return series
-        whole, failed = divmod(series.count, k)
+        whole, failed = divmod(series.good, k)
         ends = np.arange(k - 1, len(fine.position), k)
         if failed or whole < len(ends):
-            ends[whole] = series.count  # the state that diverged
+            ends[whole] = series.good  # the state that diverged
         return Series(series.position[ends], series.velocity[ends], series.torque[ends], whole)
 
     def _take(self, series: Series, good: int) -> None:
@@ -395,6 +396,17 @@ class Twin:
             raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")
         return array
 
+    def _steps(self, q: Array, v: Array, command: Command, load: Array) -> Series:
+        """Return what follows from a state in steps of the integrator."""
+        gravity = self.feedforward == "gravity"
+        if not self.compiled:
+            return self._integrator.run(q, v, *command, load, gravity=gravity)
+        if self._engine is None:
+            from pepper_kin.twin.fast.engine import Engine
+
+            self._engine = Engine.of_one(self.pepper, self._integrator.timestep, self.actuators, gravity)
+        return self._engine.follow(q, v, command, load)
+
     def _coupled(self, command: Command, load: Array) -> Series:
         """Advance by one timestep with pushes and world."""
         k, h = self.substeps, self._integrator.timestep
@@ -411,14 +423,19 @@ class Twin:
                     forward = forward + np.where(self._torque_mode, 0.0, self._integrator.gravity_torque(q))
                 linear = self._integrator.linearised(q, v, row.position, row.velocity, forward, outer)
                 outer = outer + self.world.advance(q, v, *linear, h)
-            series = self._integrator.run(q, v, *row.as_rows(), outer[np.newaxis], gravity=gravity)
-            if series.count == 0:
+            series = self._steps(q, v, row.as_rows(), outer[np.newaxis])
+            if series.good == 0:
                 break
             q, v = series.position[0], series.velocity[0]
         return series
 
 
-def _count(substeps: int) -> int:
-    if isinstance(substeps, bool) or not isinstance(substeps, (int, np.integer)) or substeps < 1:
-        raise InvalidValueError("substeps", repr(substeps), "an integer of at least 1")
-    return int(substeps)
+def whole_number(quantity: str, value: int) -> int:
+    """Return a number if it is an integer of at least 1.
+
+    Raises:
+        InvalidValueError: otherwise.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InvalidValueError(quantity, repr(value), "an integer of at least 1")
+    return int(value)

@@ -30,9 +30,9 @@ from pepper_kin.collision.fast.layout import (
     N,
     section,
 )
-from pepper_kin.collision.fast.native import call_kernel
 from pepper_kin.collision.fast.options import OPTIONS
 from pepper_kin.collision.fast.solids import BOX, OTHER, Array
+from pepper_kin.kernels.native import call_kernel
 
 TIE_WIDTH = 3e-6
 """Distances within this of the threshold are ties: coal's own iterations end at 1e-6 [m]."""
