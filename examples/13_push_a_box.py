@@ -28,7 +28,7 @@ forward[pepper.joint_index("BaseX")] = SPEED
 
 pushes, ratios, sweeps = [], [], 0
 for k in range(700):
-    twin.step(solution.q + SPEED * STEP * (k + 1) * (forward / SPEED), forward)
+    twin.step(solution.q + STEP * (k + 1) * forward, forward)
     below = [contact for contact in world.contacts if contact.names == ("parcel", "table")]
     hand = [contact for contact in world.contacts if "table" not in contact.names]
     if any(contact.force.any() for contact in hand) and k > 400:
