@@ -9,6 +9,9 @@ from pepper_kin.twin.hooks import SensorsHook, WorldHook
 from pepper_kin.twin.integrator import Integrator
 from pepper_kin.twin.paper_gestures import GESTURES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.twin.push import Push
+from pepper_kin.twin.real_time import Timing, serve
+from pepper_kin.twin.recorder import Recorder
+from pepper_kin.twin.recording import Recording, read_recording
 from pepper_kin.twin.run import Run, read_run
 from pepper_kin.twin.state import DivergedError, TwinState
 from pepper_kin.twin.twin import Twin
@@ -22,8 +25,11 @@ __all__ = [
     "Integrator",
     "PaperGesture",
     "Push",
+    "Recorder",
+    "Recording",
     "Run",
     "SensorsHook",
+    "Timing",
     "Twin",
     "TwinBatch",
     "TwinState",
@@ -31,6 +37,8 @@ __all__ = [
     "actuator_parameters",
     "paper_gesture",
     "paper_inconsistencies",
+    "read_recording",
     "read_run",
     "replay",
+    "serve",
 ]

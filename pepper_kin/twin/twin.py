@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
 from pepper_kin.twin.integrator import Integrator, Series
 from pepper_kin.twin.push import Push
+from pepper_kin.twin.real_time import Commander, Timing, serve
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
 from pepper_kin.twin.state import TwinState, diverged
@@ -269,6 +270,10 @@ class Twin:
         command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
         first = Command(self._q, self._v, np.zeros(self.pepper.n)).as_rows()
         return self._follow(first.then(command), outer)
+
+    def serve(self, commander: Commander, **options: Any) -> Timing:
+        """Step against the wall clock, with a function that says where to go; see `real_time.serve`."""
+        return serve(self, commander, **options)
 
     def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
         """Return what the actuators are told besides positions and velocities, shape (..., n)."""

@@ -87,9 +87,12 @@ def roll(
     m, given, result = state.shape[2], room.given, room.result
     strange = result.size - lanes
     for b in range(first, last):
-        given[:m], given[m : 2 * m] = state[0, b], state[1, b]
-        given[CONSTANT * m :] = constant[b]
-        room.flags[ALIVE] = True
+        for e in range(2 * m):  # assigning slices would take seconds to compile
+            given[e] = state[e // m, b, e % m]
+        for e in range(constant.shape[1]):
+            given[CONSTANT * m + e] = constant[b, e]
+        for lane in range(lanes):
+            room.flags[ALIVE, lane] = True
         left = lanes
         for k in range(steps):
             _tell(b, k, lanes, law[b], given, inputs)
@@ -107,9 +110,10 @@ def roll(
                 given[e] = result[e]
             if (k + 1) % every == 0:
                 _write(b, (k + 1) // every, lanes, room, log)
-        state[0, b], state[1, b] = given[:m], given[m : 2 * m]
-        if steps > 0:
-            state[2, b] = result[TORQUE * m : TORQUE * m + m]
+        for e in range(m):
+            state[0, b, e], state[1, b, e] = given[e], given[m + e]
+            if steps > 0:
+                state[2, b, e] = result[TORQUE * m + e]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -119,46 +123,46 @@ def _tell(b: int, k: int, lanes: int, law: Array, given: Array, inputs: Inputs) 
     What is constant in time is written in the first step only.
     """
     m = law.shape[1]
-    _spread(b, k, lanes, inputs.position, given[Q_REF * m : V_REF * m])
-    _spread(b, k, lanes, inputs.velocity, given[V_REF * m : GIVEN * m])
+    _spread(b, k, lanes, inputs.position, given, Q_REF * m)
+    _spread(b, k, lanes, inputs.velocity, given, V_REF * m)
     if k == 0 or inputs.given.shape[1] > 1:
-        _spread(b, k, lanes, inputs.given, given[GIVEN * m : LOAD * m])
+        _spread(b, k, lanes, inputs.given, given, GIVEN * m)
         for e in range(m):
             given[GIVEN * m + e] *= law[STRENGTH, e]
     if k == 0 or inputs.load.shape[1] > 1:
-        _spread(b, k, lanes, inputs.load, given[LOAD * m : CONSTANT * m])
+        _spread(b, k, lanes, inputs.load, given, LOAD * m)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _spread(b: int, k: int, lanes: int, values: Array, target: Array) -> None:
+def _spread(b: int, k: int, lanes: int, values: Array, given: Array, place: int) -> None:
     """Write one step's values of a block's robots in the order of elements."""
     robots, steps, n = values.shape
     row = min(k, steps - 1)
     if robots == 1:
         for e in range(n):
-            target[e] = values[0, row, e]
+            given[place + e] = values[0, row, e]
         return
     for lane in range(lanes):
         robot = min(b * lanes + lane, robots - 1)
         for j in range(n):
-            target[j * lanes + lane] = values[robot, row, j]
+            given[place + j * lanes + lane] = values[robot, row, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _survey(b: int, k: int, every: int, lanes: int, room: Room, log: Log) -> int:
     """Stop robots whose new state is absurd, and return how many of the block's are left."""
-    m, result, alive = room.answer.size, room.result, room.flags[ALIVE]
+    m, result, flags = room.answer.size, room.result, room.flags
     left = 0
     for lane in range(lanes):
-        if alive[lane]:
+        if flags[ALIVE, lane]:
             for e in range(lane, m, lanes):
                 if not (abs(result[NEXT_V * m + e]) < RUNAWAY and abs(result[TORQUE * m + e]) < np.inf):
-                    alive[lane] = False
+                    flags[ALIVE, lane] = False
             robot = b * lanes + lane
-            if not alive[lane] and robot < log.good.size:
+            if not flags[ALIVE, lane] and robot < log.good.size:
                 log.good[robot] = k
                 _write_lane(robot, lane, 1 + k // every, lanes, room, log)
-        if alive[lane]:
+        if flags[ALIVE, lane]:
             left += 1
         else:  # it stays where it was last seen well
             for e in range(lane, 2 * m, lanes):

@@ -61,7 +61,8 @@ def settle(h: float, address: int, lanes: int, law: Array, room: Room) -> None:
     m = room.answer.size
     _first_pieces(h, law, room)
     entries = room.places.shape[1] * lanes
-    room.ask[:entries] = room.result[MASS * m : MASS * m + entries]
+    for p in range(entries):  # assigning slices would take seconds to compile
+        room.ask[p] = room.result[MASS * m + p]
     for round_ in range(MOST_ROUNDS):
         if round_ > 0:
             _next_guess(h, address, lanes, law, room)
@@ -78,7 +79,8 @@ def settle(h: float, address: int, lanes: int, law: Array, room: Room) -> None:
 def _first_pieces(h: float, law: Array, room: Room) -> None:
     """Write the pieces of the first guess."""
     m = room.answer.size
-    room.flags[SETTLED] = False
+    for lane in range(room.flags.shape[1]):
+        room.flags[SETTLED, lane] = False
     for e in range(m):
         v = room.given[V * m + e]
         friction, stick = friction_at(law[COULOMB, e], v)
@@ -141,20 +143,20 @@ def _next_guess(h: float, address: int, lanes: int, law: Array, room: Room) -> N
 @njit(cache=True, nogil=True, error_model="numpy")
 def _go_to_the_least(h: float, lane: int, lanes: int, law: Array, room: Room) -> None:
     """Go back on the way of a lane to where the step's convex function is least."""
-    m, given, result, before = room.answer.size, room.given, room.result, room.rows[BEFORE]
+    m, given, result, rows = room.answer.size, room.given, room.result, room.rows
     _weigh(lane, lanes, law, room)
     slope, curvature = 0.0, 0.0
     for e in range(lane, m, lanes):
-        way = result[NEXT_V * m + e] - before[e]
-        slope += way * (room.rows[GONE, e] / h + result[BIAS * m + e] - given[LOAD * m + e])
-        curvature += way * room.rows[WAY, e] / h
+        way = result[NEXT_V * m + e] - rows[BEFORE, e]
+        slope += way * (rows[GONE, e] / h + result[BIAS * m + e] - given[LOAD * m + e])
+        curvature += way * rows[WAY, e] / h
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         t = (low + high) / 2
         rise = slope + t * curvature
         for e in range(lane, m, lanes):
-            way = result[NEXT_V * m + e] - before[e]
-            w = before[e] + t * way
+            way = result[NEXT_V * m + e] - rows[BEFORE, e]
+            w = rows[BEFORE, e] + t * way
             _, c, k = piece_at(law, e, h, given[e], w, result[SERVO * m + e], w)
             rise -= way * (c - k * w)
         if rise < 0.0:
@@ -162,7 +164,7 @@ def _go_to_the_least(h: float, lane: int, lanes: int, law: Array, room: Room) ->
         else:
             high = t
     for e in range(lane, m, lanes):
-        w = before[e] + high * (result[NEXT_V * m + e] - before[e])
+        w = rows[BEFORE, e] + high * (result[NEXT_V * m + e] - rows[BEFORE, e])
         result[NEXT_V * m + e] = w
         result[NEXT_Q * m + e] = given[e] + h * w
 
@@ -170,17 +172,15 @@ def _go_to_the_least(h: float, lane: int, lanes: int, law: Array, room: Room) ->
 @njit(cache=True, nogil=True, error_model="numpy")
 def _weigh(lane: int, lanes: int, law: Array, room: Room) -> None:
     """Write (M + J) (w+ - w) and (M + J) (w - v), where w+ is the new guess and w the one before."""
-    m, given, before = room.answer.size, room.given, room.rows[BEFORE]
-    way, gone = room.rows[WAY], room.rows[GONE]
-    following = room.result[NEXT_V * m : NEXT_V * m + m]
+    m, given, result, rows = room.answer.size, room.given, room.result, room.rows
     for e in range(lane, m, lanes):
-        way[e] = law[ROTOR, e] * (following[e] - before[e])
-        gone[e] = law[ROTOR, e] * (before[e] - given[V * m + e])
+        rows[WAY, e] = law[ROTOR, e] * (result[NEXT_V * m + e] - rows[BEFORE, e])
+        rows[GONE, e] = law[ROTOR, e] * (rows[BEFORE, e] - given[V * m + e])
     for p in range(room.places.shape[1]):
         mass = room.ask[p * lanes + lane]
         i, j = room.places[0, p] * lanes + lane, room.places[1, p] * lanes + lane
-        way[i] += mass * (following[j] - before[j])
-        gone[i] += mass * (before[j] - given[V * m + j])
+        rows[WAY, i] += mass * (result[NEXT_V * m + j] - rows[BEFORE, j])
+        rows[GONE, i] += mass * (rows[BEFORE, j] - given[V * m + j])
         if i != j:
-            way[j] += mass * (following[i] - before[i])
-            gone[j] += mass * (before[i] - given[V * m + i])
+            rows[WAY, j] += mass * (result[NEXT_V * m + i] - rows[BEFORE, i])
+            rows[GONE, j] += mass * (rows[BEFORE, i] - given[V * m + i])
