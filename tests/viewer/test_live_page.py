@@ -39,9 +39,13 @@ def waving(pepper):
 
 
 def picture(page):
-    """The drawn robot without the lines of text over it, after two frames."""
+    """The drawn robot without the lines of text over it, as finely as it gets."""
     page.evaluate("document.getElementById('bottom').style.visibility = 'hidden'")
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    for _ in range(600):
+        if page.evaluate("pepperKin.quality.settled && !pepperKin.viewer.needs_render"):
+            break
+        page.wait_for_timeout(50)
     image = Image.open(io.BytesIO(page.locator("#view").screenshot()))
     page.evaluate("document.getElementById('bottom').style.visibility = ''")
     return np.asarray(image.convert("RGB")).astype(int)
@@ -101,6 +105,7 @@ def test_layers_are_switched_for_everybody(open_live, until, server):
     page.click("#show-zero_moment_point")
     until(other, "!pepperKin.values.show.looks && pepperKin.values.show.capsules")
     assert not other.is_checked("#show-looks")
+    picture(other)
     visible = "(layer) => pepperKin.viewer.scene_tree.find(['robot', layer]).object.visible"
     for name, on in {"looks": False, "capsules": True, "zero_moment_point": True, "spheres": False}.items():
         assert other.evaluate(visible, name) is on

@@ -8,7 +8,9 @@
   let looked = false;
 
   function openViewer() {
-    const viewer = new MeshCat.Viewer(view);
+    const { renderer, software } = Quality.makeRenderer();
+    view.append(renderer.domElement);
+    const viewer = new MeshCat.Viewer(view, true, renderer);
     // meshcat takes the window's size; here it is that of its own pane.
     const resize = viewer.set_3d_pane_size.bind(viewer);
     viewer.set_3d_pane_size = () => resize(view.clientWidth, view.clientHeight);
@@ -20,10 +22,20 @@
         free: { width: view.clientWidth, height: Math.max(view.clientHeight - 2 * covered, 50) },
       };
     });
-    return viewer;
+    return { viewer, quality: new Quality(viewer, software) };
   }
 
-  const viewer = openViewer();
+  function open() {
+    try {
+      return openViewer();
+    } catch (error) {
+      element("failure").textContent = `This page cannot draw: ${error.message}. It needs a browser with WebGL.`;
+      element("failure").hidden = false;
+      throw error;
+    }
+  }
+
+  const { viewer, quality } = open();
   const send = (command) => link.send(command);
 
   function look(name) {
@@ -68,7 +80,7 @@
   }
 
   function hello({ robot, session }) {
-    const scene = parts?.scene ?? new LiveScene(viewer, robot.roots.robot);
+    const scene = parts?.scene ?? new LiveScene(viewer, quality, robot);
     scene.forget([robot.roots.robot, robot.roots.obstacles, ["markers"], ["ghost"]]);
     const targets = new TargetRows(robot, send);
     parts = {
@@ -85,7 +97,11 @@
   const show = {
     bodies: (names) => parts.scene.setBodies(names),
     q: (q) => parts.joints.update(q),
-    show: (shown) => parts.layers.update(shown),
+    show: (shown) => {
+      parts.layers.update(shown);
+      parts.scene.looksShown = shown[parts.robot.looks.fine];
+      viewer.set_dirty();
+    },
     targets: (targets) => parts.targets.update(targets),
     follow: (on) => (element("follow").checked = on),
     obstacles: (things) => {
@@ -135,6 +151,7 @@
   });
   window.pepperKin = {
     viewer,
+    quality,
     values: {},
     get parts() { return parts; },
     get connected() { return link.connected && parts !== null; },

@@ -2,11 +2,14 @@
 // The picture: draws what the server sends, and puts every body where the newest poses say.
 class LiveScene {
   // Layers that are seen through the shell, in the order in which they are drawn.
-  static SEEN_THROUGH = ["inertia", "frames", "center_of_mass"];
+  static SEEN_THROUGH = ["inertia", "zero_moment_point", "frames", "center_of_mass"];
+  static GLASS = ["capsules", "spheres"];
 
-  constructor(viewer, robotRoot) {
+  constructor(viewer, quality, robot) {
     this.viewer = viewer;
-    this.robotRoot = robotRoot;
+    this.robotRoot = robot.roots.robot;
+    this.looks = robot.looks;
+    this.looksShown = true;
     this.bodies = [];
     this.poses = null;
     this.stamp = 0;
@@ -17,7 +20,10 @@ class LiveScene {
     const render = viewer.render.bind(viewer);
     viewer.render = () => {
       this.arrange();
+      quality.before();
+      this.chooseLooks(quality.coarse);
       render();
+      quality.after();
       this.frames += 1;
       this.drawnListeners.forEach((listener) => listener(this.stamp));
     };
@@ -67,6 +73,14 @@ class LiveScene {
     });
   }
 
+  // Show the looks fine or coarse, where they are shown at all.
+  chooseLooks(coarse) {
+    const { fine, coarse: rough } = this.looks;
+    const object = (layer) => this.viewer.scene_tree.find([...this.robotRoot, layer]).object;
+    object(fine).visible = this.looksShown && !coarse;
+    object(rough).visible = this.looksShown && coarse;
+  }
+
   // Look up the objects that move with each body: one in every layer that draws something of it.
   find() {
     this.stale = false;
@@ -89,6 +103,12 @@ class LiveScene {
         object.material.transparent = true;
         object.renderOrder = 10 + order;
         object.castShadow = object.receiveShadow = false;
+      });
+    });
+    // Both sides of glass would be drawn one after the other, at twice the cost.
+    [...LiveScene.SEEN_THROUGH, ...LiveScene.GLASS].forEach((layer) => {
+      robot.children[layer]?.object.traverse((object) => {
+        if (object.material) object.material.side = MeshCat.THREE.FrontSide;
       });
     });
   }

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
 from pepper_kin.collision import ConvexMesh
-from pepper_kin.model import Box, Cylinder, PepperModel, Shape, Sphere
+from pepper_kin.model import Box, Cylinder, PepperModel, Sphere
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer.drawable import Color, Drawable
+from pepper_kin.viewer.server.merging import coarsened, merged
 from pepper_kin.viewer.server.targets import COLORS, RADIUS, Targets
 
 LOOKS, CAPSULES, SPHERES, FRAMES = "looks", "capsules", "spheres", "frames"
@@ -27,6 +26,8 @@ LAYERS = {
 }
 """Layers by name, with their title."""
 TARGETS = "targets"
+COARSE, COARSE_CELL = "coarse", 0.014
+"""What is drawn in place of the looks while they move, where there is no graphics card; its grid [m]."""
 
 MASS_BODY, ZMP_BODY = "@centre of mass", "@zero-moment point"
 """Things that move like links without being any."""
@@ -49,10 +50,12 @@ def target_body(name: str) -> str:
 
 def layers_of(pepper: PepperModel, targets: Targets) -> dict[str, tuple[Drawable, ...]]:
     """Return what each layer draws; every drawable hangs on a link or on one of the bodies named with @."""
+    looks = merged(pepper, pepper.visual_shapes)
     return {
-        LOOKS: tuple(Drawable.from_shape(shape) for shape in pepper.visual_shapes),
-        CAPSULES: _tinted(pepper.collision_shapes, _CAPSULE_COLOR),
-        SPHERES: _tinted(pepper.collision_spheres, _SPHERE_COLOR),
+        LOOKS: looks,
+        COARSE: coarsened(looks, COARSE_CELL),
+        CAPSULES: merged(pepper, pepper.collision_shapes, _CAPSULE_COLOR),
+        SPHERES: merged(pepper, pepper.collision_spheres, _SPHERE_COLOR),
         FRAMES: tuple(axis for frame in _frames(pepper) for axis in _triad(frame)),
         INERTIA: _ellipsoids(pepper),
         MASS: (Drawable("ball", MASS_BODY, Sphere(0.03), np.eye(4), _MASS_COLOR),),
@@ -62,10 +65,6 @@ def layers_of(pepper: PepperModel, targets: Targets) -> dict[str, tuple[Drawable
             for name in targets.names
         ),
     }
-
-
-def _tinted(shapes: tuple[Shape, ...], color: Color) -> tuple[Drawable, ...]:
-    return tuple(replace(Drawable.from_shape(shape), color=color) for shape in shapes)
 
 
 def _frames(pepper: PepperModel) -> tuple[str, ...]:
@@ -119,8 +118,8 @@ def _link_of(
 
 
 def _ellipsoid(semi: NDArray[np.float64]) -> ConvexMesh:
-    polar = np.linspace(0.0, np.pi, 10)[1:-1]
-    around = np.linspace(0.0, 2 * np.pi, 17)[:-1]
+    polar = np.linspace(0.0, np.pi, 9)[1:-1]
+    around = np.linspace(0.0, 2 * np.pi, 13)[:-1]
     ring = np.stack([np.cos(around), np.sin(around)], axis=-1)
     points = [np.column_stack([np.sin(p) * ring, np.full(len(ring), np.cos(p))]) for p in polar]
     unit = np.concatenate([[[0.0, 0.0, 1.0]], *points, [[0.0, 0.0, -1.0]]])

@@ -9,6 +9,7 @@ from importlib.resources import files
 _SCRIPTS = (
     "stage.js",
     "live_link.js",
+    "live_quality.js",
     "live_scene.js",
     "live_drag.js",
     "live_controls.js",

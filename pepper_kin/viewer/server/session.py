@@ -22,7 +22,7 @@ from pepper_kin.viewer.server.board import Board
 from pepper_kin.viewer.server.body_poses import BodyPoses
 from pepper_kin.viewer.server.document import Document
 from pepper_kin.viewer.server.follower import RATE, Follower
-from pepper_kin.viewer.server.layers import LAYERS, LOOKS, TARGETS, layers_of
+from pepper_kin.viewer.server.layers import COARSE, LAYERS, LOOKS, TARGETS, layers_of
 from pepper_kin.viewer.server.planning import Shown
 from pepper_kin.viewer.server.playback import Playback
 from pepper_kin.viewer.server.readings import Readings
@@ -80,7 +80,7 @@ class Session:
         self._links = tuple(name for name in self.pepper.frame_names if name in bodies)
         self._poses = BodyPoses(self.pepper, self._links, self.targets)
         self.document.set("show", {layer: layer == LOOKS for layer in self.available})
-        for layer in self.available:
+        for layer in (*self.available, COARSE):
             self.board.show((*ROBOT_ROOT, layer), layer == LOOKS)
         self.document.set("bodies", list(self._poses.names))
         self.document.set("message", {"text": "", "kind": "info", "count": 0})
@@ -429,6 +429,7 @@ class Session:
             "targets": list(self.targets.names),
             "kinds": {kind: list(obstacles.size_names(kind)) for kind in obstacles.KINDS},
             "roots": {"robot": list(ROBOT_ROOT), "targets": TARGETS, "obstacles": list(OBSTACLE_ROOT)},
+            "looks": {"fine": LOOKS, "coarse": COARSE},
         }
 
     def fail(self, error: Exception) -> None:
