@@ -142,3 +142,15 @@ def test_after_the_end_the_server_says_so(pepper):
     server.close()
     with pytest.raises(InfeasibleError, match="its server has ended"):
         server.call(lambda session: session.q)
+
+
+def test_the_command_refuses_a_remote_host_without_the_option(monkeypatch, capsys):
+    from pepper_kin.cli import main
+
+    monkeypatch.setattr("sys.argv", ["pepper-kin", "view", "--no-open", "--host", "0.0.0.0"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert error.startswith("pepper-kin: host: got '0.0.0.0', expected a loopback address, or --allow-remote")
+    assert error.count("\n") == 1

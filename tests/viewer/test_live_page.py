@@ -217,7 +217,7 @@ def test_a_motion_runs_to_its_end_and_its_curves_are_plotted(open_live, until, s
         const context = document.getElementById(id).getContext('2d');
         return context.getImageData(0, 0, 300, 58).data.some((x) => x > 0);
     }"""
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.wait_for_timeout(400)
     assert page.evaluate(ink, "torque")
     assert page.evaluate(ink, "clearance")
 

@@ -3,6 +3,7 @@
 // seconds, or the whole of a motion with a mark at its present time.
 class Plots {
   static SPAN = 12; // seconds
+  static STEP = 100; // milliseconds between two paintings: curves cost more than a robot where there is no card
 
   constructor(robot) {
     this.joints = robot.joints.map((joint) => joint.name);
@@ -13,6 +14,7 @@ class Plots {
     [this.torque, this.clearance] = ["torque", "clearance"].map((id) => document.getElementById(id));
     this.readings = ["torque-reading", "clearance-reading"].map((id) => document.getElementById(id));
     this.asked = false;
+    this.kept = new Map();
     window.onresize = () => this.draw();
   }
 
@@ -32,10 +34,10 @@ class Plots {
   draw() {
     if (this.asked) return;
     this.asked = true;
-    requestAnimationFrame(() => {
+    setTimeout(() => {
       this.asked = false;
       this.paint();
-    });
+    }, Plots.STEP);
   }
 
   paint() {
@@ -77,22 +79,36 @@ class Plots {
     const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
     if (!width || !height) return;
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const context = canvas.getContext("2d");
+    // Painted by the processor: so small a picture is not worth the way to a graphics card and back.
+    const context = canvas.getContext("2d", { willReadFrequently: true });
     context.clearRect(0, 0, width, height);
+    const x = (time) => ((time - start) / Math.max(end - start, 1e-9)) * width;
+    const key = mark === null ? null : this.motion;
+    let kept = this.kept.get(canvas);
+    if (!key || kept?.key !== key || kept.width !== width || kept.height !== height) {
+      this.paths(context, times.map(x), curves, { width, height, ratio, limit, least });
+      // The curves of a motion stay as they are: only the mark moves over them.
+      kept = key && { key, width, height, picture: context.getImageData(0, 0, width, height) };
+      this.kept.set(canvas, kept);
+    } else {
+      context.putImageData(kept.picture, 0, 0);
+    }
+    context.fillStyle = "rgba(29, 39, 51, 0.65)";
+    if (mark !== null) context.fillRect(Math.min(x(mark), width - 1), 0, ratio, height);
+  }
+
+  paths(context, xs, curves, { width, height, ratio, limit, least }) {
     const all = curves.flat();
     const high = Math.max(least, ...all) * 1.08;
     const low = Math.min(0, ...all);
-    const x = (time) => ((time - start) / Math.max(end - start, 1e-9)) * width;
     const y = (value) => height - 1 - ((value - low) / (high - low)) * (height - 2);
     context.lineWidth = ratio;
     context.strokeStyle = "rgba(179, 38, 30, 0.55)";
     if (limit <= high) this.line(context, [[0, y(limit)], [width, y(limit)]]);
     curves.forEach((values, k) => {
       context.strokeStyle = curves.length === 1 ? "#1f6feb" : `hsl(${(211 + 47 * k) % 360} 62% 45%)`;
-      this.line(context, values.map((value, at) => [x(times[at]), y(value)]));
+      this.line(context, values.map((value, at) => [xs[at], y(value)]));
     });
-    context.fillStyle = "rgba(29, 39, 51, 0.65)";
-    if (mark !== null) context.fillRect(Math.min(x(mark), width - 1), 0, ratio, height);
   }
 
   line(context, points) {

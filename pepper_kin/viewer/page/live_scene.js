@@ -105,8 +105,8 @@ class LiveScene {
         object.castShadow = object.receiveShadow = false;
       });
     });
-    // Both sides of glass would be drawn one after the other, at twice the cost.
-    [...LiveScene.SEEN_THROUGH, ...LiveScene.GLASS].forEach((layer) => {
+    // Both sides of glass would be drawn one after the other, at twice the cost; of coarse looks one is enough.
+    [...LiveScene.SEEN_THROUGH, ...LiveScene.GLASS, this.looks.coarse].forEach((layer) => {
       robot.children[layer]?.object.traverse((object) => {
         if (object.material) object.material.side = MeshCat.THREE.FrontSide;
       });

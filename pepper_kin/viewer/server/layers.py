@@ -26,7 +26,7 @@ LAYERS = {
 }
 """Layers by name, with their title."""
 TARGETS = "targets"
-COARSE, COARSE_CELL = "coarse", 0.014
+COARSE, COARSE_CELL = "coarse", 0.018
 """What is drawn in place of the looks while they move, where there is no graphics card; its grid [m]."""
 
 MASS_BODY, ZMP_BODY = "@centre of mass", "@zero-moment point"

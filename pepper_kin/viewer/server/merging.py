@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,8 @@ def _clustered(mesh: TriangleMesh, cell: float) -> TriangleMesh:
 
 def _carriers(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]]]:
     """Return for each link one that moves with it, the same for all that move together, and the way there."""
-    model, found, first = pepper.pinocchio_model, {}, {}
+    model, found = pepper.pinocchio_model, {}
+    first: dict[int, tuple[str, Any]] = {}
     for name in pepper.frame_names:
         frame = model.frames[pepper.frame_id(name)]
         carrier, placement = first.setdefault(frame.parentJoint, (name, frame.placement))
@@ -94,7 +96,7 @@ def _surface(shape: Shape, surfaces: dict[Path, Surface]) -> tuple[Surface, NDAr
     match geometry:
         case Box():
             corners = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
-            return Surface(corners * geometry.size, _BOX_FACES), ones
+            return _as_surface(corners * geometry.size, _BOX_FACES), ones
         case Sphere():
             return capsule_surface(geometry.radius, 0.0, SEGMENTS, RINGS), ones
         case Capsule():
@@ -120,7 +122,11 @@ def _cylinder(cylinder: Cylinder) -> Surface:
     fan = np.arange(1, SEGMENTS - 1)
     bottom = np.stack([np.zeros_like(fan), fan + 1, fan], 1)
     top = np.stack([np.zeros_like(fan), fan, fan + 1], 1) + SEGMENTS
-    return Surface(np.concatenate(ends), np.concatenate([sides, bottom, top]))
+    return _as_surface(np.concatenate(ends), np.concatenate([sides, bottom, top]))
+
+
+def _as_surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surface:
+    return Surface(vertices.astype(np.float32), faces.astype(np.uint32))
 
 
 def _joined(parts: list[tuple[NDArray[np.float64], NDArray[np.int64]]]) -> TriangleMesh:
