@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -76,3 +77,50 @@ def limits(as_json: Json = False) -> None:
 
     table = limits_table()
     print(json.dumps(table.to_dict(), indent=2) if as_json else table.report())
+
+
+@app.command()
+def paper(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for tables and pictures.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Make the published twin's validation again: limits, three movements, and its measuring chain.
+
+    Example: pepper-kin check paper -o validation
+    """
+    from pepper_kin.jobs import check_paper, write_paper_check
+
+    found = check_paper(seed=seed)
+    print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
+    if output is not None:
+        for path in write_paper_check(found, output).values():
+            print(f"wrote {path}", file=sys.stderr)
+    if not found.ok:
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def physics(
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the files.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the free swing's start.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Run the twin beside MuJoCo: free swing, step responses, a gesture, a push (needs mujoco).
+
+    Example: pepper-kin check physics -o validation
+    """
+    from pepper_kin.atomic_file import write_bytes
+    from pepper_kin.jobs import check_physics
+
+    found = check_physics(seed=seed)
+    numbers = json.dumps(found.as_dict(), indent=2)
+    print(numbers if as_json else found.report())
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        for name, text in (("physics.txt", found.report()), ("physics.json", numbers)):
+            print(f"wrote {write_bytes(output / name, (text + chr(10)).encode())}", file=sys.stderr)
+    if not found.ok:
+        raise typer.Exit(FAILED)

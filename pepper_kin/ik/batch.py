@@ -99,7 +99,7 @@ class BatchResult:
             time=self.time,
             solver=self.solver,
             seed=self.seed,
-            evidence=Evidence(self._pepper, tasks, self._starts[row], self._movable, None, q),
+            evidence=Evidence(self._pepper, tasks, self._starts[row], self._movable, None, q).certificate,
         )
 
     def report(self) -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,8 +23,7 @@ AT_LIMIT = 1e-4
 PUSH = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(NamedTuple):
     """All that a certificate is computed from, when it is asked for.
 
     Attributes:
@@ -44,7 +42,7 @@ class Evidence:
     scene: Scene | None
     q: Array
 
-    def __call__(self) -> Certificate:
+    def certificate(self) -> Certificate:
         """Return the certificate."""
         movable = np.ones(self.pepper.n, dtype=bool) if self.movable is None else self.movable
         problem = make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=self.scene is None)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
 
@@ -101,7 +101,23 @@ class Certificate:
     torque_use: TorqueUse
 
 
-@dataclass(frozen=True, eq=False)
+class Found(NamedTuple):
+    """How a search ended, before anything is certified.
+
+    Attributes:
+        q: Joint positions within the limits [rad or m], shape (n,), read-only.
+        status: How it ended.
+        iterations: Steps over all starts.
+        restarts: Starts used after the first.
+    """
+
+    q: Array
+    status: Status
+    iterations: int
+    restarts: int
+
+
+@dataclass(frozen=True, eq=False, init=False)
 class IKResult:
     """The best configuration found and a certificate recomputed from it, never the solver's word.
 
@@ -128,6 +144,24 @@ class IKResult:
     seed: int
     evidence: Callable[[], Certificate] = field(repr=False)
     hint: str = ""
+
+    def __init__(
+        self,
+        status: Status,
+        q: Array,
+        iterations: int,
+        restarts: int,
+        time: float,
+        solver: str,
+        seed: int,
+        evidence: Callable[[], Certificate],
+        hint: str = "",
+    ) -> None:
+        # At once, as the generated way of a frozen class, one attribute after the other, takes a microsecond.
+        self.__dict__.update(
+            status=status, q=q, iterations=iterations, restarts=restarts, time=time, solver=solver, seed=seed,
+            evidence=evidence, hint=hint,
+        )  # fmt: skip
 
     @cached_property
     def certificate(self) -> Certificate:

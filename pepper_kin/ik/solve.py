@@ -21,7 +21,7 @@ from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
 from pepper_kin.ik.obstruction import find_status, what_would_help
 from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
-from pepper_kin.ik.result import IKResult, Status
+from pepper_kin.ik.result import Found, IKResult, Status
 from pepper_kin.ik.search import Budget, search
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -108,7 +108,7 @@ def solve(
         time=time.perf_counter() - begin,
         solver=solver,
         seed=budget.seed,
-        evidence=Evidence(pepper, parts, start, movable, scene, found.q),
+        evidence=Evidence(pepper, parts, start, movable, scene, found.q).certificate,
         hint=hint,
     )
 
@@ -140,22 +140,6 @@ class Request(NamedTuple):
         return make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=whole or self.scene is None)
 
 
-class Found(NamedTuple):
-    """How a search ended.
-
-    Attributes:
-        q: Joint positions, shape (n,), read-only.
-        status: How it ended.
-        iterations: Steps over all starts.
-        restarts: Starts used after the first.
-    """
-
-    q: Array
-    status: Status
-    iterations: int
-    restarts: int
-
-
 def _find_at_once(request: Request) -> Found | None:
     """Search in machine code from end to end; None where collisions or the clock ask for the other search."""
     fast = _fast()
@@ -171,10 +155,10 @@ def _find_at_once(request: Request) -> Found | None:
         budget.max_iterations,
     )  # fmt: skip
     if request.scene is None:
-        return Found(*answer)
+        return answer
     collisions = Collisions(pepper, request.scene)
     if collisions.free(answer.q):
-        return Found(*answer)
+        return answer
     if answer.status is Status.SOLVED:
         from pepper_kin.ik.clear import find_clear
 

@@ -1,19 +1,57 @@
-"""Whole jobs, from a user's words to numbers and files."""
+"""Whole jobs, from a user's words to numbers and files.
 
-from pepper_kin.jobs.check_dynamics import check_dynamics
-from pepper_kin.jobs.demo import demo_scene, run_demo
-from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
-from pepper_kin.jobs.export_files import write_export
-from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, write_library_gesture
-from pepper_kin.jobs.reach import ReachOutcome, reach
-from pepper_kin.jobs.result_files import write_gesture, write_outcome
+Each job's module is imported when the job is first used, so that a check of dynamics does not load planners.
+No module has the name of a job: importing it would hide the job.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pepper_kin.jobs.demo import demo_scene, run_demo
+    from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
+    from pepper_kin.jobs.dynamics_checking import check_dynamics
+    from pepper_kin.jobs.export_files import write_export
+    from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, write_library_gesture
+    from pepper_kin.jobs.paper_check import PaperCheck, check_paper
+    from pepper_kin.jobs.paper_files import write_paper_check
+    from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
+    from pepper_kin.jobs.reaching import ReachOutcome, reach
+    from pepper_kin.jobs.result_files import write_gesture, write_outcome
+
+_MODULES = {
+    "DynamicsCheck": "dynamics_check",
+    "DynamicsCheckRow": "dynamics_check",
+    "MadeGesture": "gesture_job",
+    "PaperCheck": "paper_check",
+    "PhysicsCheck": "physics_check",
+    "ReachOutcome": "reaching",
+    "check_dynamics": "dynamics_checking",
+    "check_paper": "paper_check",
+    "check_physics": "physics_check",
+    "demo_scene": "demo",
+    "make_gesture": "gesture_job",
+    "reach": "reaching",
+    "run_demo": "demo",
+    "write_export": "export_files",
+    "write_gesture": "result_files",
+    "write_library_gesture": "gesture_job",
+    "write_outcome": "result_files",
+    "write_paper_check": "paper_files",
+}
 
 __all__ = [
     "DynamicsCheck",
     "DynamicsCheckRow",
     "MadeGesture",
+    "PaperCheck",
+    "PhysicsCheck",
     "ReachOutcome",
     "check_dynamics",
+    "check_paper",
+    "check_physics",
     "demo_scene",
     "make_gesture",
     "reach",
@@ -22,4 +60,17 @@ __all__ = [
     "write_gesture",
     "write_library_gesture",
     "write_outcome",
+    "write_paper_check",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

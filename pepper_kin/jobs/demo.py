@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pepper_kin.collision import Scene
-from pepper_kin.jobs.reach import ReachOutcome, reach
+from pepper_kin.jobs.reaching import ReachOutcome, reach
 from pepper_kin.model import PepperModel
 
 TARGET = (0.38, 0.22, 0.82)

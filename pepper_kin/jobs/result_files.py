@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pepper_kin import atomic_file
-from pepper_kin.jobs.reach import ReachOutcome
+from pepper_kin.jobs.reaching import ReachOutcome
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import write_csv
 from pepper_kin.twin import GestureReport

@@ -1,32 +1,40 @@
-"""Parameters of the joints' position servos."""
+"""Parameters of the joints' actuators."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
-FULL_TORQUE_ERROR = 0.005  # [rad or m] of position error at which a generic servo gives its full torque
-_FREE_FREQUENCY = 50.0  # [rad/s] of a generic servo without a torque limit
-_STOP_RATIO = 200.0  # a joint stop is this much stiffer than the servo
-_STOP_TIME = 0.002  # [s] damping of a joint stop / its stiffness
+POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
+MODES = (POSITION, VELOCITY, TORQUE)
+
+_GIVEN = ("stiffness", "damping", "stop_stiffness", "stop_damping")
+_ZERO = ("rotor_inertia", "viscous_friction", "coulomb_friction", "encoder_resolution")
+_UNBOUNDED = ("torque_limit", "stall_torque", "no_load_speed")
+QUANTITIES = (*_GIVEN, *_ZERO, *_UNBOUNDED, "strength")
 
 
 @dataclass(frozen=True, eq=False)
 class ActuatorParameters:
-    """Servos tau = clip(stiffness (q_ref - q) + damping (v_ref - v) + feed-forward, +-torque_limit).
+    """Actuators of all joints; see `pepper_kin.twin.joint_law` for the torque that they give.
+
+    What is wanted of an actuator depends on its mode:
+
+    * "position": u = stiffness (q_ref - q) + damping (v_ref - v) + feed-forward
+    * "velocity": u = damping (v_ref - v) + feed-forward
+    * "torque":   u = effort, as commanded; no feed-forward
+
+    and the torque is tau = strength clip(u, what the motor can give at its speed).
 
     Attributes:
         joint_names: The joints.
@@ -36,6 +44,18 @@ class ActuatorParameters:
         stop_stiffness: Of the joint stops at the position limits [N m/rad or N/m], shape (n,).
         stop_damping: Of the joint stops [N m s/rad or N s/m], shape (n,).
         sources: Where each joint's stiffness and damping come from, or "assumed".
+        mode: "position", "velocity" or "torque" for each joint; "position" if omitted.
+        strength: What NAOqi calls stiffness, 0 to 1: the part of its torque that the motor gives, shape (n,);
+            1 if omitted.
+        rotor_inertia: Of the motor's rotor, seen through its gear [kg m^2 or kg], shape (n,); 0 if omitted.
+        viscous_friction: [N m s/rad or N s/m], shape (n,); 0 if omitted.
+        coulomb_friction: [N m or N], shape (n,); 0 if omitted.
+        stall_torque: That the motor would give at rest, had it no torque limit [N m or N], shape (n,); inf if
+            omitted.
+        no_load_speed: At which the motor gives no torque [rad/s or m/s], shape (n,); inf if omitted.
+        encoder_resolution: The servo sees positions in multiples of this [rad or m], shape (n,); 0 (exact) if
+            omitted.
+        latency: Commands act this much later [s], rounded to timesteps of the twin.
     """
 
     joint_names: tuple[str, ...]
@@ -45,87 +65,107 @@ class ActuatorParameters:
     stop_stiffness: Array
     stop_damping: Array
     sources: tuple[str, ...]
+    mode: tuple[str, ...] = ()
+    strength: Array = None  # type: ignore[assignment]
+    rotor_inertia: Array = None  # type: ignore[assignment]
+    viscous_friction: Array = None  # type: ignore[assignment]
+    coulomb_friction: Array = None  # type: ignore[assignment]
+    stall_torque: Array = None  # type: ignore[assignment]
+    no_load_speed: Array = None  # type: ignore[assignment]
+    encoder_resolution: Array = None  # type: ignore[assignment]
+    latency: float = 0.0
 
     def __post_init__(self) -> None:
         """Copy and check the fields.
 
         Raises:
-            InvalidValueError: naming joint and quantity, for NaN, infinity, or a value below zero.
+            InvalidValueError: naming joint and quantity, for NaN, infinity, or a value that is not allowed.
         """
         n = len(self.joint_names)
-        for quantity in ("stiffness", "damping", "stop_stiffness", "stop_damping"):
+        missing = {"strength": 1.0, **dict.fromkeys(_ZERO, 0.0), **dict.fromkeys(_UNBOUNDED, np.inf)}
+        for quantity, usual in missing.items():
+            if getattr(self, quantity) is None:
+                object.__setattr__(self, quantity, np.full(n, usual))
+        for quantity in (*_GIVEN, *_ZERO, "strength"):
             array = as_finite(getattr(self, quantity), quantity, (n,))
             self._refuse(quantity, array, array < 0, "a number of at least 0")
             object.__setattr__(self, quantity, read_only(array))
-        limit = np.asarray(self.torque_limit, dtype=float)
-        if limit.shape != (n,):
-            raise InvalidValueError("torque_limit", f"shape {limit.shape}", f"shape ({n},)")
-        self._refuse("torque_limit", limit, ~(limit > 0), "a number above 0, or infinity for none")
-        object.__setattr__(self, "torque_limit", read_only(limit))
+        self._refuse("strength", self.strength, self.strength > 1, "a number from 0 to 1")
+        for quantity in _UNBOUNDED:
+            limit = np.asarray(getattr(self, quantity), dtype=float)
+            if limit.shape != (n,):
+                raise InvalidValueError(quantity, f"shape {limit.shape}", f"shape ({n},)")
+            self._refuse(quantity, limit, ~(limit > 0), "a number above 0, or infinity for none")
+            object.__setattr__(self, quantity, read_only(limit))
+        endless = np.isfinite(self.no_load_speed) & ~np.isfinite(self.stall_torque)
+        self._refuse("stall_torque", self.stall_torque, endless, "a number, as there is a no_load_speed")
+        if not (np.isfinite(self.latency) and self.latency >= 0):
+            raise InvalidValueError("latency", self.latency, "a finite time of at least 0 s")
+        self._check_modes()
+
+    def _check_modes(self) -> None:
+        names = self.joint_names
+        mode = tuple(self.mode) or (POSITION,) * len(names)
+        if len(mode) != len(names):
+            raise InvalidValueError("mode", f"{len(mode)} modes", f"one for each of {len(names)} joints")
+        for name, chosen in zip(names, mode, strict=True):
+            if chosen not in MODES:
+                allowed = "one of " + ", ".join(repr(m) for m in MODES)
+                raise InvalidValueError(f"mode of {name}", repr(chosen), allowed)
+        object.__setattr__(self, "mode", mode)
 
     def _refuse(self, quantity: str, array: Array, wrong: NDArray[np.bool_], allowed: str) -> None:
         if wrong.any():
             j = int(np.argmax(wrong))
             raise InvalidValueError(f"{quantity} of {self.joint_names[j]}", array[j], allowed)
 
+    def in_mode(self, mode: str) -> NDArray[np.bool_]:
+        """Return which joints are in a mode, shape (n,)."""
+        return np.array([chosen == mode for chosen in self.mode], dtype=bool)
+
     def changed(
         self,
         *,
-        stiffness: ArrayLike | None = None,
-        damping: ArrayLike | None = None,
-        torque_limit: ArrayLike | None = None,
+        mode: str | Mapping[str, str] | tuple[str, ...] | None = None,
+        latency: float | None = None,
+        **quantities: ArrayLike | Mapping[str, float],
     ) -> ActuatorParameters:
-        """Return a copy with other values; a single number holds for all joints.
+        """Return a copy with other values.
+
+        Args:
+            mode: One mode for all joints, one for each, or by name of joint.
+            latency: [s].
+            **quantities: Any attribute with one number for each joint, such as `stiffness` or
+                `torque_limit`: one number for all joints, shape (n,), or a mapping from names of joints, of
+                which those not named keep their value.
 
         Raises:
             InvalidValueError: naming joint and quantity, for a value that is not allowed.
+            UnknownNameError: for a quantity or a joint that is not known.
         """
-        n = len(self.joint_names)
-        given = {"stiffness": stiffness, "damping": damping, "torque_limit": torque_limit}
-        new: dict[str, Any] = {}
-        for quantity, value in given.items():
-            if value is None:
-                continue
-            array = np.asarray(value, dtype=float)
-            if array.shape not in ((), (n,)):
-                raise InvalidValueError(quantity, f"shape {array.shape}", f"one number or shape ({n},)")
-            new[quantity] = np.broadcast_to(array, (n,))
+        new: dict[str, Any] = {} if latency is None else {"latency": latency}
+        for quantity, value in quantities.items():
+            if quantity not in QUANTITIES:
+                raise UnknownNameError("quantity of an actuator", quantity, (*QUANTITIES, "mode", "latency"))
+            new[quantity] = self._filled(quantity, value)
+        if mode is not None:
+            every = isinstance(mode, str)
+            new["mode"] = (mode,) * len(self.joint_names) if every else self._filled("mode", mode)
         return replace(self, **new)
 
-
-def actuator_parameters(pepper: PepperModel) -> ActuatorParameters:
-    """Return the servos of a robot.
-
-    Pepper's come from `data/actuators.json`, where each says its source or "assumed".  Any other joint gets
-    a generic one: full torque at 5 mrad (5 mm) of error, or 50 rad/s where the torque is unlimited, and
-    critical damping for the joint's own inertia in the neutral posture.
-
-    Args:
-        pepper: The robot.
-
-    Returns:
-        The parameters; torque limits are the URDF's effort limits.
-    """
-    from pepper_kin import dynamics
-
-    inertia = np.diag(dynamics.mass_matrix(pepper, pepper.neutral()))
-    effort = pepper.effort_limits
-    stiffness = np.where(np.isfinite(effort), effort / FULL_TORQUE_ERROR, inertia * _FREE_FREQUENCY**2)
-    damping = 2.0 * np.sqrt(stiffness * inertia)
-    sources = ["assumed: full torque at 0.005 rad or m, critical damping"] * pepper.n
-    if pepper.name.lower().startswith("pepper"):
-        for name, row in _pepper_rows().items():
-            if name in pepper.joint_names:
-                j = pepper.joint_index(name)
-                stiffness[j], damping[j], sources[j] = row["stiffness"], row["damping"], row["source"]
-    stop = _STOP_RATIO * stiffness
-    torque_limit = np.where(effort > 0, effort, np.inf)
-    return ActuatorParameters(
-        pepper.joint_names, stiffness, damping, torque_limit, stop, stop * _STOP_TIME, tuple(sources)
-    )
-
-
-@cache
-def _pepper_rows() -> dict[str, dict[str, Any]]:
-    text = (files("pepper_kin.twin") / "data" / "actuators.json").read_text(encoding="utf-8")
-    return dict(json.loads(text)["joints"])
+    def _filled(self, quantity: str, value: Any) -> Any:
+        """Return one value for each joint."""
+        n = len(self.joint_names)
+        if isinstance(value, Mapping):
+            result = list(getattr(self, quantity))
+            for name, one in value.items():
+                if name not in self.joint_names:
+                    raise UnknownNameError("joint", name, self.joint_names)
+                result[self.joint_names.index(name)] = one
+            return tuple(result) if quantity == "mode" else np.array(result, dtype=float)
+        if quantity == "mode":
+            return tuple(value)
+        array = np.asarray(value, dtype=float)
+        if array.shape not in ((), (n,)):
+            raise InvalidValueError(quantity, f"shape {array.shape}", f"one number or shape ({n},)")
+        return np.broadcast_to(array, (n,))

@@ -121,7 +121,9 @@ class GestureReport:
         }
 
 
-def replay(pepper: PepperModel, name: str, *, twin: Twin | None = None) -> GestureReport:
+def replay(
+    pepper: PepperModel, name: str, *, twin: Twin | None = None, duration: float | None = None
+) -> GestureReport:
     """Make one of the paper's movements on the twin and compare it with the paper's table 5.
 
     The plan's five key frames, moved into the joint limits where they lie outside, are joined by a spline
@@ -131,21 +133,24 @@ def replay(pepper: PepperModel, name: str, *, twin: Twin | None = None) -> Gestu
     Args:
         pepper: Pepper.
         name: "left-arm", "right-arm" or "head".
-        twin: The twin to use; `Twin(pepper)` if omitted.
+        twin: The twin to use; if omitted a new one, by the way that needs nothing compiled.
+        duration: How long it is to take [s], at least the shortest time; the shortest if omitted.
 
     Returns:
         The report, with trajectory and run.
 
     Raises:
         UnknownNameError: for another gesture, or a robot without its joints.
+        InfeasibleError: where `duration` is less than the shortest.
     """
     gesture = paper_gesture(name)
     places = [pepper.joint_index(joint) for joint in gesture.joint_names]
     points = np.tile(pepper.neutral(), (len(FRAMES), 1))
     points[:, places] = np.clip(gesture.plan, pepper.lower_limits[places], pepper.upper_limits[places])
-    trajectory = retime(pepper, points, solver="toppra")  # nothing to compile for one motion
+    # With toppra: nothing to compile for one motion.
+    trajectory = retime(pepper, points, solver="toppra", duration=duration)
     key_times = passing_times(trajectory, points)
-    run = (twin if twin is not None else Twin(pepper)).execute(trajectory)
+    run = (twin if twin is not None else Twin(pepper, compiled=False)).execute(trajectory)
     reached = np.minimum(key_times, run.duration)  # short of the end only where the run stopped
     measured = run.position_at(reached)[:, places]
     return GestureReport(gesture, trajectory, run, key_times, points[:, places], measured)

@@ -1,8 +1,8 @@
-"""One step of time: semi-implicit Euler on the articulated body, with stiff servos and stops implicit."""
+"""One step of time: semi-implicit Euler on the articulated body, with all joint forces implicit."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,36 +11,54 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.twin.actuators import ActuatorParameters
+from pepper_kin.twin.joint_law import Piece, first_piece, holds_unclipped, law_table, piece_at, seen
 
 Array = NDArray[np.float64]
 
 GREATEST_TIMESTEP = 0.05  # [s]
-_FAR = 1e12  # [rad or m] stands for infinity in a joint's range, so that 0 times it is 0
-_BLOCK_ROUNDS = 4  # in which all joints' guesses are corrected at once
+RUNAWAY = 1e4  # [rad/s or m/s] no joint gets this fast but by a divergence
+NEWTON_ROUNDS = 4  # after which the way to the next guess is searched for the least energy
+MOST_ROUNDS = 60
+HALVINGS = 50  # of the interval that is searched
+SAME_FORCE = 1e-9  # [N m or N] and part of the force: agreement of law and equation of motion
+
+
+class Series(NamedTuple):
+    """What an engine did in some steps; where the state diverged, `good` is less than their number.
+
+    Attributes:
+        position: At the end of each step [rad or m], shape (T, n).
+        velocity: [rad/s or m/s], shape (T, n).
+        torque: Of the actuators during each step [N m or N], shape (T, n).
+        good: Number of good steps; the row after them, if any, is the state that diverged.
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    good: int
 
 
 class Integrator:
-    """Steps a robot whose joints are driven by position servos.
+    """Steps a robot whose joints are driven by actuators.
 
-    Scheme, with step h, position q, velocity v, references q_r, v_r for the end of the step, feed-forward f,
-    bias b(q, v) = C(q, v) v + g(q), servo gains Kp, Kd:
+    Scheme, with step h, position q, velocity v, bias b(q, v) = C(q, v) v + g(q) and the force F_j(v_j+) of
+    actuator, friction and stop on each joint at the end of the step (see `pepper_kin.twin.joint_law`):
 
         v+ = v + h a,   q+ = q + h v+                     (semi-implicit, or symplectic, Euler)
-        tau = Kp (q_r - q+) + Kd (v_r - v+) + f           (the servo sees the end of the step: implicit)
-        M(q) a + b(q, v) = tau
+        (M(q) + J) a + b(q, v) = F(v+) + load             (J: rotors; servo, friction and stops implicit)
 
-    Inserted, (M + h^2 Kp + h Kd) a = Kp (q_r - q - h v) + Kd (v_r - v) + f - b: the articulated-body
-    algorithm with h^2 Kp + h Kd added to the joints' inertia ("armature"), so that a step costs one pass over
-    the links.
+    On a straight piece of the law, F = c - k v+, this is (M + J + h k) a = c - k v - b + load: the
+    articulated-body algorithm with J + h k added to the joints' inertia ("armature").  For a servo alone,
+    h k = h^2 Kp + h Kd.
 
-    A servo's torque is clipped at its limit.  At a position limit stands a stop, a stiff spring that only
-    pushes, max(0, Ks (q+ - limit) + Ds v+), implicit in the same way; its damper Ds acts once the
-    joint is beyond the limit.  Both make a joint's force a decreasing, piecewise linear function of its own
-    acceleration, so that the step has exactly one solution.  Where the unclipped step exceeds a limit, that
-    solution is found by block principal pivoting: guess which servos are clipped and which stops push, solve,
-    correct the guess; from the fifth round on for one joint at a time, which cannot cycle.
+    As no F_j rises, the step minimises the strictly convex, piecewise quadratic function (w - v)^T (M + J)
+    (w - v) / 2h + (b - load)^T w - sum of integrals of F_j, and so has exactly one solution.  It is found by
+    Newton's method: solve on guessed pieces, look up the pieces at the solution, and again until they agree;
+    mostly at once.  From the fifth round on the way to the new guess is searched exactly for the least value,
+    after which the method ends in finitely many rounds.
 
-    Order: one in h, for position and velocity.  Stability: the servo is damped for every h > 0, as in
+    Order: one in h, for position and velocity.  Stability: the actuator is damped for every h > 0, as in
     implicit Euler, however high its gains; M and b are taken at the start of the step, which bounds h by the
     speed of the links.  Without servo and stops, the scheme is symplectic for constant M: the energy of a
     swing oscillates by O(h) and does not drift.
@@ -48,14 +66,13 @@ class Integrator:
     Robots with mimic joints use M = E^T M_full E, formed and solved densely.
 
     Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), I.1.2 and VI.3; Featherstone,
-    Rigid Body Dynamics Algorithms (2008), table 7.1; Judice and Pires, A block principal pivoting algorithm
-    for large-scale strictly monotone linear complementarity problems, Computers & Operations Research 21
-    (1994).
+    Rigid Body Dynamics Algorithms (2008), table 7.1; Sun, On piecewise quadratic Newton and trust region
+    problems, Mathematical Programming 76 (1997), for the end of the rounds.
 
     Args:
         pepper: The robot; its Pinocchio model is copied, not changed.
         timestep: h [s], above 0 and at most 0.05.
-        actuators: The servos and stops.
+        actuators: The actuators and stops.
 
     Raises:
         InvalidValueError: for a timestep out of range, or actuators of other joints.
@@ -64,27 +81,16 @@ class Integrator:
     def __init__(self, pepper: PepperModel, timestep: float, actuators: ActuatorParameters) -> None:
         import pinocchio
 
-        self.timestep = check_positive("timestep", timestep, "s")
-        if self.timestep > GREATEST_TIMESTEP:
-            raise InvalidValueError("timestep", f"{timestep} s", f"a number in (0, {GREATEST_TIMESTEP}] s")
-        if actuators.joint_names != pepper.joint_names:
-            raise InvalidValueError(
-                "joints of the actuators", ", ".join(actuators.joint_names), ", ".join(pepper.joint_names)
-            )
+        self.timestep = check_timestep(timestep)
+        check_joints(pepper, actuators)
         self._pinocchio = pinocchio
         self._model: Any = pinocchio.Model(pepper.pinocchio_model)
         self._data = self._model.createData()
         self._own_armature = np.array(self._model.armature)
         self._map = pepper.full_map if pepper.is_coupled else None
         self._offset = pepper.full_offset
-        self._lower = np.maximum(pepper.lower_limits, -_FAR)
-        self._upper = np.minimum(pepper.upper_limits, _FAR)
-        self._kp, self._kd = np.array(actuators.stiffness), np.array(actuators.damping)
-        self._ks, self._ds = np.array(actuators.stop_stiffness), np.array(actuators.stop_damping)
-        self._limit = np.array(actuators.torque_limit)
-        self._finite_limit = np.where(np.isfinite(self._limit), self._limit, 0.0)
-        h = self.timestep
-        self._inertia = h * h * self._kp + h * self._kd
+        self._law = law_table(pepper, actuators)
+        self._plain = not (self._law.coulomb.any() or self._law.line.any())
         self._n = pepper.n
 
     def gravity_torque(self, q: Array) -> Array:
@@ -96,9 +102,14 @@ class Integrator:
         return np.asarray(tau @ self._map)
 
     def servo_torque(self, q: Array, v: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
-        """Return clip(Kp (q_ref - q) + Kd (v_ref - v) + f) [N m or N], shape (n,)."""
-        tau = self._kp * (q_ref - q) + self._kd * (v_ref - v) + feedforward
-        return np.clip(tau, -self._limit, self._limit)
+        """Return the torque of the actuators at a state, instead of at the end of a step [N m or N]."""
+        servo = self._servo(q, q_ref, v_ref, feedforward)
+        return piece_at(self._law, 0.0, q, v, servo).torque
+
+    def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
+        """Return what the actuators want at the end of a step if the joints then stand still, unclipped."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._servo(q, q_ref, v_ref, feedforward)
 
     def step(
         self,
@@ -118,70 +129,179 @@ class Integrator:
             v: Velocity [rad/s or m/s], shape (n,).
             q_ref: Position wanted at the end of the step, shape (n,).
             v_ref: Velocity wanted at the end of the step, shape (n,).
-            feedforward: Torque added by the servo [N m or N], shape (n,).
+            feedforward: Torque added by the servo; of joints in torque mode the effort [N m or N], shape
+                (n,).
             load: Torque from elsewhere, not limited [N m or N], shape (n,).
 
         Returns:
-            Position and velocity at the end of the step, and the servo's torque during it [N m or N].
+            Position and velocity at the end of the step, and the actuators' torque during it [N m or N].
         """
-        h = self.timestep
-        drive = self._kp * (q_ref - q - h * v) + self._kd * (v_ref - v) + feedforward
-        external = drive if load is None else drive + load
-        a = self._acceleration(q, v, external, self._inertia)
-        tau = drive - self._inertia * a
-        v_next = v + h * a
-        q_next = q + h * v_next
-        beyond = (q_next > self._upper) | (q_next < self._lower) | (q > self._upper) | (q < self._lower)
-        if beyond.any() or (abs(tau) > self._limit).any():  # False for NaN, which the caller looks for
-            return self._constrained(q, v, drive, load, a)
-        return q_next, v_next, tau
+        servo = self._servo(q, q_ref, v_ref, feedforward)
+        w, torque, _ = self._solve(q, v, servo, load)
+        return q + self.timestep * w, w, torque
 
-    def _constrained(
-        self, q: Array, v: Array, drive: Array, load: Array | None, a: Array
-    ) -> tuple[Array, Array, Array]:
-        """Solve the step with clipped servos and touched stops, from the acceleration without either."""
-        h = self.timestep
-        reach = [self._ks * (q + h * v - limit) for limit in (self._upper, self._lower)]
-        inside = [q <= self._upper, q >= self._lower]
-        # Push of either stop is -(base + inertia a), where that points away from the limit.
-        damping = [np.where(free, 0.0, self._ds) for free in inside]
-        base = [r + d * v for r, d in zip(reach, damping, strict=True)]
-        inertia = [h * h * self._ks + h * d for d in damping]
-        clipped, upper, lower = self._sets(drive, a, base, inertia)
-        for round_ in range(_BLOCK_ROUNDS + 10 * self._n):
-            extra = np.where(upper, inertia[0], 0.0) + np.where(lower, inertia[1], 0.0)
-            push = -np.where(upper, base[0], 0.0) - np.where(lower, base[1], 0.0)
-            force = np.where(clipped == 0, drive, clipped * self._finite_limit) + push
-            extra += np.where(clipped == 0, self._inertia, 0.0)
-            a = self._acceleration(q, v, force if load is None else force + load, extra)
-            found = self._sets(drive, a, base, inertia)
-            found[0][found[0] * clipped < 0] = 0  # from one limit to the other by way of neither
-            wrong = (found[0] != clipped) | (found[1] != upper) | (found[2] != lower)
-            if not wrong.any():
+    def linearised(
+        self,
+        q: Array,
+        v: Array,
+        q_ref: Array,
+        v_ref: Array,
+        feedforward: Array,
+        load: Array | None = None,
+    ) -> tuple[Array, Array]:
+        """Return the step as one linear equation, mass_hat a = force.
+
+        mass_hat = M + J + h diag(k) and force = c - k v - b + load on the pieces where the step without
+        further load ends, so that its solution a is exactly that of `step`; a further load adds to the force.
+
+        Args:
+            q: Position [rad or m], shape (n,).
+            v: Velocity, shape (n,).
+            q_ref: Position wanted at the end of the step, shape (n,).
+            v_ref: Velocity wanted at the end of the step, shape (n,).
+            feedforward: As for `step`, shape (n,).
+            load: Torque from elsewhere [N m or N], shape (n,).
+
+        Returns:
+            mass_hat (n, n) [kg m^2, kg m or kg], symmetric and positive definite, and force (n,) [N m or N].
+        """
+        piece = self._solve(q, v, self._servo(q, q_ref, v_ref, feedforward), load)[2]
+        mass, bias = self._mass(q), self._bias(q, v)
+        force = piece.intercept - piece.slope * v - bias
+        mass[np.diag_indices(self._n)] += self._law.rotor + self.timestep * piece.slope
+        return mass, force if load is None else force + load
+
+    def run(
+        self,
+        q: Array,
+        v: Array,
+        q_ref: Array,
+        v_ref: Array,
+        feedforward: Array,
+        load: Array,
+        *,
+        gravity: bool = False,
+    ) -> Series:
+        """Advance by one step for each row of the references.
+
+        Args:
+            q: Position [rad or m], shape (n,).
+            v: Velocity, shape (n,).
+            q_ref: Position wanted at the end of each step, shape (T, n).
+            v_ref: Velocity wanted at the end of each step, shape (T, n).
+            feedforward: As for `step`, shape (T, n).
+            load: As for `step`, shape (T, n), or (1, n) for all steps.
+            gravity: Whether servos add what holds the present posture.
+
+        Returns:
+            The states after each step.
+        """
+        position, velocity, torque = (np.empty_like(q_ref) for _ in range(3))
+        for k in range(len(q_ref)):
+            forward = feedforward[k]
+            if gravity:
+                forward = forward + self._shares * self.gravity_torque(q)
+            q, v, tau = self.step(q, v, q_ref[k], v_ref[k], forward, load[min(k, len(load) - 1)])
+            position[k], velocity[k], torque[k] = q, v, tau
+            if not (abs(v).max() < RUNAWAY and np.isfinite(tau).all()):  # also for NaN
+                return Series(position, velocity, torque, k)
+        return Series(position, velocity, torque, len(q_ref))
+
+    @property
+    def _shares(self) -> Array:
+        """1 where feed-forward is applied, 0 in torque mode (the strength comes later)."""
+        return (self._law.feedforward > 0).astype(float)
+
+    def _servo(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
+        """Return what the actuators want at the end of the step if the joints then stand still."""
+        law = self._law
+        return law.kp * (q_ref - seen(law, q)) + law.kd * v_ref + law.strength * feedforward
+
+    def _solve(self, q: Array, v: Array, servo: Array, load: Array | None) -> tuple[Array, Array, Piece]:
+        """Return velocity and torque at the end of the step, and the piece of the law that they lie on."""
+        law, h = self._law, self.timestep
+        piece = first_piece(law, h, v, servo)
+        w = v
+        for round_ in range(MOST_ROUNDS):
+            force = piece.intercept - piece.slope * v
+            a = self._acceleration(q, v, force if load is None else force + load, law.rotor + h * piece.slope)
+            before, w = w, v + h * a
+            if round_ == 0 and self._plain and holds_unclipped(law, h, q, w, piece.torque):
+                return w, piece.torque - (h * law.kp + law.kd) * w, piece
+            found = piece_at(law, h, q, w, servo)
+            given, due = found.intercept - found.slope * w, piece.intercept - piece.slope * w
+            if not (
+                abs(given - due) > SAME_FORCE * (1.0 + abs(due))
+            ).any():  # False for NaN: the caller looks
                 break
-            if round_ >= _BLOCK_ROUNDS:
-                wrong[int(np.argmax(wrong)) + 1 :] = False
-            for now, better in zip((clipped, upper, lower), found, strict=True):
-                now[wrong] = better[wrong]
-        v_next = v + h * a
-        return q + h * v_next, v_next, np.clip(drive - self._inertia * a, -self._limit, self._limit)
+            if round_ >= NEWTON_ROUNDS:
+                w = before + self._least(q, v, before, w - before, servo, load) * (w - before)
+                found = piece_at(law, h, q, w, servo)
+            elif round_ > 0:
+                found = piece_at(law, h, q, w, servo, before)
+            piece = found
+        return w, found.torque, found
 
-    def _sets(
-        self, drive: Array, a: Array, base: list[Array], inertia: list[Array]
-    ) -> tuple[NDArray[np.int_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which servos are clipped (-1, 0, 1) and which upper and lower stops push, for a given a."""
-        wanted = drive - self._inertia * a
-        clipped = (wanted > self._limit).astype(int) - (wanted < -self._limit).astype(int)
-        return clipped, base[0] + inertia[0] * a > 0.0, base[1] + inertia[1] * a < 0.0
+    def _least(self, q: Array, v: Array, start: Array, way: Array, servo: Array, load: Array | None) -> float:
+        """Return where on start + t way, t in [0, 1], the step's convex function is least."""
+        h = self.timestep
+        inertia = self._mass(q) + np.diag(self._law.rotor)
+        slope = way @ (inertia @ (start - v) / h + self._bias(q, v) - (0.0 if load is None else load))
+        curvature = way @ inertia @ way / h
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            t = (low + high) / 2
+            w = start + t * way
+            piece = piece_at(self._law, h, q, w, servo)
+            falls = slope + t * curvature - way @ (piece.intercept - piece.slope * w) < 0
+            low, high = (t, high) if falls else (low, t)
+        return high
 
     def _acceleration(self, q: Array, v: Array, force: Array, inertia: Array) -> Array:
         """Return a of (M + diag(inertia)) a + b = force."""
         if self._map is None:
             self._model.armature = self._own_armature + inertia
             return np.array(self._pinocchio.aba(self._model, self._data, q, v, force))
-        full_q, full_v = self._map @ q + self._offset, self._map @ v
-        upper = np.triu(self._pinocchio.crba(self._model, self._data, full_q))
-        mass = self._map.T @ (upper + np.triu(upper, 1).T) @ self._map
-        bias = self._pinocchio.nonLinearEffects(self._model, self._data, full_q, full_v) @ self._map
+        mass = self._mass(q)
         mass[np.diag_indices(self._n)] += inertia
-        return np.asarray(np.linalg.solve(mass, force - bias))
+        return np.asarray(np.linalg.solve(mass, force - self._bias(q, v)))
+
+    def _mass(self, q: Array) -> Array:
+        """Return M, with the rotors of the model but without those of the actuators."""
+        self._model.armature = self._own_armature
+        full = q if self._map is None else self._map @ q + self._offset
+        upper = np.triu(self._pinocchio.crba(self._model, self._data, full))
+        mass = upper + np.triu(upper, 1).T
+        return mass if self._map is None else self._map.T @ mass @ self._map
+
+    def _bias(self, q: Array, v: Array) -> Array:
+        if self._map is None:
+            return np.array(self._pinocchio.nonLinearEffects(self._model, self._data, q, v))
+        full_q, full_v = self._map @ q + self._offset, self._map @ v
+        return np.asarray(
+            self._pinocchio.nonLinearEffects(self._model, self._data, full_q, full_v) @ self._map
+        )
+
+
+def check_timestep(timestep: float) -> float:
+    """Return a timestep [s] if it is above 0 and at most 0.05.
+
+    Raises:
+        InvalidValueError: otherwise.
+    """
+    checked = check_positive("timestep", timestep, "s")
+    if checked > GREATEST_TIMESTEP:
+        raise InvalidValueError("timestep", f"{timestep} s", f"a number in (0, {GREATEST_TIMESTEP}] s")
+    return checked
+
+
+def check_joints(pepper: PepperModel, actuators: ActuatorParameters) -> None:
+    """Refuse actuators of other joints.
+
+    Raises:
+        InvalidValueError: naming both.
+    """
+    if actuators.joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the actuators", ", ".join(actuators.joint_names), ", ".join(pepper.joint_names)
+        )

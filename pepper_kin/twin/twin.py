@@ -1,65 +1,37 @@
-"""The twin: a robot with servos under gravity that executes trajectories."""
+"""The twin: a robot with actuators under gravity that executes trajectories."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError, PepperKinError
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_within_limits
-from pepper_kin.model.shapes import read_only
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_within_limits
 from pepper_kin.trajectory.trajectory import Trajectory
-from pepper_kin.twin.actuators import ActuatorParameters, actuator_parameters
-from pepper_kin.twin.integrator import Integrator
+from pepper_kin.twin.actuator_data import actuator_parameters
+from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
+from pepper_kin.twin.command import Command, Delay
+from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
+from pepper_kin.twin.integrator import Integrator, Series
+from pepper_kin.twin.push import Push
+from pepper_kin.twin.real_time import Commander, Timing, serve
+from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
+from pepper_kin.twin.state import TwinState, diverged
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.fast.engine import Engine
 
 Array = NDArray[np.float64]
 
 FEEDFORWARDS = ("none", "gravity", "inverse_dynamics")
-_RUNAWAY = 1e4  # [rad/s or m/s] no joint gets this fast but by a divergence
-
-
-class DivergedError(PepperKinError):
-    """A step of the twin gave a state that is not finite, or absurd.
-
-    Attributes:
-        joint: The joint to blame.
-        step: Number of the step, from 1.
-        time: When [s].
-        cause: What was found.
-    """
-
-    def __init__(self, joint: str, step: int, time: float, cause: str) -> None:
-        self.joint, self.step, self.time, self.cause = joint, step, time, cause
-        super().__init__(f"twin stopped at step {step} ({time:.6g} s): {joint}: {cause}")
-
-
-@dataclass(frozen=True, eq=False)
-class TwinState:
-    """State of the twin; arrays are read-only.
-
-    Attributes:
-        time: Since the last reset [s].
-        position: [rad or m], shape (n,).
-        velocity: [rad/s or m/s], shape (n,).
-        torque: Of the servos during the last step [N m or N], shape (n,).
-    """
-
-    time: float
-    position: Array
-    velocity: Array
-    torque: Array
-
-    def __post_init__(self) -> None:
-        for name in ("position", "velocity", "torque"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 class Twin:
-    """A simulated robot: its links under gravity, each joint driven by a position servo with limited torque.
+    """A simulated robot: its links under gravity, each joint driven by an actuator with limited torque.
 
     See `pepper_kin.twin.Integrator` for the scheme, its order and its stability.
 
@@ -68,10 +40,18 @@ class Twin:
         timestep: Time of one step [s], above 0 and at most 0.05.
         feedforward: What the servos add to their feedback: "none"; "gravity", the torque that holds the
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
-        actuators: Servos and stops; `actuator_parameters(pepper)` if omitted.
+        actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
+        world: What the robot may touch; asked for its load in every step.
+        sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
+        substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
+            its velocity.
+        compiled: Step by machine code, which is made once on a machine (some seconds) and then read from
+            disk; otherwise by Pinocchio from Python, some hundred times slower and ready at once.  The states
+            agree to 1e-9.
 
     Raises:
-        InvalidValueError: for a timestep out of range, an unknown feed-forward, or actuators of other joints.
+        InvalidValueError: for a timestep out of range, an unknown feed-forward, actuators of other joints, or
+            a number of substeps below 1.
     """
 
     def __init__(
@@ -81,28 +61,46 @@ class Twin:
         *,
         feedforward: str = "gravity",
         actuators: ActuatorParameters | None = None,
+        world: WorldHook | None = None,
+        sensors: SensorsHook | None = None,
+        substeps: int = 1,
+        compiled: bool = True,
     ) -> None:
         self.pepper = pepper
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
-        self._integrator = Integrator(pepper, timestep, self.actuators)
+        self.world, self.sensors = world, sensors
+        self.substeps = whole_number("substeps", substeps)
+        Integrator(pepper, timestep, self.actuators)  # refuses what is wrong by the names given here
+        self._timestep = float(timestep)
+        self.compiled = bool(compiled)
+        self._engine: Engine | None = None
+        self._integrator = Integrator(pepper, self._timestep / self.substeps, self.actuators)
+        self._torque_mode = self.actuators.in_mode(TORQUE)
+        self._pushes: tuple[Push, ...] = ()
         self._step = 0
         self._q, self._v = pepper.neutral(), np.zeros(pepper.n)
-        self._torque = np.zeros(pepper.n)
+        self._torque, self._a = np.zeros(pepper.n), np.zeros(pepper.n)
+        self._delay = Delay(round(self.actuators.latency / self._timestep))
         self.reset()
 
     @property
     def timestep(self) -> float:
         """Time of one step [s]."""
-        return self._integrator.timestep
+        return self._timestep
 
     @property
     def state(self) -> TwinState:
         """The present state."""
-        return TwinState(self._step * self.timestep, self._q, self._v, self._torque)
+        return TwinState(self._step * self.timestep, self._q, self._v, self._torque, self._a)
+
+    @property
+    def pushes(self) -> tuple[Push, ...]:
+        """Pushes, past and to come."""
+        return self._pushes
 
     def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> TwinState:
-        """Put the twin somewhere and set its clock to zero.
+        """Put the twin somewhere and set its clock to zero; pushes stay.
 
         Args:
             q: Position [rad or m], shape (n,); the neutral posture (Stand) if omitted.
@@ -115,13 +113,55 @@ class Twin:
             InvalidValueError: for a wrong length, NaN or infinity.
             LimitError: for a position outside the limits.
         """
-        position = self.pepper.neutral() if q is None else _vector(self.pepper, q, "q")
-        velocity = np.zeros(self.pepper.n) if v is None else _vector(self.pepper, v, "v")
+        position = self.pepper.neutral() if q is None else self._vector(q, "q")
+        velocity = np.zeros(self.pepper.n) if v is None else self._vector(v, "v")
         check_within_limits(self.pepper, position, "q", 1e-6)
         self._q, self._v, self._step = position.copy(), velocity.copy(), 0
+        self._a = np.zeros(self.pepper.n)
+        rest = np.zeros(self.pepper.n)
+        given = self._given(position, rest, rest, rest)
+        self._delay.fill(Command(position, rest, given))
         held = self._integrator.gravity_torque(self._q) if self.feedforward == "gravity" else 0 * self._q
+        held = np.where(self._torque_mode, 0.0, held)
         self._torque = self._integrator.servo_torque(self._q, self._v, self._q, self._v, held)
+        if self.sensors is not None:
+            self.sensors.observe(self.state)
         return self.state
+
+    def push(
+        self,
+        frame: str,
+        force: ArrayLike,
+        point: ArrayLike | None = None,
+        *,
+        start: float | None = None,
+        duration: float = 0.1,
+    ) -> Push:
+        """Let a force act on the robot for some time.
+
+        Args:
+            frame: Frame that it acts on.
+            force: In world axes [N], shape (3,).
+            point: Where, in the frame's axes [m], shape (3,); its origin if omitted.
+            start: When it begins on the twin's clock [s], which `reset` sets to zero, and `execute` too
+                unless it goes on from the present; now if omitted.
+            duration: How long it lasts [s]; infinity for ever.
+
+        Returns:
+            The push, also in `pushes`.
+
+        Raises:
+            UnknownNameError: for a frame that the robot lacks.
+            InvalidValueError: naming the quantity that is wrong.
+        """
+        begin = self._step * self.timestep if start is None else start
+        added = Push.checked(self.pepper, frame, force, point, begin, duration)
+        self._pushes = (*self._pushes, added)
+        return added
+
+    def clear_pushes(self) -> None:
+        """Forget all pushes."""
+        self._pushes = ()
 
     def step(
         self,
@@ -129,6 +169,7 @@ class Twin:
         velocity: ArrayLike | None = None,
         *,
         acceleration: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
         load: ArrayLike | None = None,
     ) -> TwinState:
         """Advance by one timestep towards a reference.
@@ -137,6 +178,7 @@ class Twin:
             position: Position wanted at the end of the step [rad or m], shape (n,).
             velocity: Velocity wanted then [rad/s or m/s], shape (n,); zero if omitted.
             acceleration: Used by the feed-forward "inverse_dynamics" only, zero if omitted, shape (n,).
+            effort: Torque of the joints in torque mode [N m or N], shape (n,); zero if omitted.
             load: Torque on the joints from elsewhere [N m or N], shape (n,); none if omitted.
 
         Returns:
@@ -146,13 +188,24 @@ class Twin:
             InvalidValueError: for a wrong length, NaN or infinity.
             DivergedError: where the new state is not finite, naming joint, step and cause; the state stays.
         """
-        zero = np.zeros(self.pepper.n)
-        q_ref = _vector(self.pepper, position, "position")
-        v_ref = zero if velocity is None else _vector(self.pepper, velocity, "velocity")
-        a_ref = zero if acceleration is None else _vector(self.pepper, acceleration, "acceleration")
-        push = None if load is None else _vector(self.pepper, load, "load")
-        given = self._reference_torque(q_ref, v_ref, a_ref)
-        self._advance(q_ref, v_ref, given, push)
+        q_ref = self._vector(position, "position")
+        v_ref, a_ref, torque, outer = (
+            np.zeros(self.pepper.n) if value is None else self._vector(value, name)
+            for value, name in (
+                (velocity, "velocity"),
+                (acceleration, "acceleration"),
+                (effort, "effort"),
+                (load, "load"),
+            )
+        )
+        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
+        before = (self._q, self._v)
+        series = self._advance(command.as_rows(), outer[np.newaxis])
+        if series.good < 1:
+            after = (series.position[0], series.velocity[0], series.torque[0])
+            step = self._step + 1
+            wanted = self._integrator.wanted_torque(self._q, *command)
+            raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
         return self.state
 
     def execute(self, trajectory: Trajectory, settle: float = 0.0, *, from_present: bool = False) -> Run:
@@ -172,80 +225,222 @@ class Twin:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        if trajectory.joint_names != self.pepper.joint_names:
-            raise InvalidValueError(
-                "joints of the trajectory",
-                ", ".join(trajectory.joint_names),
-                ", ".join(self.pepper.joint_names),
-            )
-        if not (np.isfinite(settle) and settle >= 0):
-            raise InvalidValueError("settle", settle, "a finite time of at least 0 s")
+        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
         if not from_present:
-            start = trajectory(0.0)
-            self.reset(start.position, start.velocity)
-        steps = int(np.ceil((trajectory.duration + settle) / self.timestep - 1e-9))
-        time: Array = self.timestep * np.arange(steps + 1, dtype=float)
-        reference = trajectory(np.minimum(time, trajectory.duration))
-        after = time > trajectory.duration
-        reference.velocity[after], reference.acceleration[after] = 0.0, 0.0
-        given = self._reference_torque(*reference)
-        return self._follow(time, reference.position, reference.velocity, given)
+            self.reset(position[0], velocity[0])
+        given = self._given(position, velocity, acceleration, np.zeros(self.pepper.n))
+        return self._follow(Command(position, velocity, given))
 
-    def _reference_torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the feed-forward that depends on the reference alone, shape (..., n)."""
-        if self.feedforward != "inverse_dynamics":
-            return np.zeros_like(q)
-        from pepper_kin import dynamics
+    def follow(
+        self,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        *,
+        acceleration: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
+        load: ArrayLike | None = None,
+    ) -> Run:
+        """Follow references given for every timestep, from where the twin is.
 
-        return dynamics.inverse_dynamics(self.pepper, q, v, a)
+        Args:
+            position: Position wanted at the end of each step [rad or m], shape (T, n).
+            velocity: Velocity wanted then [rad/s or m/s], shape (T, n); zero if omitted.
+            acceleration: Used by the feed-forward "inverse_dynamics" only, shape (T, n); zero if omitted.
+            effort: Torque of the joints in torque mode [N m or N], shape (T, n); zero if omitted.
+            load: Torque on the joints from elsewhere [N m or N], shape (T, n); none if omitted.
 
-    def _follow(self, time: Array, q_ref: Array, v_ref: Array, given: Array) -> Run:
-        position, velocity, torque = (np.empty_like(q_ref) for _ in range(3))
-        position[0], velocity[0], torque[0] = self._q, self._v, self._torque
-        count, status, message = len(time), COMPLETED, ""
-        for k in range(1, len(time)):
-            try:
-                self._advance(q_ref[k], v_ref[k], given[k], None)
-            except DivergedError as error:
-                count, status, message = k, STOPPED, str(error)
-                break
-            position[k], velocity[k], torque[k] = self._q, self._v, self._torque
+        Returns:
+            The run, with T + 1 rows: the first is the present state.
+
+        Raises:
+            InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity.
+        """
+        rows = len(as_finite(position, "position", (None, self.pepper.n)))
+        given_by_name = {
+            "position": position,
+            "velocity": velocity,
+            "acceleration": acceleration,
+            "effort": effort,
+            "load": load,
+        }
+        q_ref, v_ref, a_ref, torque, outer = (
+            np.zeros((rows, self.pepper.n)) if x is None else as_finite(x, name, (rows, self.pepper.n))
+            for name, x in given_by_name.items()
+        )
+        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
+        first = Command(self._q, self._v, np.zeros(self.pepper.n)).as_rows()
+        return self._follow(first.then(command), outer)
+
+    def serve(self, commander: Commander, **options: Any) -> Timing:
+        """Step against the wall clock, with a function that says where to go; see `real_time.serve`."""
+        return serve(self, commander, **options)
+
+    def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
+        """Return what the actuators are told besides positions and velocities, shape (..., n)."""
+        forward = np.zeros_like(q)
+        if self.feedforward == "inverse_dynamics":
+            from pepper_kin import dynamics
+
+            forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
+        return np.where(self._torque_mode, effort, forward)
+
+    def _follow(self, command: Command, load: Array | None = None) -> Run:
+        """Follow commands, of which the first stands for the present state."""
+        first = self._step
+        time = self.timestep * np.arange(len(command.position), dtype=float)
+        start = (self._q, self._v, self._torque)
+        outer = np.zeros((1, self.pepper.n)) if load is None else load
+        series = self._advance(command.part(slice(1, None)), outer)
+        logged = [
+            np.concatenate([row[np.newaxis], rows])
+            for row, rows in zip(start, (series.position, series.velocity, series.torque), strict=True)
+        ]
+        count, status, message = series.good + 1, COMPLETED, ""
+        if count < len(time):
+            step = first + count
+            before = (logged[0][count - 1], logged[1][count - 1])
+            after = (logged[0][count], logged[1][count], logged[2][count])
+            wanted = self._integrator.wanted_torque(self._q, *command.row(count))
+            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
+            status, message = STOPPED, str(error)
         part = slice(count)
         return Run(
             self.pepper.joint_names,
             self.pepper.joint_units,
             time[part],
-            position[part],
-            velocity[part],
-            torque[part],
-            q_ref[part],
-            v_ref[part],
+            logged[0][part],
+            logged[1][part],
+            logged[2][part],
+            command.position[part],
+            command.velocity[part],
             self.actuators.torque_limit,
             status,
             message,
+            readings_since(self.sensors, first * self.timestep),
         )
 
-    def _advance(self, q_ref: Array, v_ref: Array, given: Array, load: Array | None) -> None:
-        forward = self._integrator.gravity_torque(self._q) if self.feedforward == "gravity" else given
-        q, v, tau = self._integrator.step(self._q, self._v, q_ref, v_ref, forward, load)
-        if not abs(v).max() < _RUNAWAY:  # also True for NaN
-            raise self._diverged(q, v, tau)
-        self._q, self._v, self._torque = q, v, tau
-        self._step += 1
+    def _advance(self, command: Command, load: Array) -> Series:
+        """Advance by one timestep for each command, in pieces where someone else has a say in each."""
+        due = self._delay.through(command)
+        total = len(due.position)
+        rows = np.empty((3, total, self.pepper.n))
+        done = 0
+        while done < total:
+            count = self._quiet_steps(total - done)
+            part = slice(done, done + max(count, 1))
+            outer = load if len(load) == 1 else load[part]
+            series = self._run(due.part(part), outer) if count else self._coupled(due.part(part), outer)
+            good = series.good
+            for store, values in zip(rows, series[:3], strict=True):
+                store[part] = values
+            self._take(series, good)
+            done += good
+            if good < len(series.position):
+                break
+        return Series(rows[0], rows[1], rows[2], done)
 
-    def _diverged(self, q: Array, v: Array, tau: Array) -> DivergedError:
-        bad = ~(np.isfinite(q) & np.isfinite(v) & np.isfinite(tau))
-        j = int(np.argmax(bad)) if bad.any() else int(np.argmax(np.abs(v)))
-        step = self._step + 1
-        cause = (
-            f"velocity became {v[j]:.3g} after {self._v[j]:.3g}, position {q[j]:.3g} after {self._q[j]:.3g}"
-        )
-        advice = "; lower the timestep, or check masses and inertias of the links it moves"
-        return DivergedError(self.pepper.joint_names[j], step, step * self.timestep, cause + advice)
+    def _quiet_steps(self, most: int) -> int:
+        """Return how many steps nobody else has a say in, 0 if somebody has one in the next."""
+        if self.world is not None:
+            return 0
+        now, h = self._step * self.timestep, self.timestep
+        if any(push.acts_within(now, now + h) for push in self._pushes):
+            return 0
+        ahead = [push.start - now for push in self._pushes if push.start > now]
+        return min([most, *(max(int(time / h), 1) for time in ahead)])
+
+    def _run(self, command: Command, load: Array) -> Series:
+        """Advance by some timesteps in one go."""
+        k, h = self.substeps, self._integrator.timestep
+        fine = command if k == 1 else command.refined(k, h)
+        outer = load if k == 1 or len(load) == 1 else np.repeat(load, k, axis=0)
+        series = self._steps(self._q, self._v, fine, outer)
+        if k == 1:
+            return series
+        whole, failed = divmod(series.good, k)
+        ends = np.arange(k - 1, len(fine.position), k)
+        if failed or whole < len(ends):
+            ends[whole] = series.good  # the state that diverged
+        return Series(series.position[ends], series.velocity[ends], series.torque[ends], whole)
+
+    def _take(self, series: Series, good: int) -> None:
+        """Make the last good state the present one, and show all of them to the sensors."""
+        if not good:
+            return
+        before = self._v if good == 1 else series.velocity[good - 2]
+        if self.sensors is not None:
+            self._show(series, good - 1)
+        self._q, self._v = series.position[good - 1].copy(), series.velocity[good - 1].copy()
+        self._torque = series.torque[good - 1].copy()
+        self._a = (self._v - before) / self.timestep
+        self._step += good
+        if self.sensors is not None:
+            self.sensors.observe(self.state)
+
+    def _show(self, series: Series, count: int) -> None:
+        """Show the sensors the first states of a series."""
+        before = self._v
+        for k in range(count):
+            time = (self._step + k + 1) * self.timestep
+            acceleration = (series.velocity[k] - before) / self.timestep
+            before = series.velocity[k]
+            state = TwinState(time, series.position[k], before, series.torque[k], acceleration)
+            self.sensors.observe(state)  # type: ignore[union-attr]
+
+    def _pushed(self, q: Array, time: float) -> Array:
+        """Return what the pushes of a time are worth at the joints, shape (n,)."""
+        total = np.zeros(self.pepper.n)
+        for push in self._pushes:
+            if push.acts_at(time + 1e-9):
+                total += push.load(self.pepper, q)
+        return total
+
+    def _vector(self, value: ArrayLike, quantity: str) -> Array:
+        array = as_joint_vectors(self.pepper, value, quantity)
+        if array.ndim != 1:
+            raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")
+        return array
+
+    def _steps(self, q: Array, v: Array, command: Command, load: Array) -> Series:
+        """Return what follows from a state in steps of the integrator."""
+        gravity = self.feedforward == "gravity"
+        if not self.compiled:
+            return self._integrator.run(q, v, *command, load, gravity=gravity)
+        if self._engine is None:
+            from pepper_kin.twin.fast.engine import Engine
+
+            self._engine = Engine.of_one(self.pepper, self._integrator.timestep, self.actuators, gravity)
+        return self._engine.follow(q, v, command, load)
+
+    def _coupled(self, command: Command, load: Array) -> Series:
+        """Advance by one timestep with pushes and world."""
+        k, h = self.substeps, self._integrator.timestep
+        gravity = self.feedforward == "gravity"
+        q, v = self._q, self._v
+        series = Series(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), 0)
+        fine = command if k == 1 else command.refined(k, h)
+        for i in range(k):
+            row = fine.row(i)
+            outer = load[0] + self._pushed(q, self._step * self.timestep + i * h)
+            if self.world is not None:
+                forward = row.given
+                if gravity:
+                    forward = forward + np.where(self._torque_mode, 0.0, self._integrator.gravity_torque(q))
+                linear = self._integrator.linearised(q, v, row.position, row.velocity, forward, outer)
+                outer = outer + self.world.advance(q, v, *linear, h)
+            series = self._steps(q, v, row.as_rows(), outer[np.newaxis])
+            if series.good == 0:
+                break
+            q, v = series.position[0], series.velocity[0]
+        return series
 
 
-def _vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> Array:
-    array = as_joint_vectors(pepper, value, quantity)
-    if array.ndim != 1:
-        raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({pepper.n},)")
-    return array
+def whole_number(quantity: str, value: int) -> int:
+    """Return a number if it is an integer of at least 1.
+
+    Raises:
+        InvalidValueError: otherwise.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InvalidValueError(quantity, repr(value), "an integer of at least 1")
+    return int(value)

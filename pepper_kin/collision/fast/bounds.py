@@ -42,11 +42,11 @@ from pepper_kin.collision.fast.layout import (
     section_single,
 )
 from pepper_kin.collision.fast.loop import gather
-from pepper_kin.collision.fast.native import call_kernel
 from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM
 from pepper_kin.collision.fast.settle import SOLID_SIZE, pair_distance
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.world import OBJECT_SIZE, least_excess, squared_distances
+from pepper_kin.kernels.native import call_kernel
 
 SMALL = 0.03
 """Bounds by spheres below this are replaced by exact distances where there is a closed form [m]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from typing import Any
 
 import numpy as np
@@ -47,16 +46,14 @@ from pepper_kin.collision.fast.layout import (
 from pepper_kin.collision.fast.layout import (
     FREE as MOVING,
 )
-from pepper_kin.collision.fast.native import call_kernel
 from pepper_kin.collision.fast.options import LANES, OPTIONS, ROOM, WIDEST
 from pepper_kin.collision.fast.settle import settle
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.tables import violations
 from pepper_kin.collision.fast.world import WORDS, check_world
+from pepper_kin.kernels.native import call_kernel
 
 _logger = logging.getLogger(__name__)
-_BEGIN = time.perf_counter()
-_SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
 
 FIRST_ROOM = 2 * LANES
 """States of an edge that are checked before the rest: edges in collision mostly are so early."""
@@ -227,14 +224,7 @@ def check_rows(memory: Array, count: int) -> int:
     _sort(memory, kept)
     _check_self(memory)
     _check_scene(memory, kept)
-    status = section_bits(memory, STATUS)
-    classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
-    doubts = 0
-    for i in range(count):
-        if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
-            doubts += 1
-            status[i] = settle(memory, i, classes[i], groups[i])
-    return doubts
+    return int(settle(memory, count))
 
 
 @njit("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)", **OPTIONS)
@@ -295,7 +285,7 @@ def valid_prefix(a: Any, b: Any, steps: int, memory: Any) -> int:
     return count_valid(whole, carray(a, (count,)), carray(b, (count,)), steps)
 
 
-if time.perf_counter() - _BEGIN > _SLOW:
+if count_valid.stats.cache_misses:
     _logger.warning(
         "compiled the fast collision check, once on this machine; from now on it is loaded from disk"
     )

@@ -2,12 +2,11 @@
 
 from pepper_kin.ik.fast.descender import FastDescender
 from pepper_kin.ik.fast.prepared import Prepared, prepare
-from pepper_kin.ik.fast.search import Answer, Rows, alternatives, solve_one
+from pepper_kin.ik.fast.search import Rows, alternatives, solve_one
 from pepper_kin.ik.fast.structure import KINDS, structures_of
 
 __all__ = [
     "KINDS",
-    "Answer",
     "FastDescender",
     "Prepared",
     "Rows",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from pepper_kin.ik.fast.lean import lean
 from pepper_kin.ik.tasks.task import Array
 
 # Rounds in which all wrong bounds change at once although they have not become fewer; after them one changes
@@ -17,7 +17,7 @@ MOST_ROUNDS = 300
 FREE, LOW, HIGH = 0, 1, 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def solve_box(
     matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: np.ndarray, factor: Array
 ) -> bool:
@@ -65,7 +65,7 @@ def solve_box(
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _change(
     matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: np.ndarray, i: int
 ) -> int:
@@ -75,53 +75,57 @@ def _change(
     if high[i] - low[i] <= 1e-14:
         return state[i]
     slope = gradient[i]
-    for j in range(step.size):
-        slope += (matrix[i, j] if j >= i else matrix[j, i]) * step[j]
+    for j in range(i):
+        slope += matrix[j, i] * step[j]
+    for j in range(i, step.size):
+        slope += matrix[i, j] * step[j]
     pulled = (state[i] == LOW and slope < -1e-13) or (state[i] == HIGH and slope > 1e-13)
     return FREE if pulled else state[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def solve_free(
     matrix: Array, gradient: Array, low: Array, high: Array, step: Array, state: np.ndarray, factor: Array
 ) -> bool:
-    """Solve for the free joints by Cholesky's factorisation, with the others at their bounds."""
-    k = gradient.size
+    """Solve for the free joints by Cholesky's factorisation, with the others at their bounds.
+
+    The free joints' rows stand one after the other in `factor`, the right side in its last column.  The
+    factor grows column by column: the numbers of one column do not wait for one another.
+    """
+    k, count = gradient.size, 0
     for i in range(k):
-        if state[i] == LOW:
-            step[i] = low[i]
-        elif state[i] == HIGH:
-            step[i] = high[i]
+        if state[i] != FREE:
+            step[i] = low[i] if state[i] == LOW else high[i]
     for i in range(k):
         if state[i] != FREE:
             continue
-        right = -gradient[i]
+        right, b = -gradient[i], 0
         for j in range(k):
             if state[j] != FREE:
                 right -= (matrix[i, j] if j >= i else matrix[j, i]) * step[j]
-        for j in range(i):
-            if state[j] != FREE:
-                continue
-            total = matrix[j, i]
-            for c in range(j):
-                if state[c] == FREE:
-                    total -= factor[i, c] * factor[j, c]
-            factor[i, j] = total * factor[j, j]
-        pivot = matrix[i, i]
-        for c in range(i):
-            if state[c] == FREE:
-                pivot -= factor[i, c] * factor[i, c]
-                right -= factor[i, c] * factor[c, k]
+            elif j <= i:
+                factor[count, b] = matrix[j, i]
+                b += 1
+        factor[count, k] = right
+        count += 1
+    for b in range(count):
+        pivot, right = factor[b, b], factor[b, k]
+        for c in range(b):
+            pivot -= factor[b, c] * factor[b, c]
+            right -= factor[b, c] * factor[c, k]
         if not pivot > 1e-300:
             return False
-        factor[i, i] = 1.0 / math.sqrt(pivot)
-        factor[i, k] = right * factor[i, i]
+        inverse = 1.0 / math.sqrt(pivot)
+        factor[b, b], factor[b, k] = inverse, right * inverse
+        for a in range(b + 1, count):
+            total = factor[a, b]
+            for c in range(b):
+                total -= factor[a, c] * factor[b, c]
+            factor[a, b] = total * inverse
     for i in range(k - 1, -1, -1):
-        if state[i] != FREE:
-            continue
-        value = factor[i, k]
-        for j in range(i + 1, k):
-            if state[j] == FREE:
-                value -= factor[j, i] * step[j]
-        step[i] = value * factor[i, i]
+        if state[i] == FREE:
+            count -= 1
+            step[i] = factor[count, k] * factor[count, count]
+            for c in range(count):
+                factor[c, k] -= factor[count, c] * step[i]
     return True

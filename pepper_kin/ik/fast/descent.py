@@ -9,10 +9,11 @@ from numba import njit
 
 from pepper_kin.ik.descent import SMALL_GAIN, SMALL_STEP
 from pepper_kin.ik.fast.box import FREE, HIGH, LOW, solve_box, solve_free
-from pepper_kin.ik.fast.native import call_kernel
+from pepper_kin.ik.fast.lean import lean, lean_alone
 from pepper_kin.ik.problem import CLOSE, POSTURE_WEIGHT
 from pepper_kin.ik.solvers.step_solver import STEP_BOUND
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kernels.native import call_kernel
 
 FIRST_DAMPING = 1e-3
 LEAST_DAMPING = 1e-9
@@ -73,7 +74,10 @@ class Room(NamedTuple):
         other: The same at the configuration to try.
         matrix: Shape (k, k).
         factor: Shape (k, k + 1).
-        vectors: Gradient, step, lower and upper bound of the step, shape (4, k).
+        gradient: Shape (k,).
+        step: Shape (k,).
+        least: Lower bounds of the step, shape (k,).
+        most: Upper bounds of the step, shape (k,).
         state: Active bounds, shape (k,).
     """
 
@@ -83,7 +87,10 @@ class Room(NamedTuple):
     other: Array
     matrix: Array
     factor: Array
-    vectors: Array
+    gradient: Array
+    step: Array
+    least: Array
+    most: Array
     state: np.ndarray
 
 
@@ -98,12 +105,15 @@ def make_room(row: Array, k: int, t: int) -> Room:
         np.empty(outputs),
         np.empty((k, k)),
         np.empty((k, k + 1)),
-        np.empty((4, k)),
+        np.empty(k),
+        np.empty(k),
+        np.empty(k),
+        np.empty(k),
         np.empty(k, np.int64),
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def fraction_of_tolerance(result: Array, tolerance: Array) -> float:
     """Return the largest of error^2 / tolerance^2."""
     worst = 0.0
@@ -112,7 +122,7 @@ def fraction_of_tolerance(result: Array, tolerance: Array) -> float:
     return worst
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_alone
 def descend(setting: Setting, room: Room, max_iterations: int, small_gain: float, cautious_steps: int) -> int:
     """Search from a start by Levenberg-Marquardt steps within the bounds; see `pepper_kin.ik.descent`.
 
@@ -150,7 +160,8 @@ def descend(setting: Setting, room: Room, max_iterations: int, small_gain: float
         if gain > 0:
             for i in range(index.size):
                 given[index[i]] = trial[index[i]]
-            result[:] = other
+            for i in range(result.size):
+                result[i] = other[i]
             cost = new_cost
             damping, backed = (damping if backed else max(damping / LOWER, LEAST_DAMPING)), False
         elif size >= SMALL_STEP:
@@ -163,7 +174,7 @@ def descend(setting: Setting, room: Room, max_iterations: int, small_gain: float
     return iterations
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_alone
 def reflect(setting: Setting, given: Array) -> None:
     """Put each joint from q to c - REFLECTION (q - c), c the middle of its range; see `REFLECTION`.
 
@@ -175,13 +186,13 @@ def reflect(setting: Setting, given: Array) -> None:
             given[setting.joints[i]] = middle - REFLECTION * (given[setting.joints[i]] - middle)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def evaluate(setting: Setting, given: Array, result: Array) -> None:
     """Call the kernel."""
     call_kernel(setting.address, given.ctypes.data, result.ctypes.data, setting.work.ctypes.data)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _linearise(setting: Setting, room: Room, damping: float, cautious: bool) -> None:
     """Write the step's quadratic programme: H + lambda diag(d)^2 + eps^2, g, and the bounds of the step.
 
@@ -189,7 +200,7 @@ def _linearise(setting: Setting, room: Room, damping: float, cautious: bool) -> 
     (Coleman and Li, An interior trust region approach for nonlinear minimization subject to bounds, 1996).
     """
     index, low, high = setting.joints, setting.low, setting.high
-    matrix, gradient, least, most = room.matrix, room.vectors[0], room.vectors[2], room.vectors[3]
+    matrix, gradient, least, most = room.matrix, room.gradient, room.least, room.most
     k = index.size
     part = CAUTION if cautious else 1.0
     start = setting.tolerance.size + 1
@@ -215,21 +226,21 @@ def _linearise(setting: Setting, room: Room, damping: float, cautious: bool) -> 
             room.state[i] = HIGH
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _propose(setting: Setting, room: Room, cautious: bool) -> bool:
     """Write the configuration to try; the result tells whether there is one."""
-    gradient, step, least, most = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
+    matrix, gradient, step, least, most = room.matrix, room.gradient, room.step, room.least, room.most
     if cautious:
-        good = solve_free(room.matrix, gradient, least, most, step, room.state, room.factor)
+        good = solve_free(matrix, gradient, least, most, step, room.state, room.factor)
     else:
-        good = solve_box(room.matrix, gradient, least, most, step, room.state, room.factor)
+        good = solve_box(matrix, gradient, least, most, step, room.state, room.factor)
     for i in range(step.size):
         q = room.given[setting.joints[i]] + min(max(step[i], least[i]), most[i])
         room.trial[setting.joints[i]] = min(max(q, setting.low[i]), setting.high[i])
     return good
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean
 def _posture_cost(setting: Setting, given: Array) -> float:
     total = 0.0
     for i in range(setting.joints.size):

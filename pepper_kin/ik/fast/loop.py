@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 from typing import NamedTuple
 
 import numpy as np
@@ -26,14 +25,13 @@ from pepper_kin.ik.fast.descent import (
     make_room,
     reflect,
 )
-from pepper_kin.ik.fast.native import call_kernel
+from pepper_kin.ik.fast.lean import lean_alone
 from pepper_kin.ik.restarts import REACH, is_chosen
 from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kernels.native import call_kernel
 
 _logger = logging.getLogger(__name__)
-_BEGIN = time.perf_counter()
-_SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
 
 NEAR, FAR = REACH
 NEAR_STARTS = len(REACH)
@@ -41,7 +39,6 @@ _is_chosen = njit(inline="always")(is_chosen)
 
 # What `answers` holds after q and the squared errors.
 STATUS, ITERATIONS, RESTARTS = 0, 1, 2
-EXTRA = 3
 
 SOLVED, UNREACHABLE, LIMITS = 0.0, 1.0, 2.0
 
@@ -55,6 +52,12 @@ SEARCH_GAIN = 3e-3
 
 # So many descents for each joint at least before their agreement counts.
 DESCENTS_A_JOINT = 5
+
+# Below this weighted distance, what descents agree on may be a near miss of a target whose way in is narrow.
+# After so many for each joint starts are taken as they come, until none is left, and in place of reflections,
+# which lead from the same minimum to the same end, further points of their numbers.
+NEAR_MISS = 0.1
+DESCENTS_NEAR_A_JOINT = 2
 
 # A solution that the motors cannot hold leans too far.  With the joints that carry much put back to where q0
 # has them, or beyond, it is near another that mostly can be held; then further starts are tried.
@@ -88,20 +91,25 @@ class Wishes(NamedTuple):
     costs: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
-    """Write the start of a number into `given`; see `pepper_kin.ik.restarts.starts`."""
+@lean_alone
+def _start(setting: Setting, wishes: Wishes, room: Room, number: int, only: int) -> None:
+    """Write the start of a number into `given`; see `pepper_kin.ik.restarts.starts`.
+
+    Where `only` is not negative, it is this one of the number's points as it stands.
+    """
     index, low, high, trial = setting.joints, setting.low, setting.high, room.trial
     near = number < NEAR_STARTS
     reach = 1.0
     if near:
         reach = NEAR if number == 0 else FAR
-    candidates = wishes.points.shape[1] if _is_chosen(number) else 1
+    first, candidates = max(only, 0), 1
+    if _is_chosen(number) and only < 0:
+        candidates = wishes.points.shape[1]
     least = math.inf
-    for c in range(candidates):
+    for c in range(first, first + candidates):
         for i in range(index.size):
             q0 = setting.reference[index[i]]
-            if low[i] == high[i] or (number % 2 == 1 and wishes.heavy[i] > 0):
+            if low[i] == high[i] or (number % 2 == 1 and wishes.heavy[i] > 0 and only < 0):
                 trial[index[i]] = q0
                 continue
             bottom, top = max(low[i], q0 - math.pi), min(high[i], q0 + math.pi)
@@ -117,7 +125,7 @@ def _start(setting: Setting, wishes: Wishes, room: Room, number: int) -> None:
                 room.given[index[i]] = trial[index[i]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_alone
 def _straighten(setting: Setting, wishes: Wishes, room: Room, part: float, answer: Array) -> None:
     """Write the best solution so far into `given`, the joints that carry much moved back by a part to q0."""
     for i in range(setting.joints.size):
@@ -127,7 +135,7 @@ def _straighten(setting: Setting, wishes: Wishes, room: Room, part: float, answe
         room.given[j] = min(max(q, setting.low[i]), setting.high[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_alone
 def _held(setting: Setting, wishes: Wishes, q: Array) -> bool:
     """Whether the motors hold q: |g_i| <= effort limit for every joint."""
     call_kernel(wishes.gravity, q.ctypes.data, wishes.torque.ctypes.data, setting.work.ctypes.data)
@@ -137,20 +145,22 @@ def _held(setting: Setting, wishes: Wishes, q: Array) -> bool:
     return worst <= 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _agree(costs: Array, count: int, joints: int) -> bool:
+@lean_alone
+def _agree(costs: Array, count: int, least_count: int) -> bool:
     """Whether the least weighted distance was found often enough to be believed."""
-    if count < DESCENTS_A_JOINT * joints:
+    if count < least_count:
         return False
-    least = math.sqrt(2 * costs[:count].min())
-    agreeing = 0
+    least = costs[0]
+    for i in range(1, count):
+        least = min(least, costs[i])
+    least, agreeing = math.sqrt(2 * least), 0
     for i in range(count):
         if math.sqrt(2 * costs[i]) < least + AGREEMENT:
             agreeing += 1
     return agreeing >= AGREEING_STARTS
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_alone
 def _motion(setting: Setting, q: Array) -> float:
     """Return |diag(d) (q - q0)|^2."""
     total = 0.0
@@ -160,13 +170,15 @@ def _motion(setting: Setting, q: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_alone
 def _keep(room: Room, answer: Array, n: int, t: int) -> None:
-    answer[:n] = room.given[:n]
-    answer[n : n + t] = room.result[:t]
+    for i in range(n):
+        answer[i] = room.given[i]
+    for i in range(t):
+        answer[n + i] = room.result[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_alone
 def _search(setting: Setting, wishes: Wishes, room: Room, max_iterations: int, answer: Array) -> bool:
     """Descend from the start in `given` and, until a good find, from further starts."""
     n, t, tolerance = setting.reference.size, setting.tolerance.size, setting.tolerance
@@ -175,15 +187,17 @@ def _search(setting: Setting, wishes: Wishes, room: Room, max_iterations: int, a
     best_held = best_met and _held(setting, wishes, room.given)
     best_value = 0.0 if best_met else room.result[t]
     _keep(room, answer, n, t)
-    iterations, first_met, used, tries = 0, 0, 0, 0
+    iterations, first_met, used, tries, agreed, near = 0, 0, 0, 0, False, False
     for used in range(wishes.points.shape[0] + 1):
         if first_met > 0 and used - first_met < len(STRAIGHTENED):
             _straighten(setting, wishes, room, STRAIGHTENED[used - first_met], answer)
         elif used > 0:
-            _start(setting, wishes, room, used - 1)
+            _start(setting, wishes, room, used - 1, 0 if agreed else -1)
         steps_left = max_iterations
         for turn in range(REFLECTIONS + 1):
-            if turn > 0:
+            if turn > 0 and agreed:
+                _start(setting, wishes, room, used - 1, turn)
+            elif turn > 0:
                 reflect(setting, room.given)
             steps = descend(setting, room, steps_left, SEARCH_GAIN, CAUTIOUS_STEPS)
             iterations, steps_left = iterations + steps, steps_left - steps
@@ -198,15 +212,19 @@ def _search(setting: Setting, wishes: Wishes, room: Room, max_iterations: int, a
             if better:
                 best_met, best_held, best_value = met, held, value
                 _keep(room, answer, n, t)
-            if met or steps_left <= 0 or _agree(wishes.costs, tries, setting.joints.size):
+            near = not best_met and best_value < 0.5 * NEAR_MISS**2
+            enough = (DESCENTS_NEAR_A_JOINT if near else DESCENTS_A_JOINT) * setting.joints.size
+            agreed = _agree(wishes.costs, tries, enough)
+            if met or steps_left <= 0 or (agreed and not near):
                 break
         if best_met and first_met == 0:
             first_met = used + 1
         tried_for_torque = first_met > 0 and used + 1 - first_met >= STARTS_FOR_TORQUE
-        if (best_met and best_held) or tried_for_torque or _agree(wishes.costs, tries, setting.joints.size):
+        if (best_met and best_held) or tried_for_torque or (agreed and not near):
             break
     if not (best_met and setting.stop_when_met):
-        room.given[:n] = answer[:n]
+        for i in range(n):
+            room.given[i] = answer[i]
         iterations += descend(setting, room, max_iterations, SMALL_GAIN, 0)
         best_met = fraction_of_tolerance(room.result, tolerance) <= 1.0
         _keep(room, answer, n, t)
@@ -233,7 +251,7 @@ def _met_without_limits(
         elif number == 1:
             room.given[:n] = setting.reference
         elif number - 2 < wishes.points.shape[0]:
-            _start(free, wishes, room, number - 2)
+            _start(free, wishes, room, number - 2, -1)
         else:
             break
         descend(free, room, min(STEPS_WITHOUT_LIMITS, max_iterations), SMALL_GAIN, 0)
@@ -331,5 +349,5 @@ def descend_row(
     return iterations
 
 
-if time.perf_counter() - _BEGIN > _SLOW:
+if descend_row.stats.cache_misses:
     _logger.warning("compiled the fast IK solver, once on this machine; from now on it is loaded from disk")

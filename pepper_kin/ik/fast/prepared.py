@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +22,27 @@ from pepper_kin.model.shapes import read_only
 
 CANDIDATES = 4
 HEAVY = 1.5
+
+# Numbers about a search that follow q and the squared errors in its answer.
+EXTRA = 3
+
+
+class Desk(NamedTuple):
+    """Arrays for one search at a time.
+
+    Attributes:
+        given: Input of `solve_rows`, shape (1, width).
+        answers: Its output, shape (1, n + t + EXTRA).
+        tolerance: Squared tolerances, shape (t,).
+        row: The row of `given`, shape (width,).
+        answer: The row of `answers`, shape (n + t + EXTRA,).
+    """
+
+    given: Array
+    answers: Array
+    tolerance: Array
+    row: Array
+    answer: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +62,7 @@ class Prepared:
         width: Length of a row of input.
         neutral: The neutral posture, shape (n,), read-only.
         all_bounds: `bounds` where all joints may move.
+        desks: Those that no thread works at.
     """
 
     kernel: Kernel
@@ -54,6 +77,16 @@ class Prepared:
     width: int
     neutral: Array
     all_bounds: Array
+    desks: list[Desk] = field(default_factory=list)
+
+    def desk(self) -> Desk:
+        """Return a desk to work at; append it to `desks` when the work is done."""
+        try:
+            return self.desks.pop()
+        except IndexError:
+            tasks = len(self.target_places)
+            given, answers = np.empty((1, self.width)), np.empty((1, self.effort.size + tasks + EXTRA))
+            return Desk(given, answers, np.empty(tasks), given[0], answers[0])
 
     def bounds(self, lower: Array, upper: Array, moves: np.ndarray) -> Array:
         """Return bounds as `solve_rows` takes them, shape (5, k), of joint vectors (k,)."""

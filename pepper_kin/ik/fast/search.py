@@ -4,35 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.ik.fast.loop import EXTRA, solve_rows
-from pepper_kin.ik.fast.prepared import Prepared, prepare, unit_points
+from pepper_kin.ik.fast.loop import solve_rows
+from pepper_kin.ik.fast.prepared import EXTRA, Prepared, prepare, unit_points
 from pepper_kin.ik.fast.structure import structures_of, target_of
-from pepper_kin.ik.result import Status
+from pepper_kin.ik.result import Found, Status
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
 
 STATUSES = (Status.SOLVED, Status.CLOSEST_UNREACHABLE, Status.CLOSEST_LIMITS)
 """By the number that the compiled search writes."""
-
-
-class Answer(NamedTuple):
-    """What the compiled search found.
-
-    Attributes:
-        q: Joint positions within the limits [rad or m], shape (n,).
-        status: How it ended.
-        iterations: Steps over all starts.
-        restarts: Starts used after the first.
-    """
-
-    q: Array
-    status: Status
-    iterations: int
-    restarts: int
 
 
 def solve_one(
@@ -43,7 +26,7 @@ def solve_one(
     seed: int,
     restarts: int,
     max_iterations: int,
-) -> Answer:
+) -> Found:
     """Search for one set of targets.
 
     Args:
@@ -55,27 +38,25 @@ def solve_one(
         restarts: Number of restarts at most.
         max_iterations: Steps from each start.
     """
-    n, t = q0.size, len(tasks)
-    given = np.empty((1, prepared.width))
-    row = given[0]
+    n, desk = q0.size, prepared.desk()
+    row, tolerance, stop = desk.row, desk.tolerance, True
     row[:n] = q0
-    tolerance = np.empty(t)
-    stop = True
-    for k, task in enumerate(tasks):
-        row[n + k] = task.weight * task.weight
-        row[prepared.target_places[k]] = target_of(task)
-        tolerance[k] = task.tolerance * task.tolerance
-        stop = stop and task.tolerance < math.inf
-    answers = np.empty((1, n + t + EXTRA))
+    for k, (task, targets) in enumerate(zip(tasks, prepared.target_places, strict=True)):
+        weight, allowed = task.weight, task.tolerance
+        row[n + k] = weight * weight
+        row[targets] = target_of(task)
+        tolerance[k] = allowed * allowed
+        stop = stop and allowed < math.inf
     solve_rows(
         numbers_for(prepared, stop), prepared.index, bounds_for(prepared, q0, movable), prepared.effort,
-        tolerance, unit_points(prepared.index.size, seed, restarts), max_iterations, given, answers, 0, 1,
+        tolerance, unit_points(prepared.index.size, seed, restarts), max_iterations, desk.given,
+        desk.answers, 0, 1,
     )  # fmt: skip
-    answer = answers[0]
-    q = answer[:n].copy()
+    q = desk.answer[:n].copy()
     q.setflags(write=False)
-    status, iterations, used = answer[n + t :].tolist()
-    return Answer(q, STATUSES[int(status)], int(iterations), int(used))
+    status, iterations, used = desk.answer[-EXTRA:].tolist()
+    prepared.desks.append(desk)
+    return Found(q, STATUSES[int(status)], int(iterations), int(used))
 
 
 def numbers_for(prepared: Prepared, stop_when_met: bool) -> np.ndarray:

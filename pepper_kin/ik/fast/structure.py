@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from pepper_kin.ik.tasks import (
     BaseYaw,
     CenterOfMass,
     CenterOfMassOverWheels,
+    FrameInPlane,
     FrameOrientation,
     FramePosition,
     JointPosture,
@@ -26,6 +28,7 @@ from pepper_kin.ik.tasks.task import Array
 
 KINDS = (
     "FramePosition",
+    "FrameInPlane",
     "FrameOrientation",
     "AxisAlignment",
     "LookAt",
@@ -46,7 +49,7 @@ class Structure(NamedTuple):
     Attributes:
         kind: One of `KINDS`.
         frame: Name of the frame; empty where the task acts on joints.
-        axis: Axis in the frame, for tasks that have one.
+        axis: Axis in the frame, or normal in the world, for tasks that have one.
         joints: Names of the joints, for a posture; empty for all.
         target_size: Numbers that describe the target.
         reference: Name of the frame that `frame` or the centre of mass is seen from; empty for the world.
@@ -65,25 +68,25 @@ class Structure(NamedTuple):
 
 
 def structure_of(task: Task) -> Structure:
-    """Return the structure of a task, worked out once per task and kept with it.
+    """Return the structure of a task; tasks alike share one.
 
     Raises:
         InvalidValueError: for a kind of task that the fast solver lacks, naming those that it has.
     """
-    found: Structure | None = task.__dict__.get("_fast_structure")
-    if found is None:
-        found = _structure(task)._replace(hard=task.hard)
-        object.__setattr__(task, "_fast_structure", found)
-    return found
+    read = _reader(type(task))
+    if read is None:
+        raise InvalidValueError(
+            "solver",
+            "'fast'",
+            f"'placo' or 'proxsuite' for {type(task).__name__}; 'fast' knows {', '.join(KINDS)}",
+        )
+    return read(task)
 
 
 def target_of(task: Task) -> Array:
     """Return the numbers that describe a task's target, flat."""
-    kept: Array | None = task.__dict__.get("_fast_target")
-    if kept is None:
-        kept = np.ravel(task.direction if isinstance(task, AxisAlignment) else task.target)  # type: ignore[attr-defined]
-        object.__setattr__(task, "_fast_target", kept)
-    return kept
+    target: Array = getattr(task, task.target_name)
+    return target if target.ndim == 1 else target.ravel()
 
 
 def structures_of(tasks: Sequence[Task]) -> tuple[Structure, ...]:
@@ -91,32 +94,44 @@ def structures_of(tasks: Sequence[Task]) -> tuple[Structure, ...]:
     return tuple([structure_of(task) for task in tasks])
 
 
-def _structure(task: Task) -> Structure:
-    if isinstance(task, FramePosition):
-        return Structure("FramePosition", task.frame, (), (), 3)
-    if isinstance(task, FrameOrientation):
-        return Structure("FrameOrientation", task.frame, (), (), 9)
-    if isinstance(task, AxisAlignment):
-        return Structure("AxisAlignment", task.frame, tuple(task.axis.tolist()), (), 3)
-    if isinstance(task, LookAt):
-        return Structure("LookAt", task.frame, tuple(task.axis.tolist()), (), 3)
-    if isinstance(task, JointPosture):
-        return Structure("JointPosture", "", (), task.joints or (), task.target.shape[-1])
-    if isinstance(task, RelativePosition):
-        return Structure("RelativePosition", task.frame, (), (), 3, task.reference)
-    if isinstance(task, RelativeOrientation):
-        return Structure("RelativeOrientation", task.frame, (), (), 9, task.reference)
-    if isinstance(task, CenterOfMass):
-        return Structure("CenterOfMass", "", (), (), 2)
-    if isinstance(task, CenterOfMassOverWheels):
-        corners = tuple(task.contacts.ravel().tolist())
-        return Structure("CenterOfMassOverWheels", "", (), (), 1, task.base_frame, corners)
-    if isinstance(task, BasePosition):
-        return Structure("BasePosition", "", (), task.joints, 2)
-    if isinstance(task, BaseYaw):
-        return Structure("BaseYaw", "", (), task.joints, 1)
-    raise InvalidValueError(
-        "solver",
-        "'fast'",
-        f"'placo' or 'proxsuite' for {type(task).__name__}; 'fast' knows {', '.join(KINDS)}",
-    )
+@lru_cache(maxsize=4096)
+def _of_frame(
+    kind: str, frame: str, hard: bool, target_size: int, axis: bytes = b"", reference: str = ""
+) -> Structure:
+    """Return the structure of a task on a frame; to make it anew costs as much as some steps."""
+    return Structure(kind, frame, tuple(np.frombuffer(axis).tolist()), (), target_size, reference, (), hard)
+
+
+def _wheels(task: CenterOfMassOverWheels) -> Structure:
+    corners = tuple(task.contacts.ravel().tolist())
+    return Structure("CenterOfMassOverWheels", "", (), (), 1, task.base_frame, corners, task.hard)
+
+
+def _posture(task: JointPosture) -> Structure:
+    return Structure("JointPosture", "", (), task.joints or (), task.target.shape[-1], hard=task.hard)
+
+
+_READERS: dict[type, Callable[[Any], Structure]] = {
+    FramePosition: lambda task: _of_frame("FramePosition", task.frame, task.hard, 3),
+    FrameInPlane: lambda task: _of_frame("FrameInPlane", task.frame, task.hard, 3, task.normal.tobytes()),
+    FrameOrientation: lambda task: _of_frame("FrameOrientation", task.frame, task.hard, 9),
+    AxisAlignment: lambda task: _of_frame("AxisAlignment", task.frame, task.hard, 3, task.axis.tobytes()),
+    LookAt: lambda task: _of_frame("LookAt", task.frame, task.hard, 3, task.axis.tobytes()),
+    JointPosture: _posture,
+    RelativePosition: lambda task: _of_frame(
+        "RelativePosition", task.frame, task.hard, 3, reference=task.reference
+    ),
+    RelativeOrientation: lambda task: _of_frame(
+        "RelativeOrientation", task.frame, task.hard, 9, reference=task.reference
+    ),
+    CenterOfMass: lambda task: Structure("CenterOfMass", "", (), (), 2, hard=task.hard),
+    CenterOfMassOverWheels: _wheels,
+    BasePosition: lambda task: Structure("BasePosition", "", (), task.joints, 2, hard=task.hard),
+    BaseYaw: lambda task: Structure("BaseYaw", "", (), task.joints, 1, hard=task.hard),
+}
+
+
+@lru_cache(maxsize=256)
+def _reader(kind: type) -> Callable[[Any], Structure] | None:
+    """Return what reads the structure of a class of tasks; to ask an abstract class is slow."""
+    return next((read for known, read in _READERS.items() if issubclass(kind, known)), None)

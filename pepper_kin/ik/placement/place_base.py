@@ -181,7 +181,7 @@ def _placement(job: Job, trials: Trials, row: int) -> Placement:
     for k, tasks in enumerate(trier.sets):
         if trials.good[row]:
             q = read_only(trials.q[k, row])
-            evidence = Evidence(moving.robot, tasks, start, job.movable, scene, q)
+            evidence = Evidence(moving.robot, tasks, start, job.movable, scene, q).certificate
             counts = int(trials.iterations[row, k]), int(trials.restarts[row, k])
             results.append(IKResult(Status.SOLVED, q, *counts, 0.0, "fast", trier.seed, evidence))
         else:

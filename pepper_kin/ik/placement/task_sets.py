@@ -68,6 +68,4 @@ def _named(pepper: PepperModel, task: Task) -> Task:
         return task
     named = copy.copy(task)
     object.__setattr__(named, "joints", pepper.joint_names)
-    for kept in ("_fast_structure", "_fast_target"):
-        named.__dict__.pop(kept, None)
     return named

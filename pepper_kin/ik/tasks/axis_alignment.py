@@ -26,6 +26,10 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
 
+# The x axis: what is mostly aligned.
+AHEAD = (1.0, 0.0, 0.0)
+_AHEAD = read_only(AHEAD)
+
 
 @dataclass(frozen=True, eq=False, init=False)
 class AxisAlignment(Task):
@@ -61,7 +65,7 @@ class AxisAlignment(Task):
         self,
         frame: str,
         direction: ArrayLike,
-        axis: ArrayLike = (1.0, 0.0, 0.0),
+        axis: ArrayLike = AHEAD,
         weight: float = 1.0,
         tolerance: float = ANGLE_TOLERANCE,
         label: str = "",
@@ -72,8 +76,8 @@ class AxisAlignment(Task):
         object.__setattr__(self, "frame", frame)
         object.__setattr__(self, "label", name)
         object.__setattr__(self, "direction", _units(direction, f"direction of {name}"))
-        object.__setattr__(self, "axis", _unit(axis, f"axis of {name}"))
-        object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
+        object.__setattr__(self, "axis", _AHEAD if axis is AHEAD else _unit(axis, f"axis of {name}"))
+        object.__setattr__(self, "basis", sideways_basis(self.axis))
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
         object.__setattr__(self, "hard", checked_hard(hard, name))
@@ -115,13 +119,11 @@ class AxisAlignment(Task):
 def _units(vectors: ArrayLike, quantity: str) -> Array:
     """Return a unit vector, or N of them."""
     array = as_targets(vectors, quantity, (3,))
+    if array.ndim == 1:
+        return _unit(array, quantity)
     lengths = np.linalg.norm(array, axis=-1, keepdims=True)
     if lengths.size and lengths.min() < 1e-9:
-        raise InvalidValueError(
-            quantity,
-            array[lengths[..., 0].argmin()] if array.ndim > 1 else array,
-            "a vector that is not zero",
-        )
+        raise InvalidValueError(quantity, array[lengths[..., 0].argmin()], "a vector that is not zero")
     return read_only(array / lengths)
 
 

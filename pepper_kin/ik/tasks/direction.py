@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model.shapes import read_only
 
 # Below this sine the two directions count as parallel: there the exact formulas would divide by zero.
 PARALLEL = 1e-7
 
 
 def sideways_basis(axis: Array) -> Array:
-    """Return B, shape (2, 3): two unit rows normal to a unit axis and to one another.
+    """Return B, shape (2, 3), read-only: two unit rows normal to a unit axis and to one another.
 
     For the x axis they are y and z.
     """
+    return _sideways_basis(*axis.tolist())
+
+
+@lru_cache(maxsize=256)
+def _sideways_basis(x: float, y: float, z: float) -> Array:
+    axis = np.array([x, y, z])
     first = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     first = first - (first @ axis) * axis
     first /= np.linalg.norm(first)
-    return np.array([first, np.cross(axis, first)])
+    return read_only([first, np.cross(axis, first)])
 
 
 def cross_matrix(vector: Array) -> Array:

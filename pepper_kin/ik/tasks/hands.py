@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.ik.tasks.axis_alignment import AxisAlignment
+from pepper_kin.ik.tasks.axis_alignment import AHEAD, AxisAlignment
 from pepper_kin.ik.tasks.frame_pose import FramePose
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE
@@ -125,5 +125,4 @@ class Point(AxisAlignment):
         *,
         hard: bool = False,
     ) -> None:
-        frame, axis = hand_frame(hand), (1.0, 0.0, 0.0)
-        super().__init__(frame, direction, axis, weight, tolerance, f"{hand} hand", hard=hard)
+        super().__init__(hand_frame(hand), direction, AHEAD, weight, tolerance, f"{hand} hand", hard=hard)

@@ -27,6 +27,8 @@ from pepper_kin.model.shapes import read_only
 # A point nearer to the camera's origin than this has no direction to speak of [m].
 NEAREST = 1e-6
 
+_AHEAD, _AHEAD_OPTICAL = read_only((1.0, 0.0, 0.0)), read_only((0.0, 0.0, 1.0))
+
 
 @dataclass(frozen=True, eq=False, init=False)
 class LookAt(Task):
@@ -77,8 +79,8 @@ class LookAt(Task):
         object.__setattr__(self, "weight", checked_weight(weight, name))
         object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
         object.__setattr__(self, "hard", checked_hard(hard, name))
-        object.__setattr__(self, "axis", read_only((0.0, 0.0, 1.0) if optical else (1.0, 0.0, 0.0)))
-        object.__setattr__(self, "basis", read_only(sideways_basis(self.axis)))
+        object.__setattr__(self, "axis", _AHEAD_OPTICAL if optical else _AHEAD)
+        object.__setattr__(self, "basis", sideways_basis(self.axis))
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the camera."""

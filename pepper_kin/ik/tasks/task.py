@@ -86,8 +86,6 @@ class Task(ABC):
             return self
         one = copy.copy(self)
         object.__setattr__(one, self.target_name, read_only(getattr(self, self.target_name)[row]))
-        for kept in ("_fast_structure", "_fast_target"):
-            one.__dict__.pop(kept, None)
         return one
 
     @abstractmethod
@@ -193,6 +191,14 @@ def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -
     Raises:
         InvalidValueError: for another shape, NaN or infinity.
     """
+    # Most targets are a few floats: asking each of them is quicker than NumPy's way to ask all.
+    if (
+        isinstance(value, np.ndarray)
+        and value.dtype == np.float64
+        and value.shape == shape
+        and all(map(math.isfinite, value.ravel().tolist()))
+    ):
+        return value
     if getattr(value, "ndim", len(shape)) == len(shape) + 1:
         return as_finite(value, quantity, (None, *shape))
     return as_finite(value, quantity, shape)

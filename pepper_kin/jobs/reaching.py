@@ -126,7 +126,7 @@ def reach(
     clock.enter("certificate")
     certificate = trajectory.check(pepper, scene=scene)
     clock.enter("twin")
-    run = Twin(pepper, timestep=timestep).execute(trajectory, settle=SETTLE)
+    run = Twin(pepper, timestep=timestep, compiled=COMPILED).execute(trajectory, settle=SETTLE)
     clock.enter("report")
     figures = _figures(pepper, tasks, scene, found, trajectory, run)
     clock.enter("done")

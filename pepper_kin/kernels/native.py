@@ -10,7 +10,7 @@ from numba.extending import intrinsic
 
 
 def _call_kernel(typing_context: Any, address: Any, given: Any, result: Any, work: Any) -> Any:
-    """Call `void f(const double*, double*, double*)` at an address; all four are integers.
+    """Call `void f(const f64*, f64*, f64*)` at an address; all four are integers.
 
     An address that is an argument, unlike a ctypes function that is a global, lets the caller be cached.
     """

@@ -1,0 +1,31 @@
+"""What the build of the documentation needs beyond its pages: the package as a wheel lays it out."""
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from mkdocs.plugins import event_priority
+
+ROOT = Path(__file__).resolve().parents[1]
+_folders: list[Path] = []
+
+
+@event_priority(100)  # before mkdocstrings reads its settings
+def on_config(config: Any) -> Any:
+    """Copy the modules, as a wheel lays them out, to where the API pages are read from."""
+    folder = Path(tempfile.mkdtemp(prefix="pepper_kin_docs_"))
+    _folders.append(folder)
+    for source, place in (("pepper_kin", "."), ("planners", "planners"), ("urdf", "urdf")):
+        for module in (ROOT / source).rglob("*.py"):
+            copy = folder / "pepper_kin" / place / module.relative_to(ROOT / source)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(module, copy)
+    config.plugins["mkdocstrings"].config.handlers["python"]["paths"] = [str(folder)]
+    return config
+
+
+def on_shutdown() -> None:
+    """Remove the copies."""
+    while _folders:
+        shutil.rmtree(_folders.pop(), ignore_errors=True)

@@ -1,0 +1,293 @@
+"""The twin beside an independent engine: the same model, gains and inputs in MuJoCo."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.model import PepperModel, load_pepper
+from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.text_table import text_table
+from pepper_kin.motion import gesture
+from pepper_kin.twin import ActuatorParameters, Twin, actuator_parameters
+from pepper_kin.twin.actuators import TORQUE
+
+Array = NDArray[np.float64]
+
+SECONDS = 1.0
+TIMESTEPS = (4e-4, 2e-4, 1e-4)  # [s]
+LIMIT = 1e-3
+"""Largest difference of a joint after one second with the smallest timestep that passes [rad or m]."""
+_PUSH_FRAME, _PUSH = "LArm_effector", np.array([-4.0, 3.0, 2.0])  # [N]
+_PUSH_START, _PUSH_TIME = 0.2, 0.3  # [s]
+_STEP = 0.05  # of a joint's range, for the step responses
+_GENTLE = 1e-3
+"""Gains of the push: of Pepper's own, so that the push moves something."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What is done in both engines.
+
+    Attributes:
+        name: Of the scenario.
+        start: Positions at time 0, at rest [rad or m], shape (n,).
+        actuators: Of the twin; MuJoCo gets the same gains and torque limits.
+        reference: Time [s] to positions and velocities wanted.
+        pushed: Whether a hand is pushed.
+    """
+
+    name: str
+    start: Array
+    actuators: ActuatorParameters
+    reference: Callable[[Array], tuple[Array, Array]]
+    pushed: bool = False
+
+
+@dataclass(frozen=True)
+class PhysicsRow:
+    """Differences of one scenario.
+
+    Attributes:
+        name: Of the scenario.
+        moved: How far the joint that moved most was from its start [rad or m].
+        timesteps: [s], largest first.
+        differences: Largest difference of a joint at the end, for each timestep [rad or m].
+        greatest: Largest difference at any time, for each timestep [rad or m].
+        joint: The joint that differs most at the end with the smallest timestep.
+    """
+
+    name: str
+    moved: float
+    timesteps: tuple[float, ...]
+    differences: tuple[float, ...]
+    greatest: tuple[float, ...]
+    joint: str
+
+    @property
+    def order(self) -> float:
+        """Slope of log difference over log timestep: 1 where differences halve with the timestep.
+
+        NaN where the engines agree to rounding.
+        """
+        if max(self.differences) < 1e-3 * LIMIT:
+            return float("nan")
+        slope = np.polyfit(np.log(self.timesteps), np.log(np.maximum(self.differences, 1e-300)), 1)[0]
+        return float(slope)
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether differences fall with every smaller timestep, or are far below the limit anyway."""
+        series = (self.differences, self.greatest)
+        pairs = [pair for values in series for pair in itertools.pairwise(values)]
+        return all(small < large or small < 1e-3 * LIMIT for large, small in pairs)
+
+    @property
+    def ok(self) -> bool:
+        """Whether it shrinks, down to `LIMIT` or below."""
+        return self.shrinks and self.differences[-1] <= LIMIT
+
+
+@dataclass(frozen=True)
+class PhysicsCheck:
+    """The twin beside MuJoCo.
+
+    Attributes:
+        robot: Name of the robot.
+        seconds: Length of each scenario [s].
+        engine: Name and version of the other engine.
+        rows: The scenarios.
+    """
+
+    robot: str
+    seconds: float
+    engine: str
+    rows: tuple[PhysicsRow, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every scenario agrees."""
+        return all(row.ok for row in self.rows)
+
+    def report(self) -> str:
+        """Return the table of differences in words."""
+        steps = self.rows[0].timesteps
+        widths = (f"h = {1e3 * h:g} ms" for h in steps)
+        head = ("scenario", "moved", *widths, "at any time", "order", "worst joint")
+        rows = [
+            [row.name, f"{row.moved:.2f}", *(f"{d:.1e}" for d in row.differences), f"{row.greatest[-1]:.1e}",
+             "-" if np.isnan(row.order) else f"{row.order:.1f}", row.joint]
+            for row in self.rows
+        ]  # fmt: skip
+        return "\n".join(
+            [
+                f"{self.robot} beside {self.engine}: largest difference of a joint after {self.seconds:g} s "
+                "[rad or m], same model, gains and inputs",
+                *text_table(head, rows),
+                "Both engines are of first order: differences shrink with the timestep. Stops and contacts "
+                "are off in both.",
+                f"Limit {LIMIT:g} after {self.seconds:g} s with the smallest timestep: "
+                + ("all within." if self.ok else "BEYOND, or not shrinking."),
+            ]
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        rows = [
+            {
+                "scenario": row.name, "moved": row.moved, "timesteps": list(row.timesteps),
+                "differences": list(row.differences), "greatest": list(row.greatest),
+                "order": None if np.isnan(row.order) else row.order, "joint": row.joint, "ok": row.ok,
+            }
+            for row in self.rows
+        ]  # fmt: skip
+        return {
+            "ok": self.ok, "robot": self.robot, "seconds": self.seconds, "engine": self.engine,
+            "limit": LIMIT, "rows": rows,
+        }  # fmt: skip
+
+
+def check_physics(
+    pepper: PepperModel | None = None,
+    *,
+    timesteps: Sequence[float] = TIMESTEPS,
+    seconds: float = SECONDS,
+    seed: int = 0,
+) -> PhysicsCheck:
+    """Run a free swing, step responses, a gesture and a push in the twin and in MuJoCo.
+
+    MuJoCo runs the model that `pepper.export("mjcf")` writes, with the gains and torque limits of the twin's
+    actuators, the same commands at every step, and the same force on the hand; its joint limits and contacts
+    are switched off, as are the twin's stops.
+
+    Args:
+        pepper: Pepper; `load_pepper()` if omitted.
+        timesteps: At least two, in seconds.
+        seconds: Length of each scenario [s].
+        seed: Of the start of the free swing.
+
+    Returns:
+        Differences for each scenario and timestep.
+
+    Raises:
+        MissingDependencyError: where mujoco is not installed.
+        InvalidValueError: for a timestep that is not positive, or fewer than two.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingDependencyError(
+            "mujoco", 'pip install "pepper_kin[mujoco]"', "a check against MuJoCo"
+        ) from error
+    steps = tuple(sorted((check_positive("timestep", h, "s") for h in timesteps), reverse=True))
+    if len(steps) < 2:
+        raise InvalidValueError("timesteps", len(steps), "at least two")
+    pepper = load_pepper() if pepper is None else pepper
+    model = mujoco.MjModel.from_xml_string(pepper.export("mjcf"))
+    rows = tuple(
+        _compare(pepper, model, motion, steps, check_positive("seconds", seconds, "s"))
+        for motion in _motions(pepper, seed)
+    )
+    return PhysicsCheck(pepper.name, seconds, f"MuJoCo {mujoco.__version__}", rows)
+
+
+def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
+    n, stand = pepper.n, pepper.neutral()
+    servos = actuator_parameters(pepper).changed(stop_stiffness=0.0, stop_damping=0.0)
+    limp = servos.changed(mode=TORQUE)
+    soft = servos.changed(stiffness=_GENTLE * servos.stiffness, damping=10 * _GENTLE * servos.damping)
+    rng = np.random.default_rng(seed)
+    middle = 0.5 * (pepper.lower_limits + pepper.upper_limits)
+    thrown = middle + 0.2 * rng.uniform(-1, 1, n) * (pepper.upper_limits - pepper.lower_limits)
+    goal = np.clip(stand + _STEP * (pepper.upper_limits - pepper.lower_limits), stand, pepper.upper_limits)
+    wave = gesture(pepper, "wave")
+
+    def still(q: Array) -> Callable[[Array], tuple[Array, Array]]:
+        return lambda time: (np.tile(q, (len(time), 1)), np.zeros((len(time), n)))
+
+    def waving(time: Array) -> tuple[Array, Array]:
+        state = wave(np.minimum(time, wave.duration))
+        return state.position, state.velocity
+
+    return [
+        Motion("free swing", thrown, limp, still(thrown)),
+        Motion("step responses", stand, servos, still(goal)),
+        Motion("gesture: wave", wave(0.0).position, servos, waving),
+        Motion("push on a hand", stand, soft, still(stand), pushed=True),
+    ]
+
+
+def _compare(
+    pepper: PepperModel, model: Any, motion: Motion, steps: tuple[float, ...], seconds: float
+) -> PhysicsRow:
+    ends, greatest, moved = [], [], 0.0
+    for h in steps:
+        count = round(seconds / h)
+        time = h * np.arange(1, count + 1)
+        q_ref, v_ref = motion.reference(time)
+        ours = _ours(pepper, motion, h, q_ref, v_ref)
+        theirs = _theirs(pepper, model, motion, h, q_ref, v_ref)
+        difference = np.abs(ours - theirs)
+        ends.append(difference[-1])
+        greatest.append(float(difference.max()))
+        moved = float(np.abs(ours - motion.start).max())
+    joint = pepper.joint_names[int(np.argmax(ends[-1]))]
+    return PhysicsRow(motion.name, moved, steps, tuple(float(d.max()) for d in ends), tuple(greatest), joint)
+
+
+def _ours(pepper: PepperModel, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+    twin = Twin(pepper, h, feedforward="none", actuators=motion.actuators)
+    twin.reset(motion.start)
+    if motion.pushed:
+        twin.push(_PUSH_FRAME, _PUSH, start=_PUSH_START, duration=_PUSH_TIME)
+    return twin.follow(q_ref, v_ref).position[1:]
+
+
+def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+    import mujoco
+
+    model.opt.timestep = h
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    data = mujoco.MjData(model)
+    places = [model.joint(name).qposadr[0] for name in pepper.joint_names]
+    drive = _drive(pepper, model, motion)
+    data.qpos[places] = motion.start
+    body, nothing = int(model.site(_PUSH_FRAME).bodyid[0]), np.zeros(3)
+    logged = np.empty_like(q_ref)
+    kp, kd = motion.actuators.stiffness[drive], motion.actuators.damping[drive]
+    # The target takes the wanted velocity in: kp (q_ref + kd/kp v_ref - q) - kd v.
+    target = q_ref[:, drive] + kd / np.maximum(kp, 1e-12) * v_ref[:, drive]
+    for k in range(len(q_ref)):
+        data.ctrl[:] = target[k]
+        data.qfrc_applied[:] = 0.0
+        if motion.pushed and _PUSH_START - 1e-9 <= k * h < _PUSH_START + _PUSH_TIME - 1e-9:
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            point = data.site(_PUSH_FRAME).xpos
+            mujoco.mj_applyFT(model, data, _PUSH, nothing, point, body, data.qfrc_applied)
+        mujoco.mj_step(model, data)
+        logged[k] = data.qpos[places]
+    return logged
+
+
+def _drive(pepper: PepperModel, model: Any, motion: Motion) -> list[int]:
+    """Give MuJoCo's actuators our gains and limits; return the joint of each."""
+    wanted = motion.actuators
+    limp = wanted.in_mode(TORQUE)
+    joints = [pepper.joint_index(model.actuator(i).name) for i in range(model.nu)]
+    for i, j in enumerate(joints):
+        kp, kd = (0.0, 0.0) if limp[j] else (wanted.stiffness[j], wanted.damping[j])
+        model.actuator_gainprm[i, :3] = kp, 0.0, 0.0
+        model.actuator_biasprm[i, :3] = 0.0, -kp, -kd
+        model.actuator_ctrllimited[i] = 0
+        finite = bool(np.isfinite(wanted.torque_limit[j]))
+        model.actuator_forcelimited[i] = int(finite)
+        model.actuator_forcerange[i] = (-wanted.torque_limit[j], wanted.torque_limit[j]) if finite else (0, 0)
+    return joints

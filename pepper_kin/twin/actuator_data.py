@@ -1,0 +1,90 @@
+"""Which actuators a robot has: Pepper's from a data file, generic ones for any other joint."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.twin.actuators import ActuatorParameters
+
+DETAILS = ("servo", "motor")
+
+FULL_TORQUE_ERROR = 0.005  # [rad or m] of position error at which a generic servo gives its full torque
+_FREE_FREQUENCY = 50.0  # [rad/s] of a generic servo without a torque limit
+_STOP_RATIO = 200.0  # a joint stop is this much stiffer than the servo
+_STOP_TIME = 0.002  # [s] damping of a joint stop / its stiffness
+_MOTOR = (
+    "rotor_inertia",
+    "viscous_friction",
+    "coulomb_friction",
+    "stall_torque",
+    "no_load_speed",
+    "encoder_resolution",
+)
+
+
+def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorParameters:
+    """Return the actuators of a robot.
+
+    Pepper's come from `data/actuators.json`, where each says its source or "assumed".  Any other joint gets
+    a generic one: full torque at 5 mrad (5 mm) of error, or 50 rad/s where the torque is unlimited, and
+    critical damping for the joint's own inertia in the neutral posture.
+
+    Args:
+        pepper: The robot.
+        detail: "servo": gains, torque limits and stops alone; "motor": with the rotor inertia, friction,
+            torque-speed line, encoder and latency of the data file besides, where it has them.
+
+    Returns:
+        The parameters; torque limits are the URDF's effort limits.
+
+    Raises:
+        InvalidValueError: for another detail.
+    """
+    from pepper_kin import dynamics
+
+    check_choice("detail", detail, DETAILS)
+    inertia = np.diag(dynamics.mass_matrix(pepper, pepper.neutral()))
+    effort = pepper.effort_limits
+    stiffness = np.where(np.isfinite(effort), effort / FULL_TORQUE_ERROR, inertia * _FREE_FREQUENCY**2)
+    damping = 2.0 * np.sqrt(stiffness * inertia)
+    sources = ["assumed: full torque at 0.005 rad or m, critical damping"] * pepper.n
+    known = _pepper_rows() if pepper.name.lower().startswith("pepper") else {}
+    for name, row in known.items():
+        if name in pepper.joint_names:
+            j = pepper.joint_index(name)
+            stiffness[j], damping[j], sources[j] = row["stiffness"], row["damping"], row["source"]
+    stop = _STOP_RATIO * stiffness
+    torque_limit = np.where(effort > 0, effort, np.inf)
+    servo = ActuatorParameters(
+        pepper.joint_names, stiffness, damping, torque_limit, stop, stop * _STOP_TIME, tuple(sources)
+    )
+    return servo if detail == "servo" or not known else _with_motors(servo, known)
+
+
+def _with_motors(servo: ActuatorParameters, known: dict[str, dict[str, Any]]) -> ActuatorParameters:
+    values = {
+        quantity: {
+            name: known[name][quantity]
+            for name in servo.joint_names
+            if name in known and quantity in known[name]
+        }
+        for quantity in _MOTOR
+    }
+    return servo.changed(latency=_read()["latency"], **values)
+
+
+def _pepper_rows() -> dict[str, dict[str, Any]]:
+    return dict(_read()["joints"])
+
+
+@cache
+def _read() -> dict[str, Any]:
+    text = (files("pepper_kin.twin") / "data" / "actuators.json").read_text(encoding="utf-8")
+    return dict(json.loads(text))

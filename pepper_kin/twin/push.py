@@ -1,0 +1,78 @@
+"""Pushes from outside: a force on a point of the robot for some time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.dynamics import external_torque
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A constant force; arrays are read-only.
+
+    Attributes:
+        frame: Frame that it acts on.
+        force: In world axes [N], shape (3,).
+        point: Where, in the frame's axes [m], shape (3,).
+        start: When it begins on the twin's clock [s].
+        duration: How long it lasts [s]; infinite for ever.
+    """
+
+    frame: str
+    force: Array
+    point: Array
+    start: float
+    duration: float
+
+    @classmethod
+    def checked(
+        cls,
+        pepper: PepperModel,
+        frame: str,
+        force: ArrayLike,
+        point: ArrayLike | None,
+        start: float,
+        duration: float,
+    ) -> Push:
+        """Return a push, or refuse it.
+
+        Raises:
+            UnknownNameError: for a frame that the robot lacks.
+            InvalidValueError: naming the quantity that is wrong.
+        """
+        pepper.frame_id(frame)
+        place = np.zeros(3) if point is None else as_finite(point, "point", (3,))
+        if not math.isfinite(start):
+            raise InvalidValueError("start", start, "a finite time [s]")
+        if not duration > 0:
+            raise InvalidValueError("duration", duration, "a time above 0 s, or infinity")
+        force = as_finite(force, "force", (3,))
+        return cls(frame, read_only(force), read_only(place), float(start), float(duration))
+
+    def acts_within(self, begin: float, end: float) -> bool:
+        """Return whether it acts at some time between two [s]."""
+        return self.start < end and begin < self.start + self.duration
+
+    def acts_at(self, time: float) -> bool:
+        """Return whether it acts at a time [s]."""
+        return self.start <= time < self.start + self.duration
+
+    def load(self, pepper: PepperModel, q: Array) -> Array:
+        """Return J(q)^T f, what it is worth at the joints [N m or N], shape (n,)."""
+        moment: Array = np.zeros(3)
+        if self.point.any():
+            lever = frame_pose(pepper, q, self.frame)[:3, :3] @ self.point
+            moment = np.asarray(np.cross(lever, self.force), dtype=np.float64)
+        return external_torque(pepper, q, {self.frame: np.concatenate([self.force, moment])})
