@@ -73,7 +73,8 @@ class Joints {
 
   read(output, value, joint) {
     const degrees = joint.unit === "rad" ? ` (${((value * 180) / Math.PI).toFixed(0)}°)` : "";
-    output.textContent = `${value.toFixed(3)} ${joint.unit}${degrees}`;
+    const text = `${value.toFixed(3)} ${joint.unit}${degrees}`;
+    if (output.textContent !== text) output.textContent = text;
   }
 
   update(q) {

@@ -22,14 +22,15 @@ class Quality {
     const name = about ? context.getParameter(about.UNMASKED_RENDERER_WEBGL) : "";
     const software = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
     context.getExtension("WEBGL_lose_context")?.loseContext();
-    const renderer = new MeshCat.THREE.WebGLRenderer({ antialias: !software, alpha: true });
+    const renderer = new MeshCat.THREE.WebGLRenderer({ antialias: !software, alpha: !software });
     renderer.shadowMap.enabled = true;
     return { renderer, software };
   }
 
   constructor(viewer, software) {
     Object.assign(this, { viewer, software, level: 1, last: 0, quick: 0, slow: 0, still: false, coarse: false });
-    this.light = viewer.scene_tree.find(["Stage", "key", "<object>"]).object;
+    const part = (name) => viewer.scene_tree.find(["Stage", name, "<object>"]).object;
+    [this.light, this.floor] = ["key", "shade"].map(part); // the floor shows shadows and nothing else
     if (software) this.take(Quality.MOVING[this.level]);
   }
 
@@ -40,7 +41,7 @@ class Quality {
       this.viewer.renderer.setPixelRatio(wanted);
       this.viewer.set_3d_pane_size();
     }
-    this.light.castShadow = shadows;
+    this.light.castShadow = this.floor.visible = shadows;
   }
 
   // Whether the picture is as fine as it will get.

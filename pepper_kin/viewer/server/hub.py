@@ -16,7 +16,7 @@ from pepper_kin.viewer.server.tasks import LongTasks
 if TYPE_CHECKING:
     from pepper_kin.viewer.server.app import PageSocket
 
-STATE_STEP = 0.05
+STATE_STEP = 0.08
 """Time between two updates of the panels [s]; poses are sent at every tick."""
 MOST_PAGES = 32
 
