@@ -118,7 +118,8 @@ class Engine:
     @cached_property
     def single(self) -> SingleRobot:
         """The only robot, step by step."""
-        return SingleRobot(self._h, self._addresses, self._law[0], self._constant[0], self._room())
+        kernels = (self._step, self._solve)
+        return SingleRobot(self._h, kernels, self._law[0], self._constant[0], self._room())
 
     def run(
         self, q: Array, v: Array, inputs: Inputs, steps: int, *, every: int = 1, threads: int = 1

@@ -8,6 +8,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.kernels import Kernel
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.fast.law import STRENGTH
 from pepper_kin.twin.fast.once import step_once
@@ -28,15 +29,17 @@ class SingleRobot:
 
     Args:
         timestep: h [s].
-        addresses: Of the kernels of a step and of a solution, for a single robot.
+        kernels: Of a step and of a solution; kept, as their machine code lives no longer than they do.
         law: Parameters of the joints, shape (rows, n).
         constant: What does not change in the step kernel's input.
         room: The arrays, of one lane.
     """
 
     def __init__(
-        self, timestep: float, addresses: NDArray[np.int64], law: Array, constant: Array, room: Room
+        self, timestep: float, kernels: tuple[Kernel, Kernel], law: Array, constant: Array, room: Room
     ) -> None:
+        self._kernels = kernels
+        addresses = np.array([kernel.single_address for kernel in kernels])
         self._n = n = law.shape[1]
         self._fixed = (timestep, addresses, law, *room)
         self._told = room.given[: 6 * n].reshape(6, n)
