@@ -179,7 +179,8 @@ class Integrator:
         Returns:
             mass_hat (n, n) [kg m^2, kg m or kg], symmetric and positive definite, and force (n,) [N m or N].
         """
-        return self.forecast(q, v, q_ref, v_ref, feedforward, load)[1:]
+        _, mass_hat, force = self.forecast(q, v, q_ref, v_ref, feedforward, load)
+        return mass_hat, force
 
     def forecast(
         self,
@@ -199,8 +200,9 @@ class Integrator:
         mass, bias = self._mass(q), self._bias(q, v)
         force = piece.intercept - piece.slope * v - bias
         mass[np.diag_indices(self._n)] += self._law.rotor + self.timestep * piece.slope
-        rows = (values[np.newaxis] for values in (q + self.timestep * w, w, torque))
-        return Forecast(Series(*rows, int(_sound(w, torque))), mass, force if load is None else force + load)
+        following = (q + self.timestep * w)[np.newaxis]
+        series = Series(following, w[np.newaxis], torque[np.newaxis], int(_sound(w, torque)))
+        return Forecast(series, mass, force if load is None else force + load)
 
     def run(
         self,

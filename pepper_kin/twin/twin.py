@@ -348,14 +348,14 @@ class Twin:
             try:
                 series = self._piece(due.part(part), outer, quiet=count > 0)
             except ContactError as error:
-                return Series(*rows, done), error
+                return Series(rows[0], rows[1], rows[2], done), error
             good = series.good
             rows[0, part], rows[1, part], rows[2, part] = series[:3]
             self._take(series, good)
             done += good
             if good < len(series.position):
                 break
-        return Series(*rows, done), None
+        return Series(rows[0], rows[1], rows[2], done), None
 
     def _piece(self, command: Command, load: Array, *, quiet: bool) -> Series:
         """Return what follows from the present state."""
