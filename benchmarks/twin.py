@@ -1,9 +1,10 @@
-"""Speed of the twin, alone and in batches, against MuJoCo and Pinocchio with the same servos.
+"""Speed of the twin, alone, among things and in batches, against MuJoCo and Pinocchio with the same servos.
 
 python benchmarks/twin.py [--quick]
 
 Peers run in the same process, interleaved; ratios are medians over repeats.  All follow the same movement
-without contacts, at steps of 1 ms, and their final states are compared.  Prints Markdown.
+without contacts, at steps of 1 ms, and their final states are compared.  With contacts and sensors, time is
+also that of the processor, which other programs disturb less.  Prints Markdown.
 """
 
 from __future__ import annotations
@@ -23,8 +24,11 @@ import pinocchio
 from mujoco import rollout
 
 import pepper_kin as pk
+from pepper_kin.jobs import demo_scene, run_demo
 from pepper_kin.model.export_mjcf import mjcf_text
-from pepper_kin.twin import actuator_parameters
+from pepper_kin.twin import Recorder, actuator_parameters
+from pepper_kin.twin.sensors import SensorSuite
+from pepper_kin.twin.world import World
 
 H = 0.001
 
@@ -205,6 +209,82 @@ def many(pepper: pk.PepperModel, trajectory: pk.Trajectory, count: int, steps: i
         print(f"| {job} | {each:.3f} | {ratio:.1f}x | {asked} | {verdict} |")
 
 
+def leaning(pepper: pk.PepperModel) -> tuple[World, np.ndarray, np.ndarray]:
+    """A world in which both arms lean on a wall, beside a table with a free box; start and goal."""
+    start = pepper.posture("Stand").copy()
+    for side, sign in (("L", 1), ("R", -1)):
+        for joint, angle in (
+            ("ShoulderPitch", 0.3),
+            ("ShoulderRoll", 0.12 * sign),
+            ("ElbowRoll", -0.4 * sign),
+        ):
+            start[pepper.joint_index(side + joint)] = angle
+    wrist = pk.kinematics.frame_pose(pepper, start, "l_wrist")[0, 3]
+    scene = pk.Scene().add_box("wall", (0.1, 2, 2), (wrist + 0.195, 0, 1))
+    world = World(pepper, scene.add_box("table", (0.4, 0.4, 0.04), (-0.8, 0, 0.68)))
+    world.add_box("parcel", (0.12, 0.16, 0.14), 0.4, (-0.8, 0, 0.77))
+    goal = start.copy()
+    goal[pepper.joint_index("HipPitch")] -= 0.03
+    return world, start, goal
+
+
+def among_things(pepper: pk.PepperModel, steps: int, repeats: int) -> None:
+    """Print how much faster than time one twin runs with contacts, and with sensors."""
+    rows: dict[str, Callable[[], object]] = {}
+    touching = ""
+    for name, sensed in (("contacts", False), ("contacts and all sensors but cameras", True)):
+        world, start, goal = leaning(pepper)
+        twin = pk.Twin(pepper, H, world=world, sensors=SensorSuite(pepper, world=world) if sensed else None)
+        twin.reset(start)
+        target = np.tile(goal, (steps, 1))
+        twin.follow(target)
+        rows[f"`follow`, {name}"] = lambda twin=twin, target=target: twin.follow(target)
+        if sensed:
+            rows[f"`step`, {name}"] = lambda twin=twin, target=target: [twin.step(row) for row in target]
+        pressed = [contact for contact in world.contacts if contact.force.any()]
+        touching = f"{len(world.contacts)} points, {len(pressed)} of them pressed"
+    walls, works = [{name: [] for name in rows} for _ in range(2)]
+    for _ in range(repeats):
+        for name, job in rows.items():
+            wall, work = time.perf_counter(), time.process_time()
+            job()
+            works[name].append((time.process_time() - work) / steps)
+            walls[name].append((time.perf_counter() - wall) / steps)
+    print(f"\nOne twin at 1 ms, leaning on a wall beside a free box on a table ({touching}):\n")
+    print("| job | a step [us] | of the processor | faster than time | by the processor's | asked | ok |")
+    print("|---|---|---|---|---|---|---|")
+    for name in rows:
+        wall, work = (statistics.median(times[name]) for times in (walls, works))
+        verdict = "yes" if wall <= H / 5 else "**no**"
+        print(f"| {name} | {1e6 * wall:.0f} | {1e6 * work:.0f} | {H / wall:.1f}x | {H / work:.1f}x ", end="")
+        print(f"| 5x | {verdict} |")
+
+
+def recorded(pepper: pk.PepperModel, seconds: float) -> None:
+    """Print the size of a minute of the demonstration's movement, there and back again and again."""
+    found = run_demo(pepper).trajectory
+    assert found is not None
+    there = found(np.arange(H, found.duration, H))
+    back = [there[0][::-1], -there[1][::-1], there[2][::-1]]
+    rounds = -(-round(seconds / H) // (2 * len(there[0])))
+    q, v, a = (
+        np.tile(np.concatenate([go, come]), (rounds, 1))[: round(seconds / H)]
+        for go, come in zip(there, back, strict=True)
+    )
+    print(f"\nThe demonstration's movement of {found.duration:.1f} s, over and over, recorded:\n")
+    print("| what | a minute [MB] | processor [s] | asked | ok |\n|---|---|---|---|---|")
+    for name, sensed in (("commands and states", False), ("and all sensors but cameras", True)):
+        twin = pk.Twin(pepper, H, sensors=SensorSuite(pepper, scene=demo_scene()) if sensed else None)
+        twin.reset(found.start)
+        with tempfile.TemporaryDirectory() as folder:
+            recorder, begin = Recorder(twin, folder), time.process_time()
+            recorder.follow(q, v, acceleration=a)
+            work = time.process_time() - begin
+            size = recorder.recording.size * 60 / seconds / 1e6
+        each = work * 60 / seconds
+        print(f"| {name} | {size:.2f} | {each:.1f} | < 20 MB | {'yes' if size < 20 else '**no**'} |")
+
+
 def cold() -> None:
     """Print the time of the first execution in a process, with and without machine code on disk."""
     code = (
@@ -234,6 +314,8 @@ def main() -> None:
     trajectory = movement(pepper)
     one(pepper, trajectory, 5 if quick else 25)
     many(pepper, trajectory, 4096, 50 if quick else 200, 3 if quick else 9)
+    among_things(pepper, 500 if quick else 2000, 3 if quick else 15)
+    recorded(pepper, 10.0 if quick else 60.0)
     if not quick:
         cold()
 

@@ -30,6 +30,9 @@ class WorldHook(Protocol):
 
         Returns:
             Generalised contact load [N m or N], shape (n,).
+
+        Raises:
+            ContactError: where it cannot; `Twin.step` lets it pass, a run stops there.
         """
 
 

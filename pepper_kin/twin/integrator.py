@@ -39,6 +39,20 @@ class Series(NamedTuple):
     good: int
 
 
+class Forecast(NamedTuple):
+    """A step, and the linear equation mass_hat a = force that it solves; see `Integrator.linearised`.
+
+    Attributes:
+        series: The step.
+        mass_hat: Shape (n, n) [kg m^2, kg m or kg].
+        force: Shape (n,) [N m or N].
+    """
+
+    series: Series
+    mass_hat: Array
+    force: Array
+
+
 class Integrator:
     """Steps a robot whose joints are driven by actuators.
 
@@ -165,11 +179,30 @@ class Integrator:
         Returns:
             mass_hat (n, n) [kg m^2, kg m or kg], symmetric and positive definite, and force (n,) [N m or N].
         """
-        piece = self._solve(q, v, self._servo(q, q_ref, v_ref, feedforward), load)[2]
+        _, mass_hat, force = self.forecast(q, v, q_ref, v_ref, feedforward, load)
+        return mass_hat, force
+
+    def forecast(
+        self,
+        q: Array,
+        v: Array,
+        q_ref: Array,
+        v_ref: Array,
+        feedforward: Array,
+        load: Array | None = None,
+        *,
+        gravity: bool = False,
+    ) -> Forecast:
+        """Return a step together with its linear equation; see `step`, `linearised` and `run`."""
+        if gravity:
+            feedforward = feedforward + self._shares * self.gravity_torque(q)
+        w, torque, piece = self._solve(q, v, self._servo(q, q_ref, v_ref, feedforward), load)
         mass, bias = self._mass(q), self._bias(q, v)
         force = piece.intercept - piece.slope * v - bias
         mass[np.diag_indices(self._n)] += self._law.rotor + self.timestep * piece.slope
-        return mass, force if load is None else force + load
+        following = (q + self.timestep * w)[np.newaxis]
+        series = Series(following, w[np.newaxis], torque[np.newaxis], int(_sound(w, torque)))
+        return Forecast(series, mass, force if load is None else force + load)
 
     def run(
         self,
@@ -203,7 +236,7 @@ class Integrator:
                 forward = forward + self._shares * self.gravity_torque(q)
             q, v, tau = self.step(q, v, q_ref[k], v_ref[k], forward, load[min(k, len(load) - 1)])
             position[k], velocity[k], torque[k] = q, v, tau
-            if not (abs(v).max() < RUNAWAY and np.isfinite(tau).all()):  # also for NaN
+            if not _sound(v, tau):
                 return Series(position, velocity, torque, k)
         return Series(position, velocity, torque, len(q_ref))
 
@@ -281,6 +314,11 @@ class Integrator:
         return np.asarray(
             self._pinocchio.nonLinearEffects(self._model, self._data, full_q, full_v) @ self._map
         )
+
+
+def _sound(v: Array, torque: Array) -> bool:
+    """Return whether a state is neither absurd nor NaN."""
+    return bool(abs(v).max() < RUNAWAY and np.isfinite(torque).all())
 
 
 def check_timestep(timestep: float) -> float:

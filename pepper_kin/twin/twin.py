@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,8 @@ from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
+from pepper_kin.twin.contact_error import ContactError
+from pepper_kin.twin.coupling import Coupling
 from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
 from pepper_kin.twin.integrator import Integrator, Series
 from pepper_kin.twin.push import Push
@@ -21,9 +23,6 @@ from pepper_kin.twin.real_time import Commander, Timing, serve
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
 from pepper_kin.twin.state import TwinState, diverged
-
-if TYPE_CHECKING:
-    from pepper_kin.twin.fast.engine import Engine
 
 Array = NDArray[np.float64]
 
@@ -74,8 +73,15 @@ class Twin:
         Integrator(pepper, timestep, self.actuators)  # refuses what is wrong by the names given here
         self._timestep = float(timestep)
         self.compiled = bool(compiled)
-        self._engine: Engine | None = None
-        self._integrator = Integrator(pepper, self._timestep / self.substeps, self.actuators)
+        self._coupling = Coupling(
+            pepper,
+            self._timestep,
+            self.actuators,
+            gravity=feedforward == "gravity",
+            substeps=self.substeps,
+            compiled=self.compiled,
+        )
+        self._integrator = self._coupling.integrator
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._pushes: tuple[Push, ...] = ()
         self._step = 0
@@ -187,6 +193,7 @@ class Twin:
         Raises:
             InvalidValueError: for a wrong length, NaN or infinity.
             DivergedError: where the new state is not finite, naming joint, step and cause; the state stays.
+            ContactError: where the world cannot do its step; the state stays.
         """
         q_ref = self._vector(position, "position")
         v_ref, a_ref, torque, outer = (
@@ -200,7 +207,9 @@ class Twin:
         )
         command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
         before = (self._q, self._v)
-        series = self._advance(command.as_rows(), outer[np.newaxis])
+        series, failed = self._advance(command.as_rows(), outer[np.newaxis])
+        if failed is not None:
+            raise failed
         if series.good < 1:
             after = (series.position[0], series.velocity[0], series.torque[0])
             step = self._step + 1
@@ -218,8 +227,8 @@ class Twin:
                 its velocity.
 
         Returns:
-            The run; where the state diverged its status is "stopped", its message names joint, step and
-            cause, and it holds everything up to there.
+            The run; where the state diverged, or the world could not do its step, its status is "stopped",
+            its message names step, joint or contact, and cause, and it holds everything up to there.
 
         Raises:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
@@ -290,7 +299,7 @@ class Twin:
         time = self.timestep * np.arange(len(command.position), dtype=float)
         start = (self._q, self._v, self._torque)
         outer = np.zeros((1, self.pepper.n)) if load is None else load
-        series = self._advance(command.part(slice(1, None)), outer)
+        series, failed = self._advance(command.part(slice(1, None)), outer)
         logged = [
             np.concatenate([row[np.newaxis], rows])
             for row, rows in zip(start, (series.position, series.velocity, series.torque), strict=True)
@@ -298,11 +307,14 @@ class Twin:
         count, status, message = series.good + 1, COMPLETED, ""
         if count < len(time):
             step = first + count
-            before = (logged[0][count - 1], logged[1][count - 1])
-            after = (logged[0][count], logged[1][count], logged[2][count])
-            wanted = self._integrator.wanted_torque(self._q, *command.row(count))
-            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
-            status, message = STOPPED, str(error)
+            status, at = STOPPED, step * self.timestep
+            if failed is not None:
+                message = f"twin stopped at step {step} ({at:.6g} s): {failed}"
+            else:
+                before = (logged[0][count - 1], logged[1][count - 1])
+                after = (logged[0][count], logged[1][count], logged[2][count])
+                wanted = self._integrator.wanted_torque(self._q, *command.row(count))
+                message = str(diverged(self.pepper.joint_names, step, at, before, after, wanted))
         part = slice(count)
         return Run(
             self.pepper.joint_names,
@@ -319,8 +331,12 @@ class Twin:
             readings_since(self.sensors, first * self.timestep),
         )
 
-    def _advance(self, command: Command, load: Array) -> Series:
-        """Advance by one timestep for each command, in pieces where someone else has a say in each."""
+    def _advance(self, command: Command, load: Array) -> tuple[Series, ContactError | None]:
+        """Advance by one timestep for each command, in pieces where someone else has a say in each.
+
+        Returns:
+            What came of it, and why the world stopped, if it did.
+        """
         due = self._delay.through(command)
         total = len(due.position)
         rows = np.empty((3, total, self.pepper.n))
@@ -329,15 +345,26 @@ class Twin:
             count = self._quiet_steps(total - done)
             part = slice(done, done + max(count, 1))
             outer = load if len(load) == 1 else load[part]
-            series = self._run(due.part(part), outer) if count else self._coupled(due.part(part), outer)
+            try:
+                series = self._piece(due.part(part), outer, quiet=count > 0)
+            except ContactError as error:
+                return Series(rows[0], rows[1], rows[2], done), error
             good = series.good
-            for store, values in zip(rows, series[:3], strict=True):
-                store[part] = values
+            rows[0, part], rows[1, part], rows[2, part] = series[:3]
             self._take(series, good)
             done += good
             if good < len(series.position):
                 break
-        return Series(rows[0], rows[1], rows[2], done)
+        return Series(rows[0], rows[1], rows[2], done), None
+
+    def _piece(self, command: Command, load: Array, *, quiet: bool) -> Series:
+        """Return what follows from the present state."""
+        if quiet:
+            return self._coupling.quiet(self._q, self._v, command, load)
+        time = self._step * self.timestep
+        return self._coupling.step(
+            self._q, self._v, command, load[0], time=time, pushes=self._pushes, world=self.world
+        )
 
     def _quiet_steps(self, most: int) -> int:
         """Return how many steps nobody else has a say in, 0 if somebody has one in the next."""
@@ -348,20 +375,6 @@ class Twin:
             return 0
         ahead = [push.start - now for push in self._pushes if push.start > now]
         return min([most, *(max(int(time / h), 1) for time in ahead)])
-
-    def _run(self, command: Command, load: Array) -> Series:
-        """Advance by some timesteps in one go."""
-        k, h = self.substeps, self._integrator.timestep
-        fine = command if k == 1 else command.refined(k, h)
-        outer = load if k == 1 or len(load) == 1 else np.repeat(load, k, axis=0)
-        series = self._steps(self._q, self._v, fine, outer)
-        if k == 1:
-            return series
-        whole, failed = divmod(series.good, k)
-        ends = np.arange(k - 1, len(fine.position), k)
-        if failed or whole < len(ends):
-            ends[whole] = series.good  # the state that diverged
-        return Series(series.position[ends], series.velocity[ends], series.torque[ends], whole)
 
     def _take(self, series: Series, good: int) -> None:
         """Make the last good state the present one, and show all of them to the sensors."""
@@ -387,52 +400,11 @@ class Twin:
             state = TwinState(time, series.position[k], before, series.torque[k], acceleration)
             self.sensors.observe(state)  # type: ignore[union-attr]
 
-    def _pushed(self, q: Array, time: float) -> Array:
-        """Return what the pushes of a time are worth at the joints, shape (n,)."""
-        total = np.zeros(self.pepper.n)
-        for push in self._pushes:
-            if push.acts_at(time + 1e-9):
-                total += push.load(self.pepper, q)
-        return total
-
     def _vector(self, value: ArrayLike, quantity: str) -> Array:
         array = as_joint_vectors(self.pepper, value, quantity)
         if array.ndim != 1:
             raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")
         return array
-
-    def _steps(self, q: Array, v: Array, command: Command, load: Array) -> Series:
-        """Return what follows from a state in steps of the integrator."""
-        gravity = self.feedforward == "gravity"
-        if not self.compiled:
-            return self._integrator.run(q, v, *command, load, gravity=gravity)
-        if self._engine is None:
-            from pepper_kin.twin.fast.engine import Engine
-
-            self._engine = Engine.of_one(self.pepper, self._integrator.timestep, self.actuators, gravity)
-        return self._engine.follow(q, v, command, load)
-
-    def _coupled(self, command: Command, load: Array) -> Series:
-        """Advance by one timestep with pushes and world."""
-        k, h = self.substeps, self._integrator.timestep
-        gravity = self.feedforward == "gravity"
-        q, v = self._q, self._v
-        series = Series(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), 0)
-        fine = command if k == 1 else command.refined(k, h)
-        for i in range(k):
-            row = fine.row(i)
-            outer = load[0] + self._pushed(q, self._step * self.timestep + i * h)
-            if self.world is not None:
-                forward = row.given
-                if gravity:
-                    forward = forward + np.where(self._torque_mode, 0.0, self._integrator.gravity_torque(q))
-                linear = self._integrator.linearised(q, v, row.position, row.velocity, forward, outer)
-                outer = outer + self.world.advance(q, v, *linear, h)
-            series = self._steps(q, v, row.as_rows(), outer[np.newaxis])
-            if series.good == 0:
-                break
-            q, v = series.position[0], series.velocity[0]
-        return series
 
 
 def whole_number(quantity: str, value: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from pepper_kin.twin.command import Command
 from pepper_kin.twin.fast.expression import Variant, mass_places, parameters, solve_kernel, step_kernel
 from pepper_kin.twin.fast.loop import Inputs, Log, roll
 from pepper_kin.twin.fast.settle import Room
+from pepper_kin.twin.fast.single import SingleRobot
 from pepper_kin.twin.integrator import Series
 from pepper_kin.twin.joint_law import LawTable, law_table
 
@@ -105,11 +107,19 @@ class Engine:
     def follow(self, q: Array, v: Array, command: Command, load: Array) -> Series:
         """Advance the only robot by one step for each command; see `Integrator.run`."""
         steps = len(command.position)
+        if steps == 1:
+            return self.single.step(q, v, command.row(0), load[0])
         told = (*command, load)
         inputs = Inputs(*(values[np.newaxis] for values in told))
         rolled = self.run(q[np.newaxis], v[np.newaxis], inputs, steps)
         position, velocity, torque = (x[0, 1:] for x in (rolled.position, rolled.velocity, rolled.torque))
         return Series(position, velocity, torque, int(rolled.good[0]))
+
+    @cached_property
+    def single(self) -> SingleRobot:
+        """The only robot, step by step."""
+        kernels = (self._step, self._solve)
+        return SingleRobot(self._h, kernels, self._law[0], self._constant[0], self._room())
 
     def run(
         self, q: Array, v: Array, inputs: Inputs, steps: int, *, every: int = 1, threads: int = 1

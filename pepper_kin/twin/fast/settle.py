@@ -59,7 +59,7 @@ def settle(h: float, address: int, lanes: int, law: Array, room: Room) -> None:
         room: `result` holds the first guess, and is where the result goes.
     """
     m = room.answer.size
-    _first_pieces(h, law, room)
+    first_pieces(h, law, room)
     entries = room.places.shape[1] * lanes
     for p in range(entries):  # assigning slices would take seconds to compile
         room.ask[p] = room.result[MASS * m + p]
@@ -76,7 +76,7 @@ def settle(h: float, address: int, lanes: int, law: Array, room: Room) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _first_pieces(h: float, law: Array, room: Room) -> None:
+def first_pieces(h: float, law: Array, room: Room) -> None:
     """Write the pieces of the first guess."""
     m = room.answer.size
     for lane in range(room.flags.shape[1]):

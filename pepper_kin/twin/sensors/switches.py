@@ -77,6 +77,9 @@ class Switch(Sensor):
 
     def _in_contact(self, pose: NDArray[np.float64], state: SensedState) -> bool:
         for contact in state.contacts:
+            named = contact.links if hasattr(contact, "links") else contact.names
+            if self._links.isdisjoint(named):
+                continue
             for link, point in touched(contact):
                 if link in self._links:
                     place = pose[:3, :3].T @ (np.asarray(point) - pose[:3, 3])

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.bodies import check_names
-from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.model.shapes import read_only, transform
+from pepper_kin.twin.contact_error import ContactError
 from pepper_kin.twin.world.colliders import FREE, Colliders, colliders, place_shapes
 from pepper_kin.twin.world.free_body import FreeBody, fly, principal_inertia
 from pepper_kin.twin.world.outcome import apply, fall
@@ -29,21 +30,6 @@ Array = NDArray[np.float64]
 GRAVITY = (0.0, 0.0, -9.81)
 LONGEST_STEP = 0.05
 """[s]"""
-
-
-class ContactError(PepperKinError):
-    """A step of a world could not be done.
-
-    Attributes:
-        step: Number of the step, from 1.
-        names: Pairs that were in contact.
-        cause: What was found.
-    """
-
-    def __init__(self, step: int, names: tuple[tuple[str, str], ...], cause: str) -> None:
-        self.step, self.names, self.cause = step, names, cause
-        touching = ", ".join(f"{a} on {b}" for a, b in dict.fromkeys(names)) or "nothing touches"
-        super().__init__(f"world stopped at step {step}: {cause}; in contact: {touching}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,20 @@
+"""What a world says when it can go no further."""
+
+from __future__ import annotations
+
+from pepper_kin.exceptions import PepperKinError
+
+
+class ContactError(PepperKinError):
+    """A step of a world could not be done.
+
+    Attributes:
+        step: Number of the step, from 1.
+        names: Pairs that were in contact.
+        cause: What was found.
+    """
+
+    def __init__(self, step: int, names: tuple[tuple[str, str], ...], cause: str) -> None:
+        self.step, self.names, self.cause = step, names, cause
+        touching = ", ".join(f"{a} on {b}" for a, b in dict.fromkeys(names)) or "nothing touches"
+        super().__init__(f"world stopped at step {step}: {cause}; in contact: {touching}")
