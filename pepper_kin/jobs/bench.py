@@ -41,7 +41,7 @@ class BenchRow:
         seconds: Its median time for one [s].
         peer: The other way, in words.
         peer_seconds: Its median time for one [s].
-        difference: Largest difference between the two results, or None where both are judged by themselves.
+        quality: How the results of the two compare, in words.
     """
 
     name: str
@@ -49,7 +49,7 @@ class BenchRow:
     seconds: float
     peer: str
     peer_seconds: float
-    difference: float | None = None
+    quality: str
 
     @property
     def ratio(self) -> float:
@@ -75,9 +75,17 @@ class BenchResult:
 
     def report(self) -> str:
         """Return the table in words."""
-        head = ("what", "fast way", "time", "other way", "time", "ratio")
+        head = ("what", "fast way", "time", "other way", "time", "ratio", "results")
         rows = [
-            [row.name, row.ours, _time(row.seconds), row.peer, _time(row.peer_seconds), f"{row.ratio:.1f} x"]
+            [
+                row.name,
+                row.ours,
+                _time(row.seconds),
+                row.peer,
+                _time(row.peer_seconds),
+                f"{row.ratio:.1f} x",
+                row.quality,
+            ]
             for row in self.rows
         ]
         note = f"Medians of {self.repeats} turns, one thread; ratios above 1: the fast way is faster."
@@ -88,7 +96,7 @@ class BenchResult:
         rows = [
             {
                 "name": row.name, "ours": row.ours, "seconds": row.seconds, "peer": row.peer,
-                "peer_seconds": row.peer_seconds, "ratio": row.ratio, "difference": row.difference,
+                "peer_seconds": row.peer_seconds, "ratio": row.ratio, "quality": row.quality,
             }
             for row in self.rows
         ]  # fmt: skip
@@ -136,29 +144,35 @@ def run_bench(
 
 def _one_ik(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> BenchRow:
     targets = _targets(pepper, rng, _SINGLE_TARGETS)
+    solved: dict[str, int] = {}
 
     def with_solver(solver: str) -> Callable[[], None]:
         def run() -> None:
-            for target in targets:
-                solve(pepper, HandPosition("left", target), solver=solver)
+            found = [solve(pepper, HandPosition("left", target), solver=solver) for target in targets]
+            solved[solver] = sum(result.success for result in found)
 
         return run
 
     ours, peer = _medians(repeats, with_solver("fast"), with_solver("placo"))
     count = len(targets)
-    return BenchRow("IK of a hand, one call", "fast", ours / count, "placo", peer / count)
+    quality = f"solved {solved['fast']} and {solved['placo']} of {count}"
+    return BenchRow("IK of a hand, one call", "fast", ours / count, "placo", peer / count, quality)
 
 
 def _batch_ik(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> BenchRow:
     targets = _targets(pepper, rng, _BATCH_TARGETS)
     few = targets[:_SINGLE_TARGETS]
 
-    def loop() -> None:
-        for target in few:
-            solve(pepper, HandPosition("left", target))
+    def loop() -> list[bool]:
+        return [solve(pepper, HandPosition("left", target)).success for target in few]
 
-    ours, peer = _medians(repeats, lambda: solve_batch(pepper, HandPosition("left", targets)), loop)
-    return BenchRow("IK of a hand, many", "batch", ours / len(targets), "calls of fast", peer / len(few))
+    def batch() -> Array:
+        return solve_batch(pepper, HandPosition("left", targets)).codes == 0
+
+    solved = f"solved {int(batch().sum())} of {len(targets)} and {sum(loop())} of {len(few)}"
+    ours, peer = _medians(repeats, batch, loop)
+    name, peers = "IK of a hand, many", "calls of fast"
+    return BenchRow(name, "batch", ours / len(targets), peers, peer / len(few), solved)
 
 
 def _poses(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> BenchRow:
@@ -172,7 +186,7 @@ def _poses(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> Bench
         lambda: [frame_pose(pepper, state, _FRAME) for state in few],
     )
     off = float(np.abs(batch - alone).max())
-    return BenchRow("pose of a hand", "batch", ours / len(q), "one by one", peer / len(few), off)
+    return BenchRow("pose of a hand", "batch", ours / len(q), "one by one", peer / len(few), _same(off))
 
 
 def _torques(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> BenchRow:
@@ -192,7 +206,9 @@ def _torques(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> Ben
     off = float(np.abs(inverse_dynamics(pepper, q, v, a)[few] - loop()).max())
     ours, peer = _medians(repeats, lambda: inverse_dynamics(pepper, q, v, a), loop)
     count = len(q[few])
-    return BenchRow("inverse dynamics", "batch", ours / len(q), "loop over Pinocchio", peer / count, off)
+    return BenchRow(
+        "inverse dynamics", "batch", ours / len(q), "loop over Pinocchio", peer / count, _same(off)
+    )
 
 
 def _twin_step(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> BenchRow:
@@ -212,7 +228,11 @@ def _twin_step(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> B
 
     ours, peer = _medians(repeats, hold(True, _STEPS), hold(False, few))
     off = float(np.abs(ends[True] - ends[False]).max())
-    return BenchRow("step of the twin", "compiled", ours / _STEPS, "over Pinocchio", peer / few, off)
+    return BenchRow("step of the twin", "compiled", ours / _STEPS, "over Pinocchio", peer / few, _same(off))
+
+
+def _same(difference: float) -> str:
+    return f"same to {difference:.0e}"
 
 
 def _targets(pepper: PepperModel, rng: np.random.Generator, count: int) -> Array:

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import typer
 
+import pepper_kin as pk
 from pepper_kin.cli import app
 
 ROOT = Path(__file__).parents[2]
@@ -118,6 +119,7 @@ def on_a_terminal(*arguments, cwd, **environment):
     return said.decode()
 
 
+COLOURS = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 COLOUR = re.compile(r"\x1b\[[0-9;]*(?:3[0-9]|4[0-9]|38;5;\d+)m")
 
 
@@ -127,16 +129,20 @@ def test_colours_are_for_terminals_that_want_them(tmp_path):
     assert "\x1b" not in run("--help", cwd=tmp_path).stdout
 
 
-def test_a_bar_with_the_time_left_on_a_terminal_only(tmp_path):
-    arguments = ("check", "dynamics", "--states", "20")
+@pytest.mark.browser
+def test_a_bar_with_the_time_left_on_a_terminal_only(chromium_path, tmp_path):
+    make_nod(tmp_path)
+    arguments = ("render", "nod.csv", "-o", "nod.gif", "--fps", "2", "--size", "64x48")
     seen = on_a_terminal(*arguments, cwd=tmp_path)
-    assert "checking dynamics" in seen
-    assert "left" in seen
-    assert "%" in seen
+    assert re.search(r"rendering .*100%.* left", COLOURS.sub("", seen), re.DOTALL)
     done = run(*arguments, "--json", cwd=tmp_path)
-    assert done.returncode == 0
-    assert done.stderr == ""
-    assert json.loads(done.stdout)["ok"] is True
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout) == {"written": ["nod.gif"]}
+
+
+def make_nod(folder):
+    pepper = pk.load_pepper()
+    pk.trajectory.save(pk.motion.gesture(pepper, "nod"), folder / "nod.csv")
 
 
 def hear_ctrl_c():
@@ -162,10 +168,10 @@ def test_ctrl_c_exits_with_130_and_whole_files(tmp_path, stage):
 
 @pytest.mark.browser
 def test_ctrl_c_while_filming_ends_the_browser_and_keeps_the_old_film(chromium_path, tmp_path):
-    assert run("gesture", "nod", "-o", "nod", cwd=tmp_path).returncode == 0
+    make_nod(tmp_path)
     (tmp_path / "nod.mp4").write_bytes(b"the film of before")
     process = subprocess.Popen(
-        [*PROGRAM, "render", "nod/trajectory.csv", "-o", "nod.mp4", "--fps", "100"], cwd=tmp_path, text=True,
+        [*PROGRAM, "render", "nod.csv", "-o", "nod.mp4", "--fps", "100"], cwd=tmp_path, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=hear_ctrl_c,
         env={**os.environ, "TMPDIR": str(tmp_path)},
     )  # fmt: skip
@@ -179,7 +185,7 @@ def test_ctrl_c_while_filming_ends_the_browser_and_keeps_the_old_film(chromium_p
     assert process.returncode == 130, error
     assert "Traceback" not in error
     assert (tmp_path / "nod.mp4").read_bytes() == b"the film of before"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["nod", "nod.mp4"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["columns.json", "nod.csv", "nod.mp4"]
     while browsers_of(tmp_path) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not browsers_of(tmp_path)
