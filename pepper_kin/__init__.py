@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from pepper_kin.model import PepperModel, load_pepper, load_robot
     from pepper_kin.motion import plan
     from pepper_kin.trajectory import Trajectory, retime
-    from pepper_kin.twin import Twin
+    from pepper_kin.twin import Twin, TwinBatch
     from pepper_kin.viewer import Viewer
 
 __version__ = "0.1.0"
@@ -62,6 +62,7 @@ _NAMES = {
     "Scene": "collision",
     "Trajectory": "trajectory",
     "Twin": "twin",
+    "TwinBatch": "twin",
     "Viewer": "viewer",
     "load_pepper": "model",
     "load_robot": "model",
@@ -75,6 +76,7 @@ __all__ = [
     "Scene",
     "Trajectory",
     "Twin",
+    "TwinBatch",
     "Viewer",
     "batch",
     "collision",

@@ -13,9 +13,6 @@ from .problem import Problem
 from .shortcut import FLAT
 from .vectors import FloatArray
 
-LEAST_GAIN = 1e-5
-"""Of the length: less is not worth asking the oracle for."""
-
 _STREAM = 1
 _SPARE = 32
 
@@ -28,11 +25,14 @@ def shorten_compiled(
     seed: int,
     iterations: int,
     resolution: float,
+    least_gain: float,
 ) -> FloatArray:
     """Return a shorter polyline; see `shortcut` for the method and the arguments."""
     world, n = world_of(problem, oracle, resolution), problem.n
     key, counters = stream_key(seed, _STREAM), np.zeros(native.COUNTERS, dtype=np.int64)
-    counters[native.SIZE] = len(points)
+    points = np.array(points)
+    flat = FLAT * problem.metric.arc_lengths(points)[-1]
+    counters[native.SIZE] = native.drop_flat(points, len(points), world.weights, flat)
     ended, rows = native.FULL, np.empty((2, n))
     while ended == native.FULL or (ended == native.TIME_UP and not deadline.expired):
         if ended == native.FULL:
@@ -41,7 +41,7 @@ def shorten_compiled(
             room[:size] = points[:size]
             points = room
         ended = native.shorten(
-            world, CLOCK, deadline.piece, LEAST_GAIN, FLAT, key, iterations, points, np.empty_like(points),
+            world, CLOCK, deadline.piece, least_gain, FLAT, key, iterations, points, np.empty_like(points),
             np.empty((2, len(points))), rows, counters,
         )  # fmt: skip
     return points[: counters[native.SIZE]].copy()

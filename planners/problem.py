@@ -113,6 +113,25 @@ class Problem:
         """Length of the box's diagonal [length unit of the metric]."""
         return float(self.metric.distance(self.lower, self.upper))
 
+    def towards(self, goal: int) -> Problem:
+        """Return the same problem with one of its goals only."""
+        return self._with(goals=read_only(self.goals[goal : goal + 1].copy()))
+
+    def judged_by(self, oracle: StateValidity) -> Problem:
+        """Return the same problem with another oracle of validity.
+
+        Raises:
+            InvalidValueError: The oracle is machine code for another number of coordinates, or no callable.
+        """
+        _require_oracle(oracle, self.n)
+        return self._with(oracle=oracle)
+
+    def _with(self, **fields: Any) -> Problem:
+        """Return a copy with other fields that are known to be sound."""
+        made = object.__new__(Problem)
+        made.__dict__.update(self.__dict__, **fields)
+        return made
+
     def counting_oracle(self, deadline: Deadline | None = None, resolution: float | None = None) -> Oracle:
         """Return a fresh oracle adapter whose counters start at zero.
 

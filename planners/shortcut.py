@@ -14,7 +14,8 @@ from .path import Path
 from .problem import FINEST_RESOLUTION, Problem
 from .vectors import FloatArray, whole_number
 
-_LEAST_GAIN = 1e-9  # of the length: less is not worth asking the oracle for
+LEAST_GAIN = 1e-5
+"""Of the length: less is not worth asking the oracle for."""
 
 FLAT = 1e-9
 """Of the length: a way-point this near to the chord of its neighbours is dropped."""
@@ -30,6 +31,7 @@ def shortcut(
     iterations: int = 200,
     timeout: float = 1.0,
     resolution: float | None = None,
+    least_gain: float = LEAST_GAIN,
 ) -> Path:
     """Shorten a valid path; the result is never longer, and has the same ends.
 
@@ -51,6 +53,8 @@ def shortcut(
         timeout: Time budget [s].
         resolution: Greatest distance between checked states of a new edge [length unit of the metric]; an
             eighth of the problem's if omitted, because short-cuts tend to graze obstacles.
+        least_gain: Part of the path's length, from 0 to below 1, that a short-cut has to save.  With a
+            hundredth, most time goes into short-cuts that matter.
 
     Returns:
         The shortened path.  Edges that were not replaced are not checked again.
@@ -67,19 +71,23 @@ def shortcut(
             "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
         )
     seed, iterations = whole_number("seed", seed), whole_number("iterations", iterations)
+    if not 0.0 <= least_gain < 1.0:
+        raise InvalidValueError("least_gain", least_gain, "a number from 0 to below 1")
     if resolution is None:
         resolution = max(problem.spacing / _FINER, FINEST_RESOLUTION * problem.diagonal)
     oracle = problem.counting_oracle(deadline, resolution)
     metric = problem.metric
-    points = _without_flat(path.points, metric)
     if code is not None:
-        points = shorten_compiled(problem, code, points, deadline, seed, iterations, oracle.resolution)
+        points = shorten_compiled(
+            problem, code, path.points, deadline, seed, iterations, oracle.resolution, float(least_gain)
+        )
         return Path.trusted(points, metric)
-    return Path.trusted(_shorten(oracle, points, deadline, seed, iterations), metric)
+    points = _without_flat(path.points, metric)
+    return Path.trusted(_shorten(oracle, points, deadline, seed, iterations, least_gain), metric)
 
 
 def _shorten(
-    oracle: Oracle, points: FloatArray, deadline: Deadline, seed: int, iterations: int
+    oracle: Oracle, points: FloatArray, deadline: Deadline, seed: int, iterations: int, least_gain: float
 ) -> FloatArray:
     rng, metric = np.random.default_rng(seed), oracle.metric
     for iteration in range(iterations):
@@ -94,7 +102,7 @@ def _shorten(
         else:
             candidate = middle[[0, -1]]
         gain = metric.arc_lengths(middle)[-1] - metric.arc_lengths(candidate)[-1]
-        if gain > _LEAST_GAIN * lengths[-1] and oracle.polyline_valid(candidate):
+        if gain > least_gain * lengths[-1] and oracle.polyline_valid(candidate):
             points = _without_flat(np.concatenate((before, candidate, after)), metric)
     return points
 

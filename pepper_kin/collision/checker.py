@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from functools import lru_cache
 from typing import Any
@@ -70,8 +71,8 @@ class CollisionChecker:
         self._pairs = (pairs[:, 0], pairs[:, 1])
         self._bounding_reach = radii[pairs].sum(axis=1) if len(pairs) else np.empty(0)
         self._paddings = pads[pairs].sum(axis=1) if len(pairs) else np.empty(0)
-        to_world = [self._bodies[j].kind == WORLD for _, j in listed]
-        self._margins = np.where(to_world, self.margin, self.self_margin) + self._paddings
+        self._to_world = np.array([self._bodies[j].kind == WORLD for _, j in listed], dtype=bool)
+        self._margins = np.where(self._to_world, self.margin, self.self_margin) + self._paddings
         normals = {j: _plane_normal(self._bodies[j]) for j in {j for _, j in listed}}
         to_plane = [k for k, (_, j) in enumerate(listed) if normals[j] is not None]
         planes = [normals[listed[k][1]] for k in to_plane]
@@ -80,6 +81,20 @@ class CollisionChecker:
         self._without_box = np.flatnonzero([not (boxed[i] and boxed[j]) for i, j in listed])
         self._planes = (np.array(to_plane, dtype=int), np.array(planes).reshape(-1, 3))
         self._local = threading.local()
+        self._like = self
+
+    @property
+    def shapes_of(self) -> CollisionChecker:
+        """The checker whose shapes and pairs this one shares; itself where it was made anew."""
+        return self._like
+
+    def with_margins(self, margin: float, self_margin: float) -> CollisionChecker:
+        """Return a checker of the same shapes with other margins [m], which costs far less than a new one."""
+        made = copy.copy(self)
+        made.margin, made.self_margin = _finite("margin", margin), _finite("self_margin", self_margin)
+        made._margins = np.where(self._to_world, made.margin, made.self_margin) + self._paddings
+        made._local = threading.local()
+        return made
 
     @property
     def pair_count(self) -> int:
@@ -292,7 +307,6 @@ def _finite(quantity: str, value: float) -> float:
     return number
 
 
-@lru_cache(maxsize=32)
 def checker_for(
     pepper: PepperModel,
     scene: Scene | None = None,
@@ -301,4 +315,14 @@ def checker_for(
     looks: Looks = "collision",
 ) -> CollisionChecker:
     """Return the checker of a robot in a scene, built once and kept for the next call."""
-    return CollisionChecker(pepper, scene, margin, self_margin, looks)
+    return _checker_for(pepper, scene, margin, self_margin, looks)
+
+
+@lru_cache(maxsize=64)
+def _checker_for(
+    pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float, looks: Looks
+) -> CollisionChecker:
+    """Keep one checker however the arguments are written."""
+    if margin == 0.0 and self_margin == 0.0:
+        return CollisionChecker(pepper, scene, looks=looks)
+    return _checker_for(pepper, scene, 0.0, 0.0, looks).with_margins(margin, self_margin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -70,10 +71,17 @@ def _tree(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
 
 
 def _mesh_of_file(mesh: Mesh) -> Any:
-    import coal
-
     if not mesh.path.is_file():
         raise FileFormatError(mesh.path, "cannot be read as a mesh: there is no such file")
+    state = mesh.path.stat()
+    return _read_mesh(mesh, (state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(maxsize=256)
+def _read_mesh(mesh: Mesh, state: tuple[int, int]) -> Any:
+    """Read a mesh once for all checkers of a robot, and again where its file has changed."""
+    import coal
+
     try:
         return coal.MeshLoader().load(str(mesh.path), np.array(mesh.scale))
     except (RuntimeError, ValueError) as error:

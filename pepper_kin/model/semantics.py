@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 
@@ -41,7 +42,8 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
         Groups, states and disabled pairs.
 
     Raises:
-        ModelError: on malformed XML, an unknown sub-group, or a chain whose tip does not hang on its base.
+        ModelError: on malformed XML, an unknown sub-group, a chain whose tip does not hang on its base, or a
+            state whose value is no finite number.
     """
     refuse_document_types(text, "SRDF")
     try:
@@ -54,9 +56,7 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
         members = _members(element, urdf, groups)
         groups[element.get("name", "")] = tuple(name for name in moving if name in members)
     states = {
-        (state.get("group", ""), state.get("name", "")): {
-            joint.get("name", ""): float(joint.get("value", "nan")) for joint in state.findall("joint")
-        }
+        (state.get("group", ""), state.get("name", "")): _state_values(state)
         for state in root.findall("group_state")
     }
     pairs = {
@@ -64,6 +64,23 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
         for p in root.findall("disable_collisions")
     }
     return Semantics(groups, states, pairs, text)
+
+
+def _state_values(state: ET.Element) -> dict[str, float]:
+    """Return the values of a state; but those of a free-flyer: a URDF has none."""
+    values: dict[str, float] = {}
+    for joint in state.findall("joint"):
+        words = joint.get("value", "").split()
+        try:
+            numbers = [float(word) for word in words]
+        except ValueError:
+            numbers = []
+        if not numbers or not all(map(math.isfinite, numbers)):
+            where, name = state.get("name"), joint.get("name")
+            raise ModelError(f"SRDF: state {where!r}: joint {name!r} has no number as value, but {words}")
+        if len(numbers) == 1:
+            values[joint.get("name", "")] = numbers[0]
+    return values
 
 
 def _sorted_pair(a: str, b: str) -> tuple[str, str]:

@@ -1,10 +1,10 @@
 """From a goal and a scene to a checked path, from a path to a short and smooth motion; gestures."""
 
+from pepper_kin.ik import FrameInPlane
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.curves import Arc, Curve, Line
-from pepper_kin.motion.frame_in_plane import FrameInPlane
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.optimisation import (
     Cost,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.validity import TORQUE_SHARE, validity
+from pepper_kin.motion.validity import TORQUE_SHARE, holds, validity
 
 Array = NDArray[np.float64]
 
@@ -34,12 +34,13 @@ class Checks:
         self.pepper, self.scene, self.compiled = pepper, scene, compiled
         self.exact: CollisionChecker = checker_for(pepper, scene)
         if compiled:
-            import pepper_kin.ik.fast  # noqa: F401  what a goal's tasks will be solved by
+            # What will be needed is loaded, or compiled, before any clock starts.
+            import pepper_kin.collision.fast.loop
+            import pepper_kin.ik.fast
+            import pepper_kin.motion.native_curve  # noqa: F401
             from pepper_kin.collision.fast import fast_checker_for
 
-            checker = fast_checker_for(pepper, scene)
-            checker.in_collision(np.zeros((1, pepper.n)))
-            self.compiled = checker.supported
+            self.compiled = fast_checker_for(pepper, scene).supported
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
@@ -48,6 +49,10 @@ class Checks:
 
             return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
         return ~checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
+
+    def holds(self, q: Array) -> NDArray[np.bool_]:
+        """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""
+        return holds(self.pepper, q)
 
     def oracle(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float], *, for_edges: bool
@@ -82,17 +87,16 @@ class Checks:
             goals: Goals, shape (m, n); one that keeps the margins will do.
             margin: The margin wished [m].
         """
-        kept_self = self._halved(start, goals, margin, lambda m: (0.0, m))
+        ends = np.vstack([start, goals])
+        kept_self = self._halved(ends, margin, lambda m: (0.0, m))
         kept_self = kept_self if kept_self == margin else kept_self / 2
-        return self._halved(start, goals, margin, lambda m: (m, kept_self)), kept_self
+        return self._halved(ends, margin, lambda m: (m, kept_self)), kept_self
 
-    def _halved(
-        self, start: Array, goals: Array, margin: float, margins: Callable[[float], tuple[float, float]]
-    ) -> float:
+    def _halved(self, ends: Array, margin: float, margins: Callable[[float], tuple[float, float]]) -> float:
         kept = margin
         while kept > LEAST_MARGIN:
-            given = margins(kept)
-            if self.free(start, *given) and self.free(goals, *given).any():
+            free = self.free(ends, *margins(kept))
+            if free[0] and free[1:].any():
                 return kept
             kept /= 2
         return 0.0

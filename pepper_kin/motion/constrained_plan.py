@@ -17,7 +17,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, hardened, manifold_of
-from pepper_kin.motion.ends import fault_of, free_joints, goals_of
+from pepper_kin.motion.ends import fault_of_start, free_joints, goals_of
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
 
@@ -73,7 +73,7 @@ def plan_constrained(
     checks = Checks(pepper, scene, compiled=True)
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER)
-    fault = _off(pepper, tasks, q_start, "start") or fault_of(checks.exact, q_start, "start")
+    fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start)
     if fault is not None:
         return ended(*fault)
     goals, ik, fault = goals_of(checks, q_start, _with(goal, tasks), joints, margin, seed, timeout)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
@@ -19,7 +19,6 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.kernels import Kernel, compile_function
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.frame_in_plane import FrameInPlane
 
 if TYPE_CHECKING:
     import casadi
@@ -30,8 +29,6 @@ Array = NDArray[np.float64]
 
 LARGEST = ("JointPosture", "CenterOfMassOverWheels")
 """Tasks whose error is the largest component of the residual: each component is a constraint of its own."""
-
-IN_PLANE = "FrameInPlane"
 
 _kept: WeakKeyDictionary[PepperModel, dict[tuple[Structure, ...], Kernel]] = WeakKeyDictionary()
 
@@ -97,6 +94,36 @@ def manifold_of(
     )
 
 
+def residuals_of(
+    pepper: PepperModel, tasks: Sequence[Task], frozen: Array, free: NDArray[np.int64]
+) -> Callable[[Array], tuple[Array, Array]]:
+    """Return the function from states of some joints, shape (m, k), to residuals and their Jacobians.
+
+    Args:
+        pepper: The robot.
+        tasks: As `as_constraints` returns them.
+        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        free: Indices of the joints that move, shape (k,).
+
+    Returns:
+        A callable to arrays of shape (m, r) and (m, r, k).
+    """
+    python = _InPython(pepper, tuple(tasks), frozen, free)
+    if not all(_kind(task) for task in tasks):
+        return python
+    from pepper_kin.ik.fast.structure import target_of
+
+    kernel = _kernel(pepper, tuple(_structure(task) for task in tasks))
+    targets = np.concatenate([target_of(task) for task in tasks])
+
+    def evaluate(states: Array) -> tuple[Array, Array]:
+        numbers = np.asarray(kernel(python.whole(states), targets))
+        rows = numbers.shape[1] // (1 + pepper.n)
+        return numbers[:, :rows], numbers[:, rows:].reshape(len(states), rows, pepper.n)[:, :, free]
+
+    return evaluate
+
+
 class _InPython:
     """Tasks of a user's own classes, state by state."""
 
@@ -105,9 +132,13 @@ class _InPython:
     ) -> None:
         self._pepper, self._tasks, self._frozen, self._free = pepper, tasks, frozen, free
 
-    def __call__(self, states: Array) -> tuple[Array, Array]:
+    def whole(self, states: Array) -> Array:
         q = np.tile(self._frozen, (len(states), 1))
         q[:, self._free] = states
+        return q
+
+    def __call__(self, states: Array) -> tuple[Array, Array]:
+        q = self.whole(states)
         values = [np.concatenate([task.residual(self._pepper, x) for task in self._tasks]) for x in q]
         slopes = [np.concatenate([task.jacobian(self._pepper, x) for task in self._tasks]) for x in q]
         return np.array(values), np.array(slopes)[:, :, self._free]
@@ -120,8 +151,6 @@ def _kind(task: Task) -> str:
     """
     if not all(slot.__module__.startswith("pepper_kin.") for slot in (type(task).residual, type(task).size)):
         return ""
-    if isinstance(task, FrameInPlane):
-        return IN_PLANE
     from pepper_kin.ik.fast.structure import structure_of  # loads a solver in machine code: only here
 
     try:
@@ -131,24 +160,18 @@ def _kind(task: Task) -> str:
 
 
 def _structure(task: Task) -> Structure:
-    from pepper_kin.ik.fast.structure import Structure, structure_of
+    from pepper_kin.ik.fast.structure import structure_of
 
-    if isinstance(task, FrameInPlane):
-        return Structure(IN_PLANE, task.frame, (), (), 6)
     return structure_of(task)._replace(hard=False)
-
-
-def _target(task: Task) -> Array:
-    from pepper_kin.ik.fast.structure import target_of
-
-    return np.concatenate((task.target, task.normal)) if isinstance(task, FrameInPlane) else target_of(task)
 
 
 def _machine_code(
     pepper: PepperModel, tasks: tuple[Task, ...], frozen: Array, free: NDArray[np.int64]
 ) -> planners.MachineCodeManifold:
+    from pepper_kin.ik.fast.structure import target_of
+
     kernel = _kernel(pepper, tuple(_structure(task) for task in tasks))
-    given = np.concatenate([frozen, *[_target(task) for task in tasks]])
+    given = np.concatenate([frozen, *[target_of(task) for task in tasks]])
     return planners.MachineCodeManifold(
         kernel.single_address, given, free, free, pepper.n, kernel.work_size, keep_alive=kernel
     )
@@ -178,15 +201,9 @@ def _residuals(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi
     for task in structures:
         target = targets[place : place + task.target_size]
         place += task.target_size
-        if task.kind == IN_PLANE:
-            pose, jacobian = motion.frames[task.frame]
-            normal = target[3:].T
-            values.append(normal @ (pose[:, 3] - target[:3]))
-            slopes.append(normal @ jacobian[:3, :])
-        else:
-            residual, jacobian = task_residual(pepper, task, motion, target)
-            values.append(residual)
-            slopes.append(jacobian)
+        residual, jacobian = task_residual(pepper, task, motion, target)
+        values.append(residual)
+        slopes.append(jacobian)
     rows = casadi.vec(casadi.densify(casadi.vertcat(*slopes)).T)
     output = casadi.densify(casadi.vertcat(*values, rows))
     return casadi.Function("constraints", [q, targets], [casadi.cse(output)])

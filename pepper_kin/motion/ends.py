@@ -11,18 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import IKResult, Task, TaskGroup, solutions, solve
+from pepper_kin.ik import IKResult, Task, TaskGroup, solve
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.goals import clear_goals
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.validity import holds
 
 OTHER_SOLVER = "placo"
 """Where nothing shall be compiled, and for tasks that the fast solver does not know."""
-
-FURTHER = 3
-"""Solutions of a goal's tasks besides the first."""
 
 
 def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tuple[PlanStatus, str] | None:
@@ -56,36 +54,64 @@ def goals_of(
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
     Tasks are solved with the margin to the scene first, and without it where that fails; with
-    machine code, further solutions are looked for.
+    machine code, several solutions are looked for at once.
     """
-    pepper, checker = checks.pepper, checks.exact
     if _are_tasks(goal):
-        tasks = cast("Sequence[Task]", goal)
-        fast = checks.compiled and _are_known_to_fast(tasks)
-        solver = "fast" if fast else OTHER_SOLVER
-        for scene in (checker.scene.padded(margin), checker.scene):
-            ik = solve(
-                pepper, tasks, q0=start, solver=solver, scene=scene, seed=seed, joints=joints,
-                timeout=timeout / 3,
-            )  # fmt: skip
-            if ik.success and fault_of(checker, ik.q, "goal") is None:
-                break
-        if not ik.success:
-            return np.empty((0, pepper.n)), ik, (PlanStatus.NO_IK, ik.report())
-        candidates, result = ik.q[None], ik
-        if fast:
-            more = solutions(pepper, tasks, start, count=FURTHER, scene=scene, seed=seed, joints=joints)
-            candidates = np.concatenate([candidates, more])
-    else:
-        candidates, result = np.atleast_2d(as_joint_vectors(pepper, goal, "goal")), None
-        if candidates.ndim != 2:
-            raise InvalidValueError(
-                "goal", f"shape {candidates.shape}", f"shape ({pepper.n},) or (m, {pepper.n})"
-            )
-        check_within_limits(pepper, candidates, "goal")
-    faults = [fault_of(checker, q, "goal") for q in candidates]
-    good = [k for k, fault in enumerate(faults) if fault is None]
-    return candidates[good], result, (None if good else faults[0])
+        return _goals_of_tasks(checks, start, cast("Sequence[Task]", goal), joints, margin, seed, timeout)
+    pepper = checks.pepper
+    candidates = np.atleast_2d(as_joint_vectors(pepper, goal, "goal"))
+    if candidates.ndim != 2:
+        raise InvalidValueError(
+            "goal", f"shape {candidates.shape}", f"shape ({pepper.n},) or (m, {pepper.n})"
+        )
+    check_within_limits(pepper, candidates, "goal")
+    return _good_ones(checks, candidates, None)
+
+
+def _goals_of_tasks(
+    checks: Checks,
+    start: NDArray[np.float64],
+    tasks: Sequence[Task],
+    joints: str | Sequence[str] | None,
+    margin: float,
+    seed: int,
+    timeout: float,
+) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
+    """Return what `goals_of` does, for a goal that is tasks."""
+    pepper, checker = checks.pepper, checks.exact
+    fast = checks.compiled and _are_known_to_fast(tasks)
+    if fast:
+        clear = clear_goals(checks, start, tasks, joints, margin, seed, timeout / 3)
+        if clear is not None:
+            return *clear, None
+    for scene in (checker.scene,) if fast else (checker.scene.padded(margin), checker.scene):
+        ik = solve(
+            pepper, tasks, q0=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
+            joints=joints, timeout=timeout / 3,
+        )  # fmt: skip
+        if ik.success and fault_of(checker, ik.q, "goal") is None:
+            break
+    if not ik.success:
+        return np.empty((0, pepper.n)), ik, (PlanStatus.NO_IK, ik.report())
+    return _good_ones(checks, ik.q[None], ik)
+
+
+def _good_ones(
+    checks: Checks, candidates: NDArray[np.float64], ik: IKResult | None
+) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
+    """Return the candidates that can be ends of a path, or what is wrong with the first."""
+    good = candidates[checks.holds(candidates) & checks.free(candidates)]
+    if len(good):
+        return good, ik, None
+    fault = fault_of(checks.exact, candidates[0], "goal")
+    return candidates[: int(fault is None)], ik, fault
+
+
+def fault_of_start(checks: Checks, q: NDArray[np.float64]) -> tuple[PlanStatus, str] | None:
+    """Return why a path cannot start at q, shape (n,), or None."""
+    if checks.holds(q[None])[0] and checks.free(q):
+        return None
+    return fault_of(checks.exact, q, "start")
 
 
 def _are_known_to_fast(tasks: Sequence[Any]) -> bool:

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.kinematics import frame_jacobian
 from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere
 from pepper_kin.model.shapes import read_only
@@ -19,7 +20,8 @@ def joint_reaches(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ())
     """Return how far each joint can move a point of the body, per radian or metre.
 
     r_j = max over sampled configurations and over the links' collision shapes of |dp/dq_j| + the shape's
-    extent: a bound on the speed of any point of the shape per unit of joint speed, up to sampling.
+    extent: a bound on the speed of any point of the shape per unit of joint speed, up to sampling.  A mesh
+    counts as the ball around its bounding box.
 
     Args:
         pepper: The robot.
@@ -28,6 +30,9 @@ def joint_reaches(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ())
 
     Returns:
         r, shape (n,) [m/rad, or 1 for a prismatic joint], above zero.
+
+    Raises:
+        FileFormatError: for a mesh whose file cannot be read.
     """
     rng = np.random.default_rng(0)
     lower = np.clip(pepper.lower_limits, -np.pi, np.pi)
@@ -52,7 +57,7 @@ def joint_reaches(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ())
 
 
 def _radius(geometry: Geometry) -> float:
-    """Greatest distance of a point of the geometry from its frame's origin [m]; meshes count as points."""
+    """Greatest distance of a point of the geometry from its frame's origin, or a little more [m]."""
     if isinstance(geometry, Box):
         return float(np.linalg.norm(geometry.size)) / 2
     if isinstance(geometry, Sphere):
@@ -61,4 +66,6 @@ def _radius(geometry: Geometry) -> float:
         return geometry.radius + geometry.length / 2
     if isinstance(geometry, Cylinder):
         return float(np.hypot(geometry.radius, geometry.length / 2))
-    return 0.0
+    mesh = coal_geometry(geometry)
+    mesh.computeLocalAABB()
+    return float(np.linalg.norm(mesh.aabb_center)) + float(mesh.aabb_radius)

@@ -8,18 +8,18 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from pepper_kin import planners
 from pepper_kin.collision import Scene
+from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.ends import fault_of, free_joints, goals_of
+from pepper_kin.motion.constrained_plan import plan_constrained
+from pepper_kin.motion.ends import fault_of_start, free_joints, goals_of
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import checked_start, path_problem
-from pepper_kin.motion.search import find_path
+from pepper_kin.motion.search import check_planner, find_path
 from pepper_kin.motion.waypoints import waypoints_of
 
-PLANNERS = ("rrt_connect", "rrt_star")
+NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
 
 def plan(
@@ -30,6 +30,7 @@ def plan(
     *,
     planner: str = "rrt_connect",
     joints: str | Sequence[str] | None = None,
+    constraints: Sequence[Task | TaskGroup] | None = None,
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 5.0,
@@ -41,36 +42,39 @@ def plan(
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
         goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
-            from several starts; of the solutions that are free and can be held the one with the shortest
-            path is taken.
+            from several starts; of the free solutions the one with the shortest path is taken.
         scene: The world around the robot.
         planner: "rrt_connect": bidirectional RRT; "rrt_star": keeps improving until its time is up; or a name
             of `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ.
-        margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that.
+        constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
+        margin: Distance that is kept to all things [m]; less where start or goal are nearer than that.
         seed: Seed of all random choices.
-        timeout: Time budget of IK and search [s].  Short-cutting stops after a number of attempts, so that
-            the same seed gives the same path, or after as much time again.
+        timeout: Time budget [s].  Short-cutting stops after a number of attempts, so that the same seed gives
+            the same path, or when time is up; where the search took all of it, a twentieth more is taken.
         compiled: Whether checks and search run as machine code, which the first use on a machine compiles for
-            about a minute.  False: coal and interpreted code, hundreds of times slower; the goal's tasks are
-            then solved by placo, one solution only.
+            a minute.  False: coal and interpreted code, hundreds of times slower; goals are solved by placo.
 
     Returns:
         The plan; without a path, its status and message tell why.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, or an unknown planner.
+        InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint or group.
+        MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
-    check_choice("planner", planner, PLANNERS + planners.available_ompl_planners())
+    check_planner(planner, constraints is not None, compiled)
+    if constraints is not None:
+        return plan_constrained(
+            pepper, start, goal, scene, constraints, joints=joints, margin=margin, seed=seed, timeout=timeout
+        )
     q_start = checked_start(pepper, start, margin, timeout)
     checks = Checks(pepper, scene, bool(compiled))
     begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
     ended = Ending(pepper, begin, seed, planner)
-    fault = fault_of(checks.exact, q_start, "start")
+    fault = fault_of_start(checks, q_start)
     if fault is not None:
         return ended(*fault)
     goals, ik, fault = goals_of(checks, q_start, goal, joints, margin, seed, timeout)
@@ -79,12 +83,19 @@ def plan(
     free = free_joints(pepper, joints, q_start, goals)
     if free.size == 0:
         return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", ik=ik)
-    problem, relaxed, embed = path_problem(checks, q_start, goals, free, margin)
-    left = max(timeout - (time.perf_counter() - begin), 1e-3)
-    result = find_path(problem, planner, seed=seed, timeout=left, compare=ik is not None)
+    room = path_problem(checks, q_start, goals, free, margin)
+    left = _left(begin, timeout)
+    result = find_path(room.problem, planner, seed=seed, timeout=left, compare=ik is not None)
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
-    path = waypoints_of(pepper, problem, relaxed, result.path, embed, seed=seed, timeout=timeout)
+    path = waypoints_of(room, result.path, seed=seed, timeout=max(_left(begin, timeout), timeout / 20))
+    if path is None:
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, ik=ik, states_checked=result.states_checked)
     message = f"Path of {len(path)} way-points."
     return ended.solved(checks.exact, path, message, ik=ik, states_checked=result.states_checked)
+
+
+def _left(begin: float, timeout: float) -> float:
+    """Return what is left of a time budget [s], above zero."""
+    return max(timeout - (time.perf_counter() - begin), 1e-3)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,18 +21,43 @@ RESOLUTION = 0.01  # [m], in the metric of `joint_reaches`
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
 
 
-class PathProblem(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PathProblem:
     """Where a path is sought.
 
     Attributes:
-        problem: The joints that move, with the margin kept.
-        relaxed: The same with half the margin, which a rounded path needs beside it.
-        embed: From states of the moving joints, shape (m, k), to whole configurations, shape (m, n).
+        checks: The robot in its scene.
+        problem: The joints that move, with the margins kept.
+        start: Start configuration, shape (n,).
+        free: Places of the joints that move, shape (k,).
+        margins: Kept to the scene and to the robot itself [m].
+        reach: How far a joint moves a point of the body, shape (n,), see `joint_reaches`.
     """
 
+    checks: Checks
     problem: planners.Problem
-    relaxed: planners.Problem
-    embed: Callable[[Array], Array]
+    start: Array
+    free: NDArray[np.int64]
+    margins: tuple[float, float]
+    reach: Array
+
+    @property
+    def relaxed_margins(self) -> tuple[float, float]:
+        """Half the margins: a curve that rounds the corners of a path along a margin's edge needs room."""
+        return self.margins[0] / 2, self.margins[1] / 2
+
+    @cached_property
+    def relaxed(self) -> planners.Problem:
+        """The problem with half the margins, for many states at once."""
+        half = self.checks.oracle(self.start, self.free, self.relaxed_margins, for_edges=False)
+        return self.problem.judged_by(half)
+
+    def embed(self, states: Array) -> Array:
+        """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""
+        q = np.empty((len(states), self.start.size))
+        q[:] = self.start
+        q[:, self.free] = np.clip(states, self.problem.lower, self.problem.upper)
+        return q
 
 
 def path_problem(
@@ -51,7 +75,7 @@ def path_problem(
     pepper = checks.pepper
     kept, kept_self = checks.margins(start, goals, margin)
     held = tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
-    ends = np.vstack([start, goals])
+    ends, reach = np.vstack([start, goals]), np.array(joint_reaches(pepper, held))
     spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, ends.min(axis=0) - spare)
     upper = np.where(np.isfinite(pepper.upper_limits), pepper.upper_limits, ends.max(axis=0) + spare)
@@ -61,18 +85,11 @@ def path_problem(
         start=np.clip(start, lower, upper)[free],
         goals=np.clip(goals, lower, upper)[:, free],
         oracle=checks.oracle(start, free, (kept, kept_self), for_edges=True),
-        weights=joint_reaches(pepper, held)[free],
+        weights=reach[free],
         resolution=RESOLUTION,
         labels=tuple(pepper.joint_names[j] for j in free),
     )
-    half = checks.oracle(start, free, (kept / 2, kept_self / 2), for_edges=False)
-
-    def embed(states: Array) -> Array:
-        q = np.tile(start, (len(states), 1))
-        q[:, free] = np.clip(states, problem.lower, problem.upper)
-        return q
-
-    return PathProblem(problem, replace(problem, oracle=half), embed)
+    return PathProblem(checks, problem, start, free, (kept, kept_self), reach)
 
 
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:

@@ -2,101 +2,118 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.model import PepperModel
+from pepper_kin.motion.problem import PathProblem
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
+Array = NDArray[np.float64]
+
 _PIECES = 6
+_ROUNDED = (6, 12, 24, 48)  # pieces of a path that is rounded everywhere alike
 _MOST_WAYPOINTS = 400
-_SHORTCUTS = 80
+_SHORTCUTS = 120
+_LEAST_GAIN = 0.005  # of the length: what a short-cut has to save
+_DENSE = (1.0, 0.25)  # distances of way-points that follow a polyline, in units of the resolution
 
-# States checked along the final curve, in each length of the problem's resolution.
-_FINER, _FINER_INTERPRETED = 20.0, 1.5
+# States checked along the final curve without machine code, in each length of the problem's resolution.
+_FINER = 1.5
 
 
-def waypoints_of(
-    pepper: PepperModel,
-    problem: planners.Problem,
-    relaxed: planners.Problem,
-    path: planners.Path,
-    embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    *,
-    seed: int,
-    timeout: float,
-) -> NDArray[np.float64]:
+def waypoints_of(room: PathProblem, path: planners.Path, *, seed: int, timeout: float) -> Array | None:
     """Shorten and smooth a polyline, and return way-points for `retime`.
 
     `retime` draws a spline through way-points; so the spline itself is checked here, and way-points are added
-    until it is valid everywhere at the problem's resolution.
+    until it is valid everywhere: with machine code as `examination.is_clear` says, else at the problem's
+    resolution.
 
     Args:
-        pepper: The robot.
-        problem: The planning problem, of the joints that move.
-        relaxed: The same with half the margin: a curve that rounds the corners of a path along the margin's
-            edge needs a little room beside it.
+        room: The planning problem, of the joints that move.
         path: A valid polyline of those joints.
-        embed: From states of the moving joints, shape (m, k), to whole configurations, shape (m, n).
         seed: Seed of short-cutting.
         timeout: Time budget of short-cutting [s].
 
     Returns:
-        Way-points, shape (m, n) [rad or m]; the polyline's own ends come first and last.
+        Way-points, shape (m, n) [rad or m]; the polyline's own ends come first and last.  None where no
+        spline along the polyline is valid.
     """
-    compiled = isinstance(problem.oracle, planners.CompiledValidity)
+    problem = room.problem
     # Machine code looks at the final curve far more closely, so that short-cuts need not be.
-    fine = problem.spacing if compiled else problem.spacing / 4
+    fine = problem.spacing if room.checks.compiled else problem.spacing / 4
     short = planners.shortcut(
-        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=fine
-    )
+        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=fine,
+        least_gain=_LEAST_GAIN,
+    )  # fmt: skip
+    found = _rounded(room, short) if room.checks.compiled else None
     for candidate in (short, path):
-        try:
-            curve = planners.smooth(relaxed, candidate, spacing=candidate.length / _PIECES)
-        except InfeasibleError:
-            continue
-        found = _interpolated(pepper, relaxed, curve, embed, _FINER if compiled else _FINER_INTERPRETED)
-        if found is not None:
-            return found
-    # A polyline with no room to round its corners: way-points so dense that their spline follows it.
-    return embed(short.resample(problem.spacing).points)
+        found = _smooth(room, candidate) if found is None else found
+    return _followed(room, (short, path)) if found is None else found
 
 
-def _interpolated(
-    pepper: PepperModel,
-    problem: planners.Problem,
-    curve: planners.SmoothPath,
-    embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    finer: float,
-) -> NDArray[np.float64] | None:
-    """Return the fewest equidistant points of a curve whose spline is valid; None where none are."""
+def _rounded(room: PathProblem, path: planners.Path) -> Array | None:
+    """Return few way-points along a path that is rounded everywhere alike; None where none are clear."""
+    from pepper_kin.motion.native_curve import rounded_waypoints
+
+    polyline, lengths = np.array(path.points), np.array(path.arc_lengths)
+    for pieces in _ROUNDED:
+        points = room.embed(rounded_waypoints(polyline, lengths, pieces))
+        if _is_clear(room, points, room.relaxed_margins):
+            return points
+    return None
+
+
+def _smooth(room: PathProblem, path: planners.Path) -> Array | None:
+    """Return the fewest equidistant points of a rounded path whose spline is clear; None where none are."""
+    try:
+        curve = planners.smooth(room.relaxed, path, spacing=path.length / _PIECES)
+    except InfeasibleError:
+        return None
     pieces = _PIECES
     while pieces <= _MOST_WAYPOINTS:
-        points = embed(curve(np.linspace(curve.breaks[0], curve.breaks[-1], pieces + 1)))
-        if _spline_is_valid(problem, as_cubic_path(pepper, points), embed, finer):
+        points = room.embed(curve(np.linspace(curve.breaks[0], curve.breaks[-1], pieces + 1)))
+        if _is_clear(room, points, room.relaxed_margins):
             return points
         pieces *= 2
     return None
 
 
-def _spline_is_valid(
-    problem: planners.Problem,
-    spline: CubicPath,
-    embed: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    finer: float,
-) -> bool:
-    moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
+def _followed(room: PathProblem, paths: tuple[planners.Path, ...]) -> Array | None:
+    """Return points so dense that their spline follows a polyline that has no room to round its corners."""
+    for path in paths:
+        for share in _DENSE:
+            points = room.embed(path.resample(share * room.problem.spacing).points)
+            if _is_clear(room, points, (0.0, 0.0)):
+                return points
+    return None
+
+
+def _is_clear(room: PathProblem, points: Array, margins: tuple[float, float]) -> bool:
+    """Whether margins are kept all along the spline through way-points, shape (m, n)."""
+    pepper = room.checks.pepper
+    if not room.checks.compiled:
+        return _samples_are_clear(room, as_cubic_path(pepper, points), margins)
+    from pepper_kin.motion.examination import is_clear
+    from pepper_kin.trajectory.fast_solver import quick_spline
+
+    spline = quick_spline(pepper, points)
+    if spline is None:
+        curve = as_cubic_path(pepper, points)
+        spline = curve.breaks, curve.coefficients
+    return is_clear(room.checks, *spline, room.reach, margins)
+
+
+def _samples_are_clear(room: PathProblem, spline: CubicPath, margins: tuple[float, float]) -> bool:
+    moving, problem = room.free, room.problem
     ends = spline.at(np.arange(len(spline.breaks) - 1), np.diff(spline.breaks))
     lengths = problem.metric.distance(spline.coefficients[:, 0][:, moving], ends[:, moving])
-    counts = np.maximum(2, np.ceil(finer * lengths / problem.spacing).astype(int))
+    counts = np.maximum(2, np.ceil(_FINER * lengths / problem.spacing).astype(int))
     states = np.concatenate(
         [
             spline.at(np.full(count, i), np.linspace(0, h, count))
             for i, (count, h) in enumerate(zip(counts, np.diff(spline.breaks), strict=True))
         ]
     )
-    return bool(problem.oracle(np.ascontiguousarray(states[:, moving])).all())
+    return bool(room.checks.holds(states).all() and room.checks.free(states, *margins).all())

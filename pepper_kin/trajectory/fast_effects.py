@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import ctypes
-import struct
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
-from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
+from pepper_kin.trajectory.fast_kernel import edge_products, evaluate, linear_speed
 from pepper_kin.trajectory.limit_use import Limits
 from pepper_kin.trajectory.payload import payload_torque, payload_wrench
 
 Array = NDArray[np.float64]
 
-_BATCH = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 4, ctypes.c_int64, ctypes.c_void_p)
+
+@lru_cache(maxsize=32)
+def _moment_of_wrench(pepper: PepperModel, margin: float) -> Array:
+    polygon = support_polygon(pepper)
+    return np.zeros((6, 0)) if polygon is None else moment_matrix(polygon, margin)
 
 
 class Effects:
@@ -30,7 +33,7 @@ class Effects:
         self.polygon = support_polygon(pepper) if limits.balance is not None else None
         self.moment_of_wrench: Array | None = None
         if self.polygon is not None and limits.balance is not None and not moves_base(pepper):
-            self.moment_of_wrench = moment_matrix(self.polygon, limits.balance)
+            self.moment_of_wrench = _moment_of_wrench(pepper, limits.balance)
 
     @property
     def any(self) -> bool:
@@ -41,7 +44,7 @@ class Effects:
         """Torques, shape (T, n or 0)."""
         if not self.torque_limit.size:
             return np.zeros((len(q), 0))
-        torque = _evaluate(kernel(self.pepper, "inverse_dynamics"), q, v, a)
+        torque = evaluate(kernel(self.pepper, "inverse_dynamics"), q, v, a)
         return (
             torque + payload_torque(self.pepper, self.limits.payload, q, v, a)
             if self.limits.payload
@@ -54,42 +57,14 @@ class Effects:
             return np.zeros((len(q), 0))
         if self.moment_of_wrench is None:
             return edge_moments(self.pepper, self.polygon, q, v, a, self.limits.balance, self.limits.payload)
-        wrench = _evaluate(kernel(self.pepper, "base_wrench"), q, v, a)
+        wrench = evaluate(kernel(self.pepper, "base_wrench"), q, v, a)
         if self.limits.payload:
             wrench = wrench + payload_wrench(self.pepper, self.limits.payload, q, v, a)
-        return wrench @ self.moment_of_wrench
+        return edge_products(wrench, self.moment_of_wrench)
 
     def speed(self, q: Array, v: Array) -> Array:
         """Speeds of frames over their limits, shape (T, number of frames)."""
         shares = np.empty((len(q), len(self.limits.speed)))
         for k, (frame, limit) in enumerate(self.limits.speed):
-            velocity = _evaluate(kernel(self.pepper, "frame_velocity", frame), q, v)[:, :3]
-            shares[:, k] = np.sqrt(np.einsum("ti,ti->t", velocity, velocity)) / limit
+            linear_speed(evaluate(kernel(self.pepper, "frame_velocity", frame), q, v), limit, k, shares)
         return shares
-
-
-def _evaluate(compiled: Kernel, *states: Array) -> Array:
-    """Evaluate a kernel for contiguous arrays of shape (T, n) that are known to be finite.
-
-    Calling it by its address, as it documents, saves the checks of `Kernel.__call__`, which take as long as
-    hundreds of states.
-    """
-    count, size = len(states[0]), compiled.signature.output_sizes[0]
-    result, work = np.empty((count, size)), np.empty(compiled.work_size + 8)
-    widths = [state.shape[1] for state in states]
-    begin = -(-work.ctypes.data // 64) * 64
-    function = _BATCH(compiled.batch_address)
-    function(
-        _pack([state.ctypes.data for state in states]),
-        _pack(widths),
-        _pack([result.ctypes.data]),
-        _pack([size]),
-        count,
-        begin,
-    )
-    return result
-
-
-def _pack(numbers: list[int]) -> bytes:
-    """Return a C array of int64."""
-    return struct.pack(f"={len(numbers)}q", *numbers)

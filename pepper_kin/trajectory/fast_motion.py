@@ -60,8 +60,12 @@ def motion(taylor: Array, step: Array, x: Array, interval: np.ndarray, local: Ar
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def polynomials(taylor: Array, step: Array, x: Array, stretch: float) -> Array:
-    """Return q(s(t)) on every interval, constant term first, shape (N, 7, n); see `time_law.compose`."""
+def polynomials(taylor: Array, step: Array, x: Array, stretch: float) -> tuple[Array, Array]:
+    """Return times at the grid points, and q(s(t)) on every interval; see `time_law.compose`.
+
+    Returns:
+        Times of the motion made slower, shape (N + 1,), and coefficients, constant term first, (N, 7, n).
+    """
     size, _, n = taylor.shape
     coefficients = np.empty((size, 7, n))
     for i in range(size):
@@ -77,7 +81,7 @@ def polynomials(taylor: Array, step: Array, x: Array, stretch: float) -> Array:
             coefficients[i, 4, j] = c2 * h2 + 3 * c3 * w2 * h
             coefficients[i, 5, j] = 3 * c3 * w * h2
             coefficients[i, 6, j] = c3 * h2 * h
-    return coefficients
+    return times(step, x) * stretch, coefficients
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -151,7 +155,7 @@ def speed_bound(at: Array, first: np.ndarray, velocity: Array, frame_speed: Arra
 @njit(cache=True, nogil=True, error_model="numpy")
 def inspect_joints(
     taylor: Array, step: Array, x: Array, velocity: Array, acceleration: Array, low: Array, high: Array,
-    x_most: Array,
+    x_most: Array, least: float, changed: np.ndarray,
 ) -> float:  # fmt: skip
     """Return how many times as slow the motion has to be for velocity and acceleration; tighten limits.
 
@@ -169,6 +173,8 @@ def inspect_joints(
         low: Lower bounds of the rows, raised by what they are exceeded by, shape (N, r).
         high: Upper bounds of the rows, likewise.
         x_most: Bounds on the squared speed, likewise, shape (N + 1,).
+        least: Share of a limit up to which an excess tightens nothing.
+        changed: Is set where bounds are changed, shape (N,).
     """
     square = 1.0
     for i in range(step.size):
@@ -182,8 +188,10 @@ def inspect_joints(
                 most = max(most, abs(a0 - a1 * a1 / (4 * a2)))
             if most > acceleration[j]:
                 square = max(square, most / acceleration[j])
-                high[i, j] -= most - acceleration[j]
-                low[i, j] += most - acceleration[j]
+                if most > acceleration[j] * (1 + least):
+                    high[i, j] -= most - acceleration[j]
+                    low[i, j] += most - acceleration[j]
+                    changed[i] = True
             if (abs(c1) + length * (2 * abs(c2) + 3 * length * abs(c3))) * fastest <= velocity[j]:
                 continue
             end = abs(c1 + length * (2 * c2 + 3 * length * c3)) * np.sqrt(x[i + 1])
@@ -197,8 +205,9 @@ def inspect_joints(
                     most = max(most, abs(c1 + d * (2 * c2 + 3 * d * c3)) * speed)
             slow = max(slow, (most / velocity[j]) ** 2)
         square = max(square, slow)
-        if slow > 1.0:
+        if slow > 1.0 + least:
             x_most[i], x_most[i + 1] = x_most[i] / slow, x_most[i + 1] / slow
+            changed[i], changed[min(i + 1, step.size - 1)] = True, True
     return np.sqrt(square)
 
 
@@ -251,26 +260,3 @@ def inspect(
                 high[i, first_row + r] -= cut[i, r]
             x_most[i], x_most[i + 1] = x_most[i] / slow[i], x_most[i + 1] / slow[i]
     return np.sqrt(square)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def state_of_polynomials(coefficients: Array, piece: np.ndarray, local: Array) -> Array:
-    """Return value, first and second derivative of polynomials, shape (3, T, n); Horner's scheme.
-
-    Args:
-        coefficients: Constant term first, shape (m, k, n).
-        piece: Indices of pieces, shape (T,).
-        local: Arguments, shape (T,).
-    """
-    order, n = coefficients.shape[1], coefficients.shape[2]
-    state = np.zeros((3, piece.size, n))
-    for k in range(piece.size):
-        i, x = piece[k], local[k]
-        for power in range(order - 1, -1, -1):
-            for j in range(n):
-                state[2, k, j] = state[2, k, j] * x + state[1, k, j]
-                state[1, k, j] = state[1, k, j] * x + state[0, k, j]
-                state[0, k, j] = state[0, k, j] * x + coefficients[i, power, j]
-        for j in range(n):
-            state[2, k, j] *= 2
-    return state

@@ -41,95 +41,187 @@ def passes(
         search ended.
     """
     size, rows = low.shape
-    count = 2 * rows + 1
-    top, bottom, slope = np.empty((size, count)), np.empty((size, count)), np.empty((size, count))
-    least, most = np.zeros(size + 1), np.zeros(size + 1)
-    x = np.zeros(size + 1)
-    for i in range(size - 1, -1, -1):
-        from_x, to_x = _lines(
-            step[i],
-            a,
-            b,
-            c,
-            first[i],
-            low[i],
-            high[i],
-            least[i + 1],
-            most[i + 1],
-            top[i],
-            bottom[i],
-            slope[i],
-        )
-        to_x = min(to_x, x_most[i])
-        greatest = _extreme(top[i], bottom[i], slope[i], to_x, True)
-        if not (greatest >= from_x - _ROUNDING * abs(from_x)):
-            return x, i
-        smallest = _extreme(top[i], bottom[i], slope[i], from_x, False)
-        most[i] = greatest
-        least[i] = min(smallest, greatest)
-    if least[0] > 0.0:
-        return x, 0
-    for i in range(size):
-        u = np.inf
-        for k in range(count):
-            u = min(u, top[i, k] - slope[i, k] * x[i])
-        x[i + 1] = min(max(x[i] + 2 * step[i] * u, least[i + 1]), most[i + 1])
-        if not x[i] + x[i + 1] > 0.0:
-            return x, i
-    return x, -1
+    lines, span = np.empty((size, 3, 2 * rows + 1)), np.empty((size, 3))
+    reach, x = np.zeros((size + 1, 2)), np.zeros(size + 1)
+    changed = np.ones(size, np.bool_)
+    failed = repeat_passes(step, first, a, b, c, low, high, x_most, changed, lines, span, reach, x)
+    return x, failed
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _lines(
-    step: float, a: Array, b: Array, c: Array, node: int, low: Array, high: Array, least: float, most: float,
-    top: Array, bottom: Array, slope: Array,
-) -> tuple[float, float]:  # fmt: skip
-    """Write every row as bottom - slope x <= u <= top - slope x; return the bounds on x of rows without u."""
+def repeat_passes(
+    step: Array, first: np.ndarray, a: Array, b: Array, c: Array, low: Array, high: Array, x_most: Array,
+    changed: np.ndarray, lines: Array, span: Array, reach: Array, x: Array,
+) -> int:  # fmt: skip
+    """Run the passes where limits have changed since the last time, and where that has consequences.
+
+    Args:
+        step: See `passes`, as for the other limits.
+        first: Node at the start of each interval.
+        a: Gains on u.
+        b: Gains on x.
+        c: Values at rest.
+        low: Lower bounds.
+        high: Upper bounds.
+        x_most: Greatest x.
+        changed: Intervals with bounds that are new, or whose greatest x is, shape (N,); at first all.
+        lines: Kept between calls: rows as bounds on u, shape (N, 3, 2 r + 1).
+        span: Kept: bounds on x of rows without u, and whether it can stand still (1 or 0), shape (N, 3).
+        reach: Kept: least and greatest x from which the end can be reached, shape (N + 1, 2); at first 0.
+        x: Kept: the result, shape (N + 1,); at first 0.
+
+    Returns:
+        -1, or the grid point at which the search ended.
+    """
+    size, last = step.size, 2 * low.shape[1]
+    fresh = True  # whether what can be reached from the end of the interval is new
+    anew = np.zeros(size, np.bool_)
+    for i in range(size - 1, -1, -1):
+        if not (changed[i] or fresh):
+            continue
+        if changed[i]:
+            _write_lines(i, step[i], a, b, c, first[i], low, high, lines, span)
+        slope = 1 / (2 * step[i])
+        lines[i, 0, last], lines[i, 1, last] = reach[i + 1, 1] * slope, reach[i + 1, 0] * slope
+        lines[i, 2, last] = slope
+        from_x, to_x = span[i, 0], min(span[i, 1], x_most[i])
+        greatest = _extreme(lines, i, to_x, True)
+        if not (greatest >= from_x - _ROUNDING * abs(from_x)):
+            return i
+        smallest = 0.0
+        if from_x > 0.0 or reach[i + 1, 0] > 0.0 or not span[i, 2]:
+            smallest = min(_extreme(lines, i, from_x, False), greatest)
+        fresh = smallest != reach[i, 0] or greatest != reach[i, 1]
+        reach[i, 0], reach[i, 1] = smallest, greatest
+        anew[i] = True
+    if reach[0, 0] > 0.0:
+        return 0
+    fresh = False
+    for i in range(size):
+        if not (anew[i] or fresh):
+            continue
+        u = _greatest_u(lines, i, x[i])
+        ahead = min(max(x[i] + 2 * step[i] * u, reach[i + 1, 0]), reach[i + 1, 1])
+        if not x[i] + ahead > 0.0:
+            return i
+        fresh = ahead != x[i + 1]
+        x[i + 1] = ahead
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _write_lines(
+    i: int, step: float, a: Array, b: Array, c: Array, node: int, low: Array, high: Array, lines: Array,
+    span: Array,
+) -> None:  # fmt: skip
+    """Write every row as bottom - slope x <= u <= top - slope x; and what `repeat_passes` calls a span."""
+    rows, flat, moves = low.shape[1], 0, 0
+    for end in range(2):
+        at, twice, k = node + end, 2 * step * end, end * rows
+        for r in range(rows):
+            beta, offset = b[at, r], c[at, r]
+            alpha = a[at, r] + twice * beta
+            flat += abs(alpha) <= _PARALLEL * step * abs(beta)
+            inverse, up, down = 1 / alpha, high[i, r] - offset, low[i, r] - offset
+            moves += (up < 0.0) | (down > 0.0)
+            up, down = up * inverse, down * inverse
+            lines[i, 0, k + r] = up if up > down else down
+            lines[i, 1, k + r] = down if up > down else up
+            lines[i, 2, k + r] = beta * inverse
+    span[i, 0], span[i, 1], span[i, 2] = 0.0, np.inf, moves == 0
+    if flat:
+        _rows_without_u(i, step, a, b, c, node, low, high, lines, span)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rows_without_u(
+    i: int, step: float, a: Array, b: Array, c: Array, node: int, low: Array, high: Array, lines: Array,
+    span: Array,
+) -> None:  # fmt: skip
+    """Take rows that do not bound u out of the lines; they bound x."""
+    rows = low.shape[1]
     from_x, to_x = 0.0, np.inf
-    rows = low.size
     for end in range(2):
         for r in range(rows):
-            k = end * rows + r
             beta, offset = b[node + end, r], c[node + end, r]
             alpha = a[node + end, r] + 2 * step * end * beta
-            up, down = high[r] - offset, low[r] - offset
-            if abs(alpha) <= _PARALLEL * abs(beta) * step or alpha == 0.0:
-                top[k], bottom[k], slope[k] = np.inf, -np.inf, 0.0
-                if beta > 0:
-                    to_x, from_x = min(to_x, up / beta), max(from_x, down / beta)
-                elif beta < 0:
-                    to_x, from_x = min(to_x, down / beta), max(from_x, up / beta)
-                elif up < 0 or down > 0:
-                    to_x = -np.inf
+            if not abs(alpha) <= _PARALLEL * step * abs(beta):
                 continue
-            inverse = 1 / alpha
-            top[k] = (up if alpha > 0 else down) * inverse
-            bottom[k] = (down if alpha > 0 else up) * inverse
-            slope[k] = beta * inverse
-    k = 2 * rows
-    top[k], bottom[k], slope[k] = most / (2 * step), least / (2 * step), 1 / (2 * step)
-    return from_x, to_x
+            k = end * rows + r
+            lines[i, 0, k], lines[i, 1, k], lines[i, 2, k] = np.inf, -np.inf, 0.0
+            up, down = high[i, r] - offset, low[i, r] - offset
+            if beta > 0:
+                to_x, from_x = min(to_x, up / beta), max(from_x, down / beta)
+            elif beta < 0:
+                to_x, from_x = min(to_x, down / beta), max(from_x, up / beta)
+            elif up < 0 or down > 0:
+                to_x = -np.inf
+    span[i, 0], span[i, 1] = from_x, to_x
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _extreme(top: Array, bottom: Array, slope: Array, x: float, greatest: bool) -> float:
+def _extreme(lines: Array, i: int, x: float, greatest: bool) -> float:
     """Return the greatest x below a given one (or the least above it) that leaves some u; NaN for none."""
+    last = lines.shape[2] - 1
     for _ in range(200):
-        upper, lower, i, j = np.inf, -np.inf, 0, 0
-        for k in range(top.size):
-            bend = slope[k] * x
-            if top[k] - bend < upper:
-                upper, i = top[k] - bend, k
-            if bottom[k] - bend > lower:
-                lower, j = bottom[k] - bend, k
+        upper, lower = _greatest_u(lines, i, x), _least_u(lines, i, x)
         gap = lower - upper
         if gap <= _ROUNDING * (abs(lower) + abs(upper)):
             return x
-        turn = slope[i] - slope[j]  # d gap / dx
+        k = j = 0
+        while k < last and lines[i, 0, k] - lines[i, 2, k] * x > upper:
+            k += 1
+        while j < last and lines[i, 1, j] - lines[i, 2, j] * x < lower:
+            j += 1
+        turn = lines[i, 2, k] - lines[i, 2, j]  # d gap / dx
         if (turn <= 0) if greatest else (turn >= 0):
             return np.nan
-        meet = (top[i] - bottom[j]) / turn
+        meet = (lines[i, 0, k] - lines[i, 1, j]) / turn
         if (meet >= x) if greatest else (meet <= x):
             return x
         x = meet
     return x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _greatest_u(lines: Array, i: int, x: float) -> float:
+    """Return the least of all upper bounds; four at a time, so that they share vector instructions."""
+    p = q = r = s = np.inf
+    count = lines.shape[2]
+    whole = count // 4 * 4
+    for k in range(0, whole, 4):
+        value = lines[i, 0, k] - lines[i, 2, k] * x
+        p = value if value < p else p
+        value = lines[i, 0, k + 1] - lines[i, 2, k + 1] * x
+        q = value if value < q else q
+        value = lines[i, 0, k + 2] - lines[i, 2, k + 2] * x
+        r = value if value < r else r
+        value = lines[i, 0, k + 3] - lines[i, 2, k + 3] * x
+        s = value if value < s else s
+    for k in range(whole, count):
+        value = lines[i, 0, k] - lines[i, 2, k] * x
+        p = value if value < p else p
+    p, r = q if q < p else p, s if s < r else r
+    return r if r < p else p
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _least_u(lines: Array, i: int, x: float) -> float:
+    """Return the greatest of all lower bounds; see `_greatest_u`."""
+    p = q = r = s = -np.inf
+    count = lines.shape[2]
+    whole = count // 4 * 4
+    for k in range(0, whole, 4):
+        value = lines[i, 1, k] - lines[i, 2, k] * x
+        p = value if value > p else p
+        value = lines[i, 1, k + 1] - lines[i, 2, k + 1] * x
+        q = value if value > q else q
+        value = lines[i, 1, k + 2] - lines[i, 2, k + 2] * x
+        r = value if value > r else r
+        value = lines[i, 1, k + 3] - lines[i, 2, k + 3] * x
+        s = value if value > s else s
+    for k in range(whole, count):
+        value = lines[i, 1, k] - lines[i, 2, k] * x
+        p = value if value > p else p
+    p, r = q if q > p else p, s if s > r else r
+    return r if r > p else p

@@ -84,15 +84,31 @@ def greatest_excess(breaks: Array, coefficients: Array, lower: Array, upper: Arr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def spline_within(
+    points: Array, lower: Array, upper: Array, same: float, tolerance: float
+) -> tuple[bool, Array, Array]:
+    """Return whether way-points are finite, differ, and give a spline within bounds; and the spline."""
+    for i in range(points.shape[0]):
+        for j in range(points.shape[1]):
+            if not np.isfinite(points[i, j]):
+                return False, np.empty(0), np.empty((0, 0, 0))
+    breaks, coefficients = spline(points)
+    for i in range(breaks.size - 1):
+        if breaks[i + 1] - breaks[i] <= same:
+            return False, breaks, coefficients
+    return greatest_excess(breaks, coefficients, lower, upper) <= tolerance, breaks, coefficients
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def nodes(
-    breaks: Array, coefficients: Array, counts: np.ndarray
+    breaks: Array, coefficients: Array, intervals: int
 ) -> tuple[Array, np.ndarray, Array, Array, Array]:
-    """Cut every piece into equal intervals and evaluate the path at their ends.
+    """Cut every piece into equal intervals, as `make_grid` does, and evaluate the path at their ends.
 
     Args:
         breaks: Ends of the pieces, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
-        counts: Number of intervals of each piece, N in all, shape (m,).
+        intervals: Least number of intervals in all.
 
     Returns:
         Length of each interval, shape (N,); node at its start, whose end is the next one, shape (N,);
@@ -101,6 +117,10 @@ def nodes(
         the grid points, shape (N + 1,), comes last.
     """
     pieces, _, n = coefficients.shape
+    counts = np.empty(pieces, np.int64)
+    for i in range(pieces):
+        share = (breaks[i + 1] - breaks[i]) / (breaks[pieces] - breaks[0])
+        counts[i] = max(1, int(np.ceil(intervals * share - 1e-9)))
     total = counts.sum()
     step, first = np.empty(total), np.empty(total, np.int64)
     at = np.empty((3, total + pieces, n))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory import fast_samples  # noqa: F401  (a trajectory evaluates by it once it is there)
 from pepper_kin.trajectory.fast_effects import Effects
 from pepper_kin.trajectory.fast_motion import (
     inspect,
@@ -20,19 +22,30 @@ from pepper_kin.trajectory.fast_motion import (
     times,
 )
 from pepper_kin.trajectory.fast_passes import passes
-from pepper_kin.trajectory.fast_path import greatest_excess, nodes, spline
+from pepper_kin.trajectory.fast_path import nodes, spline_within
+from pepper_kin.trajectory.fast_search import (
+    FOUND,
+    NO_SPEED,
+    coefficient_states,
+    frame_states,
+    lines_size,
+    near_limits,
+    search,
+)
 from pepper_kin.trajectory.limit_use import Limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, PathLike
 
 Array = NDArray[np.float64]
 
 CHECK_STEP = 0.001  # [s]
-_ROUNDS = 3  # solutions with tightened limits before settling for a slower one
-_SMALL_STRETCH = 2e-4  # slowing down by less than this is cheaper than solving again
+_TRIALS = 9  # solutions with tightened limits where time cannot be stretched
 _MORE, _LEAST = 1.1, 2e-6  # stretch a little further than needed
 _SHRINK = 1e-3  # share of limits left unused where time cannot be stretched
 _TOLERANCE = 1e-9  # of a limit, for rounding
 _GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
+
+
+_memory = threading.local()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +63,6 @@ class FastResult:
     failed_at: float | None = None
 
 
-def interval_counts(breaks: Array, intervals: int) -> NDArray[np.int64]:
-    """Return how many intervals each piece of a path has, at least `intervals` in all."""
-    h = breaks[1:] - breaks[:-1]
-    return np.maximum(1, np.ceil(intervals * h / (breaks[-1] - breaks[0]) - 1e-9)).astype(np.int64)
-
-
 def quick_spline(pepper: PepperModel, path: PathLike) -> tuple[Array, Array] | None:
     """Return what `as_cubic_path` makes of way-points; None where it has something to say about them."""
     points = path if isinstance(path, np.ndarray) else None
@@ -66,18 +73,11 @@ def quick_spline(pepper: PepperModel, path: PathLike) -> tuple[Array, Array] | N
             return None
     if points.ndim != 2 or points.shape[1] != pepper.n or len(points) < 2 or points.dtype.kind not in "fiu":
         return None
-    points = np.ascontiguousarray(points, dtype=float)
-    if not points.flags.writeable:
-        points = points.copy()
-    if not np.isfinite(points).all():
-        return None
-    breaks, coefficients = spline(points)
-    lower, upper = np.array(pepper.lower_limits), np.array(pepper.upper_limits)
-    if (breaks[1:] - breaks[:-1]).min() <= SAME:
-        return None
-    if greatest_excess(breaks, coefficients, lower, upper) > LIMIT_TOLERANCE:
-        return None
-    return breaks, coefficients
+    if not points.flags.writeable or not points.flags.c_contiguous or points.dtype != np.float64:
+        points = np.array(points, dtype=float, order="C")
+    lower, upper = pepper.lower_limits, pepper.upper_limits
+    within, breaks, coefficients = spline_within(points, lower, upper, SAME, LIMIT_TOLERANCE)
+    return (breaks, coefficients) if within else None
 
 
 def fast_time_law(
@@ -86,9 +86,10 @@ def fast_time_law(
     """Return the fastest motion along a path from rest to rest that keeps limits.
 
     Velocity and acceleration keep their limits at every instant, the others at both ends of every interval
-    and at every multiple of 1 ms.  Extremes of velocity and acceleration are looked for in each interval, and
-    its middle for the others; where a limit is exceeded, that interval's is tightened by the excess before
-    the passes are run again.  What is left is removed by stretching time.
+    and at every multiple of 1 ms.  Where a limit is exceeded between grid points, that interval's is
+    tightened by the excess before the passes are run again; what is left is removed by stretching time (see
+    `pepper_kin.trajectory.fast_search`).  Of the multiples of 1 ms, those are examined that lie on intervals
+    where a limit is near.
 
     Args:
         pepper: The robot.
@@ -97,116 +98,128 @@ def fast_time_law(
         intervals: Least number of intervals.
         limits: The limits.
     """
-    search = _Search(pepper, breaks, coefficients, intervals, limits)
-    found = search.stretched() if search.can_rest() else search.unstretched()
-    if found is None:
-        return FastResult(None, None, search.failed_at)
-    x, stretch = found
-    time = times(search.step, x) * stretch
-    return FastResult(time, polynomials(search.taylor, search.step, x, stretch))
+    task = _Task(pepper, breaks, coefficients, intervals, limits)
+    found = search(
+        task.step, task.first, task.at, task.taylor, task.torque, task.effects.torque_limit, task.moments,
+        task.frame_speed, task.frame_middle, task.velocity, task.acceleration, task.greatest,
+        task.room,
+    )  # fmt: skip
+    x, stretch = found[1:3]
+    if found[0] == FOUND:
+        stretch = _stretched(task, x, stretch, found[3:])
+    elif found[0] != NO_SPEED:
+        slow = _WithoutRest(task)
+        alone = slow.solve()
+        if alone is None:
+            return FastResult(None, None, slow.failed_at)
+        x, stretch = alone, 1.0
+    if found[0] == NO_SPEED or not np.isfinite(stretch):
+        return FastResult(None, None, 0.0)
+    time, powers = polynomials(task.taylor, task.step, x, stretch)
+    return FastResult(time, powers)
 
 
-class _Search:
-    """Passes and inspections along one path, with limits that are tightened on the way."""
+def _room(size: int) -> Array:
+    """Return memory for intermediate numbers, kept by each thread, for new pages would take long."""
+    kept = getattr(_memory, "room", None)
+    if kept is None or kept.size < size:
+        kept = _memory.room = np.empty(2 * size)
+    return np.asarray(kept)
+
+
+class _Task:
+    """A path on its grid, and what its nodes ask for."""
 
     def __init__(
         self, pepper: PepperModel, breaks: Array, coefficients: Array, intervals: int, limits: Limits
     ) -> None:
-        self.effects = Effects(pepper, limits)
-        counts = interval_counts(breaks, intervals)
-        self.step, self.first, at, self.taylor, self.s = nodes(breaks, coefficients, counts)
+        self.effects = effects = Effects(pepper, limits)
+        self.step, self.first, self.at, self.taylor, self.s = nodes(breaks, coefficients, intervals)
         self.velocity, self.acceleration = np.array(limits.velocity), np.array(limits.acceleration)
-        self.n = pepper.n
-        self.a, self.b, self.c, self.low, self.high = rows_at_nodes(
-            at, self.first, self.step.size, self.acceleration, *_coefficients(self.effects, at)
+        self.greatest = _GREATEST * float(breaks[-1] - breaks[0]) ** 2
+        count = self.at.shape[1]
+        torques, edges = effects.torque_limit.size, 0 if effects.polygon is None else len(effects.polygon)
+        rows = self.at.shape[2] + torques + edges
+        self.room = _room(max(9 * self.at[0].size, lines_size(self.step.size, rows)))
+        self.torque, self.moments = np.empty((3, count, torques)), np.empty((3, count, edges))
+        if torques or edges:
+            states = coefficient_states(self.at, self.room)
+            self.torque = effects.torque(*states).reshape(3, count, torques)
+            self.moments = effects.moments(*states).reshape(3, count, edges)
+        q, first = frame_states(self.at, self.taylor, self.step) if limits.speed else self.at[:2]
+        speed = effects.speed(q, first)
+        self.frame_speed, self.frame_middle = speed[:count], speed[count:]
+
+
+def _stretched(task: _Task, x: Array, stretch: float, rows: tuple[Array, Array, Array, Array]) -> float:
+    """Return how much slower than x says torques and balance ask to be; inf if that is of no use."""
+    effects = task.effects
+    if effects.torque_limit.size:
+        stretch = _kept(task, x, stretch, rows, effects.torque_limit, 0)
+    if task.moments.shape[2]:
+        stretch = _kept(task, x, stretch, rows, np.zeros(task.moments.shape[2]), effects.torque_limit.size)
+    return stretch
+
+
+def _kept(
+    task: _Task, x: Array, stretch: float, rows: tuple[Array, Array, Array, Array], limit: Array, begin: int
+) -> float:
+    """Look at torques, or edge moments (with limits of 0), at every multiple of 1 ms where they are near."""
+    n, empty = task.taylor.shape[2], np.zeros((0, 0))
+    while np.isfinite(stretch):
+        interval, state = near_limits(
+            task.step, task.first, task.taylor, *rows, limit, x, stretch, CHECK_STEP, begin
         )
-        greatest = _GREATEST * (self.s[-1] - self.s[0]) ** 2
-        share = self.effects.speed(at[0], at[1])
-        self.x_most = speed_bound(at, self.first, self.velocity, share, greatest)
+        if not interval.size:
+            break
+        none = np.zeros((interval.size, 0))
+        if limit[0]:
+            asked = task.effects.torque(*state), limit, none, none
+        else:
+            asked = none, np.zeros(0), task.effects.moments(*state), none
+        more = inspect(interval, n + begin, *asked, rows[2], task.first, empty, empty, np.zeros(0), False)
+        if more <= 1.0 + _TOLERANCE:
+            break
+        stretch *= 1.0 + _MORE * (more - 1.0) + _LEAST  # the instants looked at next are others
+    return stretch
+
+
+class _WithoutRest:
+    """Search for a motion past postures that the robot could not hold: there, slower is not easier."""
+
+    def __init__(self, task: _Task) -> None:
+        self.task, self.effects, self.n = task, task.effects, task.taylor.shape[2]
+        self.a, self.b, self.c, self.low, self.high = rows_at_nodes(
+            task.at, task.first, task.step.size, task.acceleration,
+            task.torque, self.effects.torque_limit, task.moments,
+        )  # fmt: skip
+        self.x_most = speed_bound(task.at, task.first, task.velocity, task.frame_speed, task.greatest)
         self.failed_at = 0.0
 
-    def can_rest(self) -> bool:
-        """Whether the robot could stand still at every grid point: then slower is always possible."""
-        rest, low, high = self.c[:, self.n :], self.low[0, self.n :], self.high[0, self.n :]
-        return bool(np.all((rest >= low) & (rest <= high)))
-
-    def stretched(self) -> tuple[Array, float] | None:
-        """Return x and how much slower the motion has to be than x says; None where there is no x."""
-        best: tuple[float, float, Array] | None = None
-        for _ in range(_ROUNDS):
-            x = self._pass()
-            if x is None:
-                break
-            stretch = self._joints(x)
-            needed = max(stretch, self._rest(x, 1.0, 0.0, True))
-            duration = times(self.step, x)[-1] * needed
-            if np.isfinite(needed) and (best is None or duration < best[0]):
-                best = duration, stretch, x
-            if needed <= 1.0 + _SMALL_STRETCH:
-                break
-        if best is None:
-            return None
-        _, stretch, x = best
-        while True:
-            more = self._rest(x, stretch, CHECK_STEP, False)
-            if more <= 1.0 + _TOLERANCE:
-                return x, stretch
-            if not np.isfinite(more):
-                return None
-            stretch *= 1.0 + _MORE * (more - 1.0) + _LEAST  # the instants looked at next are others
-
-    def unstretched(self) -> tuple[Array, float] | None:
-        """Return x that keeps all limits as it is: slower, the robot could not hold itself on the way."""
+    def solve(self) -> Array | None:
+        """Return x that keeps all limits as it is; None where none is found."""
+        task = self.task
         self.low += _SHRINK * np.where(np.isfinite(self.low), np.abs(self.low), 0.0)
         self.high -= _SHRINK * np.where(np.isfinite(self.high), np.abs(self.high), 0.0)
         self.low[:, self.n + self.effects.torque_limit.size :] += _SHRINK
         self.x_most *= 1.0 - 2 * _SHRINK
-        for _ in range(3 * _ROUNDS):
-            x = self._pass()
-            if x is None:
+        changed = np.zeros(task.step.size, bool)
+        joints = task.velocity, task.acceleration, self.low, self.high, self.x_most, 0.0, changed
+        rows = self.a, self.b, self.c, self.low, self.high, self.x_most
+        for _ in range(_TRIALS):
+            x, failed = passes(task.step, task.first, *rows)
+            if failed >= 0:
+                self.failed_at = float((task.s[failed] - task.s[0]) / (task.s[-1] - task.s[0]))
                 return None
-            if max(self._joints(x), self._rest(x, 1.0, CHECK_STEP, True)) <= 1.0 + _TOLERANCE:
-                return x, 1.0
+            if max(inspect_joints(task.taylor, task.step, x, *joints), self._rest(x)) <= 1.0 + _TOLERANCE:
+                return np.asarray(x)
         return None
 
-    def _pass(self) -> Array | None:
-        x, failed = passes(self.step, self.first, self.a, self.b, self.c, self.low, self.high, self.x_most)
-        if failed < 0:
-            return x
-        self.failed_at = float((self.s[failed] - self.s[0]) / (self.s[-1] - self.s[0]))
-        return None
-
-    def _joints(self, x: Array) -> float:
-        """Return how much slower velocity and acceleration ask to be; tighten them where exceeded."""
-        limits = self.velocity, self.acceleration, self.low, self.high, self.x_most
-        return float(inspect_joints(self.taylor, self.step, x, *limits))
-
-    def _rest(self, x: Array, stretch: float, dt: float, tighten: bool) -> float:
-        """Return how much slower the other limits ask to be, at every dt or in the middle of intervals."""
-        if not self.effects.any:
-            return 1.0
-        interval, local = instants(times(self.step, x), stretch, dt)
-        q, v, a = motion(self.taylor, self.step, x, interval, local, stretch)
-        effects = self.effects
+    def _rest(self, x: Array) -> float:
+        """Return how much slower limits but those of joints' motion ask to be; tighten them."""
+        task, effects = self.task, self.effects
+        interval, local = instants(times(task.step, x), 1.0, CHECK_STEP)
+        q, v, a = motion(task.taylor, task.step, x, interval, local, 1.0)
         asked = effects.torque(q, v, a), effects.torque_limit, effects.moments(q, v, a), effects.speed(q, v)
-        bounds = self.c, self.first, self.low, self.high, self.x_most
-        return float(inspect(interval, self.n, *asked, *bounds, tighten))
-
-
-def _coefficients(effects: Effects, at: Array) -> tuple[Array, Array, Array]:
-    """Return torques and edge moments of rest, of unit path acceleration and of unit path speed."""
-    q, first, second = at
-    if not effects.torque_limit.size and effects.polygon is None:
-        empty = np.zeros((3, len(q), 0))
-        return empty, effects.torque_limit, empty
-    states = np.empty((3, 3, *q.shape))
-    states[0] = q
-    states[1, :2], states[1, 2] = 0.0, first
-    states[2, 0], states[2, 1], states[2, 2] = 0.0, first, second
-    flat = states.reshape(3, -1, q.shape[1])
-    torque = effects.torque(*flat).reshape(3, len(q), -1 if effects.torque_limit.size else 0)
-    return (
-        torque,
-        effects.torque_limit,
-        effects.moments(*flat).reshape(3, len(q), -1 if effects.polygon is not None else 0),
-    )
+        bounds = self.c, task.first, self.low, self.high, self.x_most
+        return float(inspect(interval, self.n, *asked, *bounds, True))

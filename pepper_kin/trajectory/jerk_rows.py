@@ -17,8 +17,8 @@ from pepper_kin.trajectory.smooth_time import SmoothTime
 Array = NDArray[np.float64]
 
 _POINTS = (0.0, 1 / 3, 2 / 3, 1.0)  # of each piece, where limits are kept
-_KEEP = 0.35  # share of a limit from which on its row is given to the programme
-_ROUNDS = 4  # programmes with rows added that the last one had exceeded
+_KEEP = 0.65  # share of a limit from which on its row is given to the programme at first
+_ROUNDS = 6  # programmes with rows added that the last one had exceeded
 _EXCESS = 1e-7
 _LONGEST = 5.0  # [s] for one programme, which takes some milliseconds; then the last y is kept
 
@@ -100,7 +100,7 @@ class Rows:
                 b_ub=np.ones(point.size),
                 bounds=box,
                 method="highs-ds",
-                options={"time_limit": _LONGEST},
+                options={"time_limit": _LONGEST, "presolve": False},  # it finds little, and takes a third
             )
             if found.status != 0:
                 return None

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 STATES_TOPIC = "/joint_states"
 TRAJECTORY_TOPIC = "/joint_trajectory"
-_STATE_TYPE = "sensor_msgs/msg/JointState"
+STATE_TYPE = "sensor_msgs/msg/JointState"
 _TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 
 _RULE = "=" * 80
@@ -40,7 +40,7 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
-_STATE_SCHEMA = f"""std_msgs/Header header
+STATE_SCHEMA = f"""std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
@@ -87,7 +87,7 @@ def write_mcap(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path
     stamps, samples = nanosecond_samples(trajectory, dt)
     content = io.BytesIO()
     writer = Writer(content)
-    state_schema = writer.register_msgdef(_STATE_TYPE, _STATE_SCHEMA)
+    state_schema = writer.register_msgdef(STATE_TYPE, STATE_SCHEMA)
     trajectory_schema = writer.register_msgdef(_TRAJECTORY_TYPE, _TRAJECTORY_SCHEMA)
     names = list(samples.joint_names)
     points = [
@@ -100,11 +100,11 @@ def write_mcap(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path
         }
         for i, stamp in enumerate(stamps.tolist())
     ]
-    message: dict[str, Any] = {"header": _header(0), "joint_names": names, "points": points}
+    message: dict[str, Any] = {"header": message_header(0), "joint_names": names, "points": points}
     writer.write_message(TRAJECTORY_TOPIC, trajectory_schema, message, log_time=0)
     for i, stamp in enumerate(stamps.tolist()):
         message = {
-            "header": _header(stamp),
+            "header": message_header(stamp),
             "name": names,
             "position": samples.position[i].tolist(),
             "velocity": samples.velocity[i].tolist(),
@@ -198,7 +198,8 @@ def _table(path: PathName, name: str, rows: list[list[float]], n: int) -> Array 
     return np.array(rows, dtype=float)
 
 
-def _header(stamp: int) -> dict[str, Any]:
+def message_header(stamp: int) -> dict[str, Any]:
+    """Return a std_msgs/msg/Header without a frame, at a time [ns]."""
     return {"stamp": _time(stamp), "frame_id": ""}
 
 

@@ -33,7 +33,7 @@ from pepper_kin.trajectory.path_limits import Grid, PathLimits, make_grid, path_
 from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames
 from pepper_kin.trajectory.time_law import compose, slower
 from pepper_kin.trajectory.toppra_solver import fastest_speed
-from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory, sample_times
 
 Array = NDArray[np.float64]
 
@@ -175,7 +175,7 @@ def _speeds(pepper: PepperModel, hand_speed: float | Mapping[str, float] | None)
 
 def _pieces(pepper: PepperModel, path: PathLike, solver: str) -> tuple[Array, Array]:
     """Return breaks and coefficients of the path; in machine code where nothing is wrong with way-points."""
-    if solver == "fast" and not isinstance(path, PiecewiseCubic):
+    if solver == "fast" and (type(path) in (np.ndarray, list) or not isinstance(path, PiecewiseCubic)):
         from pepper_kin.trajectory.fast_solver import quick_spline  # imports numba
 
         found = quick_spline(pepper, path)
@@ -192,7 +192,7 @@ def _fast(pepper: PepperModel, pieces: tuple[Array, Array], limits: Limits, inte
     found = fast_time_law(pepper, *pieces, intervals, limits)
     if found.breaks is None or found.coefficients is None:
         return _by_toppra(pepper, pieces, limits, intervals)
-    return Trajectory(pepper.joint_names, found.breaks, found.coefficients, pepper.joint_units)
+    return known_trajectory(pepper.joint_names, pepper.joint_units, found.breaks, found.coefficients)
 
 
 def _by_toppra(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,15 +15,18 @@ from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.binding import Binding
     from pepper_kin.trajectory.certificate import Certificate
 
 Array = NDArray[np.float64]
+_Value = TypeVar("_Value", "Samples", "Trajectory")
 
 TIME_TOLERANCE = 1e-9
 _MOST_SAMPLES = 10_000_000
-_COMPILED = "pepper_kin.trajectory.fast_motion"
+_COMPILED = "pepper_kin.trajectory.fast_samples"
 _MANY = 200  # states from which on machine code pays, where it is loaded
 
 
@@ -136,7 +139,7 @@ class Trajectory:
                 "breaks", np.array2string(breaks, threshold=6), "two or more times that rise from 0"
             )
         shape = (breaks.size - 1, None, len(names))
-        coefficients = read_only(as_finite(self.coefficients, "coefficients", shape))
+        coefficients = read_only(np.ascontiguousarray(as_finite(self.coefficients, "coefficients", shape)))
         if coefficients.shape[1] == 0:
             raise InvalidValueError("coefficients", f"shape {coefficients.shape}", "at least a constant term")
         for name, value in (
@@ -162,6 +165,11 @@ class Trajectory:
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
         """
+        compiled = sys.modules.get(_COMPILED)
+        if compiled is not None and type(t) is np.ndarray and t.ndim == 1 and t.size >= _MANY:
+            # Loaded already by the fast solver; the same sums in the same order.
+            state = compiled.states_at_times(self.breaks, self.coefficients, self._within(t))
+            return State(state[0], state[1], state[2])
         return self.at_pieces(*self._places(t))
 
     def at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> State:
@@ -176,9 +184,9 @@ class Trajectory:
         """
         compiled = sys.modules.get(_COMPILED)
         if compiled is not None and np.ndim(piece) == np.ndim(local_time) == 1 and np.size(piece) >= _MANY:
-            # Loaded already by the fast solver; the same sums in the same order.
             index, local = np.broadcast_arrays(np.asarray(piece, np.int64), np.asarray(local_time, float))
-            return State(*compiled.state_of_polynomials(self.coefficients, index.copy(), local.copy()))
+            if index.min() >= 0 and index.max() < self.breaks.size - 1:
+                return State(*compiled.states_on_pieces(self.coefficients, index.copy(), local.copy()))
         return State(*_taylor(self.coefficients, piece, local_time, 3))
 
     @property
@@ -219,7 +227,7 @@ class Trajectory:
             InvalidValueError: for a dt that is not above zero, or below a ten-millionth of the duration.
         """
         time = sample_times(self.duration, dt)
-        return Samples(self.joint_names, time, *self(time), joint_units=self.joint_units)
+        return _known(Samples, self.joint_names, self.joint_units, time=time, **self(time)._asdict())
 
     def is_close(self, other: Trajectory, tolerance: float = 1e-9) -> bool:
         """Return whether two trajectories are the same to a tolerance, however they are cut into pieces.
@@ -336,20 +344,50 @@ class Trajectory:
 
         return check(pepper, self, scene=scene, **limits)
 
+    def plot(self, pepper: PepperModel, path: str | Path | None = None, **options: Any) -> Any:
+        """Draw it against the limits, and the phase plane; see `pepper_kin.trajectory.plot`."""
+        from pepper_kin.trajectory.plot import plot
+
+        return plot(self, pepper, path, **options)
+
     def _places(self, t: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """Return piece and local time of times.
+        """Return piece and local time of times; see `_within`."""
+        time = self._within(t)
+        piece = np.searchsorted(self.breaks, time, side="right") - 1
+        piece = np.minimum(piece, self.breaks.size - 2)
+        return piece, time - self.breaks[piece]
+
+    def _within(self, t: ArrayLike) -> Array:
+        """Return times as new numbers within [0, duration].
 
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
         """
-        time = np.asarray(t, dtype=float)
-        if not np.all((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE)):
+        time = np.array(t, dtype=float)
+        if time.size and not (
+            time.min() >= -TIME_TOLERANCE and time.max() <= self.duration + TIME_TOLERANCE
+        ):  # NaN is in the least and the greatest of all
             wrong = time[~((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE))]
             raise InvalidValueError("t", f"{wrong.flat[0]} s", f"times within [0, {self.duration:.9g}] s")
-        time = np.clip(time, 0.0, self.duration)
-        piece = np.searchsorted(self.breaks, time, side="right") - 1
-        piece = np.minimum(piece, self.breaks.size - 2)
-        return piece, time - self.breaks[piece]
+        return np.minimum(np.maximum(time, 0.0), self.duration)
+
+
+def known_trajectory(
+    names: tuple[str, ...], units: tuple[str, ...], breaks: Array, coefficients: Array
+) -> Trajectory:
+    """Return the trajectory of new arrays that are known to be right, without copies and checks.
+
+    For code that has just computed them; they become read-only.
+    """
+    return _known(Trajectory, names, units, breaks=breaks, coefficients=coefficients)
+
+
+def _known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], **arrays: Array) -> _Value:
+    value = object.__new__(kind)
+    for array in arrays.values():
+        array.setflags(write=False)
+    value.__dict__.update(joint_names=names, joint_units=units, **arrays)
+    return value
 
 
 def sample_times(duration: float, dt: float) -> Array:
@@ -362,8 +400,10 @@ def sample_times(duration: float, dt: float) -> Array:
     if duration / dt > _MOST_SAMPLES:
         raise InvalidValueError("dt", f"{dt} s", f"at least {duration / _MOST_SAMPLES:.3g} s")
     time = dt * np.arange(int(np.ceil(duration / dt)) + 1)
-    time = time[time < duration - max(TIME_TOLERANCE, 1e-9 * duration)]
-    return np.append(time, duration)
+    count = int(np.searchsorted(time, duration - max(TIME_TOLERANCE, 1e-9 * duration)))
+    time = time[: count + 1] if count < time.size else np.append(time, duration)
+    time[-1] = duration
+    return time
 
 
 def _names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -11,10 +11,10 @@ Array = NDArray[np.float64]
 
 
 class Command(NamedTuple):
-    """References of all joints at the end of a step, or of each of T steps.
+    """References of all joints at the end of a step, or of each of T steps, for one robot or for each of N.
 
     Attributes:
-        position: [rad or m], shape (n,) or (T, n).
+        position: [rad or m], shape (n,), (T, n) or (N, T, n); N may be 1 for all robots.
         velocity: [rad/s or m/s], the same shape.
         given: Feed-forward of joints in position and velocity mode that depends on the reference alone, and
             the effort of those in torque mode [N m or N], the same shape.
@@ -30,15 +30,15 @@ class Command(NamedTuple):
 
     def part(self, rows: slice) -> Command:
         """Return some of T commands."""
-        return Command(*(x[rows] for x in self))
+        return Command(*(x[..., rows, :] for x in self))
 
     def row(self, k: int) -> Command:
         """Return one of T commands."""
-        return Command(*(x[k] for x in self))
+        return Command(*(x[..., k, :] for x in self))
 
     def then(self, other: Command) -> Command:
         """Return these T commands followed by others."""
-        return Command(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+        return Command(*(_joined(first, second) for first, second in zip(self, other, strict=True)))
 
     def refined(self, count: int, h: float) -> Command:
         """Return `count` commands for each: on the way to its end, the reference moves with its velocity.
@@ -47,10 +47,9 @@ class Command(NamedTuple):
             count: Sub-steps in a step.
             h: Time of a sub-step [s].
         """
-        position, velocity, given = (np.repeat(x, count, axis=0) for x in self)
-        ahead = h * np.arange(count - 1, -1, -1.0)
-        position -= np.tile(ahead, len(self.position))[:, np.newaxis] * velocity
-        return Command(position, velocity, given)
+        position, velocity, given = (np.repeat(x, count, axis=-2) for x in self)
+        ahead = np.tile(h * np.arange(count - 1, -1, -1.0), self.position.shape[-2])
+        return Command(position - ahead[:, np.newaxis] * velocity, velocity, given)
 
 
 class Delay:
@@ -65,13 +64,21 @@ class Delay:
         self._waiting: Command | None = None
 
     def fill(self, command: Command) -> None:
-        """Let one command stand for all that came before."""
-        self._waiting = Command(*(np.repeat(x[np.newaxis], self.ticks, axis=0) for x in command))
+        """Let one command, shape (n,) or (N, n), stand for all that came before."""
+        self._waiting = Command(*(np.repeat(x[..., np.newaxis, :], self.ticks, axis=-2) for x in command))
 
     def through(self, command: Command) -> Command:
         """Put T commands in and take the T out that are due."""
         if not self.ticks or self._waiting is None:
             return command
-        line = self._waiting.then(command)
-        self._waiting = line.part(slice(len(command.position), None))
-        return line.part(slice(len(command.position)))
+        line, steps = self._waiting.then(command), command.position.shape[-2]
+        self._waiting = line.part(slice(steps, None))
+        return line.part(slice(steps))
+
+
+def _joined(first: Array, second: Array) -> Array:
+    """Return commands one after the other; what holds for all robots is repeated for each where it must."""
+    if first.ndim == 3 and len(first) != len(second):
+        robots = max(len(first), len(second))
+        first, second = (np.broadcast_to(x, (robots, *x.shape[1:])) for x in (first, second))
+    return np.concatenate([first, second], axis=-2)

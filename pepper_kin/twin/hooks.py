@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.twin.state import TwinState
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.sensors.recording import ReadingSeries
 
 Array = NDArray[np.float64]
 
@@ -35,3 +38,9 @@ class SensorsHook(Protocol):
 
     def observe(self, state: TwinState) -> None:
         """Take note of a state: the first after a reset, then the one at the end of every timestep."""
+
+
+def readings_since(sensors: SensorsHook | None, start: float) -> dict[str, ReadingSeries]:
+    """Return what sensors have recorded since a time [s], by name; nothing for those that record nothing."""
+    recorded = getattr(sensors, "recorded", None)
+    return {} if recorded is None else dict(recorded(start))

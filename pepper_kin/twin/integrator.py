@@ -106,6 +106,11 @@ class Integrator:
         servo = self._servo(q, q_ref, v_ref, feedforward)
         return piece_at(self._law, 0.0, q, v, servo).torque
 
+    def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
+        """Return what the actuators want at the end of a step if the joints then stand still, unclipped."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._servo(q, q_ref, v_ref, feedforward)
+
     def step(
         self,
         q: Array,

@@ -87,8 +87,14 @@ class Piece(NamedTuple):
 
 
 def law_table(pepper: PepperModel, actuators: ActuatorParameters) -> LawTable:
-    """Return the parameters of a robot's joints, each of shape (n,)."""
+    """Return the parameters of a robot's joints, each of shape (n,).
+
+    Args:
+        pepper: The robot.
+        actuators: Of its joints; those of k robots, one after the other, give the shape (k n,).
+    """
     strength = np.array(actuators.strength)
+    robots = strength.size // pepper.n
     servo = np.where(actuators.in_mode(TORQUE), 0.0, strength)
     with np.errstate(invalid="ignore"):
         stall = np.where(strength > 0, strength * actuators.stall_torque, 0.0)
@@ -105,8 +111,8 @@ def law_table(pepper: PepperModel, actuators: ActuatorParameters) -> LawTable:
         viscous=np.array(actuators.viscous_friction),
         coulomb=np.array(actuators.coulomb_friction),
         rotor=np.array(actuators.rotor_inertia),
-        upper=np.minimum(pepper.upper_limits, _FAR),
-        lower=np.maximum(pepper.lower_limits, -_FAR),
+        upper=np.tile(np.minimum(pepper.upper_limits, _FAR), robots),
+        lower=np.tile(np.maximum(pepper.lower_limits, -_FAR), robots),
         stop_stiffness=np.array(actuators.stop_stiffness),
         stop_damping=np.array(actuators.stop_damping),
         resolution=np.array(actuators.encoder_resolution),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,9 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.table_file import TIME, PathName, read_table, write_table
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.sensors.recording import ReadingSeries
 
 Array = NDArray[np.float64]
 
@@ -45,6 +48,7 @@ class Run:
         torque_limit: Of the servos [N m or N], shape (n,), inf for none.
         status: "completed" or "stopped".
         message: Why it stopped, naming joint, step and cause; empty if it completed.
+        readings: What the twin's sensors said meanwhile, by name; times from 0.
     """
 
     joint_names: tuple[str, ...]
@@ -58,6 +62,7 @@ class Run:
     torque_limit: Array
     status: str = COMPLETED
     message: str = ""
+    readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("time", *_QUANTITIES.values(), "torque_limit"):

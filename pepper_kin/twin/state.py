@@ -60,6 +60,7 @@ def diverged(
     time: float,
     before: tuple[Array, Array],
     after: tuple[Array, Array, Array],
+    wanted: Array | None = None,
 ) -> DivergedError:
     """Return the error that names joint, step and cause.
 
@@ -69,8 +70,12 @@ def diverged(
         time: At its end [s].
         before: Position and velocity before it, shape (n,) each.
         after: Position, velocity and torque after it, shape (n,) each.
+        wanted: Torques that the actuators wanted [N m or N], shape (n,); one that is not finite is to blame.
     """
     (q0, v0), (q, v, tau) = before, after
+    if wanted is not None and not np.isfinite(wanted).all():
+        j = int(np.argmax(~np.isfinite(wanted)))
+        return DivergedError(joint_names[j], step, time, f"its actuator wants a torque of {wanted[j]}")
     bad = ~(np.isfinite(q) & np.isfinite(v) & np.isfinite(tau))
     j = int(np.argmax(bad)) if bad.any() else int(np.argmax(np.abs(v)))
     cause = f"velocity became {v[j]:.3g} after {v0[j]:.3g}, position {q[j]:.3g} after {q0[j]:.3g}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +14,11 @@ from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
-from pepper_kin.twin.hooks import SensorsHook, WorldHook
+from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
 from pepper_kin.twin.integrator import Integrator, Series
 from pepper_kin.twin.push import Push
+from pepper_kin.twin.real_time import Commander, Timing, serve
+from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
 from pepper_kin.twin.state import TwinState, diverged
 
@@ -40,7 +42,7 @@ class Twin:
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
         world: What the robot may touch; asked for its load in every step.
-        sensors: Shown every state.
+        sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
         compiled: Step by machine code, which is made once on a machine (some seconds) and then read from
@@ -68,7 +70,7 @@ class Twin:
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
         self.world, self.sensors = world, sensors
-        self.substeps = _count(substeps)
+        self.substeps = whole_number("substeps", substeps)
         Integrator(pepper, timestep, self.actuators)  # refuses what is wrong by the names given here
         self._timestep = float(timestep)
         self.compiled = bool(compiled)
@@ -202,7 +204,8 @@ class Twin:
         if series.good < 1:
             after = (series.position[0], series.velocity[0], series.torque[0])
             step = self._step + 1
-            raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
+            wanted = self._integrator.wanted_torque(self._q, *command)
+            raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
         return self.state
 
     def execute(self, trajectory: Trajectory, settle: float = 0.0, *, from_present: bool = False) -> Run:
@@ -222,22 +225,9 @@ class Twin:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        if trajectory.joint_names != self.pepper.joint_names:
-            raise InvalidValueError(
-                "joints of the trajectory",
-                ", ".join(trajectory.joint_names),
-                ", ".join(self.pepper.joint_names),
-            )
-        if not (np.isfinite(settle) and settle >= 0):
-            raise InvalidValueError("settle", settle, "a finite time of at least 0 s")
+        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
         if not from_present:
-            start = trajectory(0.0)
-            self.reset(start.position, start.velocity)
-        steps = int(np.ceil((trajectory.duration + settle) / self.timestep - 1e-9))
-        time: Array = self.timestep * np.arange(steps + 1, dtype=float)
-        position, velocity, acceleration = trajectory(np.minimum(time, trajectory.duration))
-        after = time > trajectory.duration
-        velocity[after], acceleration[after] = 0.0, 0.0
+            self.reset(position[0], velocity[0])
         given = self._given(position, velocity, acceleration, np.zeros(self.pepper.n))
         return self._follow(Command(position, velocity, given))
 
@@ -281,6 +271,10 @@ class Twin:
         first = Command(self._q, self._v, np.zeros(self.pepper.n)).as_rows()
         return self._follow(first.then(command), outer)
 
+    def serve(self, commander: Commander, **options: Any) -> Timing:
+        """Step against the wall clock, with a function that says where to go; see `real_time.serve`."""
+        return serve(self, commander, **options)
+
     def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
         """Return what the actuators are told besides positions and velocities, shape (..., n)."""
         forward = np.zeros_like(q)
@@ -306,7 +300,8 @@ class Twin:
             step = first + count
             before = (logged[0][count - 1], logged[1][count - 1])
             after = (logged[0][count], logged[1][count], logged[2][count])
-            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
+            wanted = self._integrator.wanted_torque(self._q, *command.row(count))
+            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
             status, message = STOPPED, str(error)
         part = slice(count)
         return Run(
@@ -321,6 +316,7 @@ class Twin:
             self.actuators.torque_limit,
             status,
             message,
+            readings_since(self.sensors, first * self.timestep),
         )
 
     def _advance(self, command: Command, load: Array) -> Series:
@@ -439,7 +435,12 @@ class Twin:
         return series
 
 
-def _count(substeps: int) -> int:
-    if isinstance(substeps, bool) or not isinstance(substeps, (int, np.integer)) or substeps < 1:
-        raise InvalidValueError("substeps", repr(substeps), "an integer of at least 1")
-    return int(substeps)
+def whole_number(quantity: str, value: int) -> int:
+    """Return a number if it is an integer of at least 1.
+
+    Raises:
+        InvalidValueError: otherwise.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InvalidValueError(quantity, repr(value), "an integer of at least 1")
+    return int(value)

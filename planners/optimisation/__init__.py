@@ -8,6 +8,7 @@ found = descend(objective, spline.fit(states), duration)
 from .assembly import Bounds, Objective
 from .descend import Descent, OptimisationStatus, descend
 from .effort import EffortMotion, EffortStatus, minimum_effort
+from .general import descend_by
 from .rows import Rows, Term, Wall, Weights
 from .spline import RestSpline
 
@@ -24,5 +25,6 @@ __all__ = [
     "Wall",
     "Weights",
     "descend",
+    "descend_by",
     "minimum_effort",
 ]

@@ -131,6 +131,12 @@ class Objective:
         """Return the positions at a term's samples, shape (K, n), of control points, shape (C, n)."""
         return self._samplings[term.per_interval].basis[0] @ control
 
+    def states(
+        self, term: Term, control: FloatArray, duration: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return positions, velocities and accelerations at a term's samples, shape (K, n) each."""
+        return self._samplings[term.per_interval].states(control, duration)
+
     def cost(self, control: FloatArray, duration: float) -> float:
         """Return the cost without barriers of control points, shape (C, n), and a duration."""
         total = self.weights.time * duration + self._jerk_cost(control, duration)
@@ -142,7 +148,7 @@ class Objective:
 
     def barrier(self, control: FloatArray, duration: float) -> float:
         """Return the sum of -log(slack) over all limits and constraints; inf where one is not kept."""
-        total = sum(_logarithms(slack) for slack in self._box_slacks(control, duration))
+        total = sum(_logarithms(slack) for slack in self.box_slacks(control, duration))
         for term in self.constraints:
             if not total < np.inf:
                 break
@@ -194,7 +200,8 @@ class Objective:
             system.diagonals[: len(part), distance] += part
         return cost
 
-    def _box_slacks(self, control: FloatArray, duration: float) -> list[FloatArray]:
+    def box_slacks(self, control: FloatArray, duration: float) -> list[FloatArray]:
+        """Return what is left to the limits of positions and rates, as shares, of control points."""
         inner = control[FIXED:-FIXED]
         lower, upper, width = self._position_box()
         slacks = [(inner - lower) / width, (upper - inner) / width]
@@ -210,7 +217,7 @@ class Objective:
         return np.maximum(lower, -1e6), np.minimum(upper, 1e6), np.where(finite, upper - lower, 1e6)
 
     def _add_boxes(self, system: BorderedBand, control: FloatArray, duration: float, mu: float) -> float:
-        slacks = self._box_slacks(control, duration)
+        slacks = self.box_slacks(control, duration)
         width = self._position_box()[2]
         below, above = slacks[0], slacks[1]
         system.gradient[FIXED:-FIXED] += mu / width * (1 / above - 1 / below)

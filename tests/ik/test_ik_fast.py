@@ -24,6 +24,8 @@ PEPPER = pk.load_pepper()
 LOW, HIGH = PEPPER.lower_limits, PEPPER.upper_limits
 TASKS = {
     "position": [pk.ik.HandPosition("left", (0.4, 0.2, 0.9), weight=2.0)],
+    "height": [pk.ik.FrameInPlane("LArm_effector", (0.0, 0.0, 0.9), weight=2.0)],
+    "slanted plane": [pk.ik.FrameInPlane("RArm_effector", (0.3, -0.2, 0.8), (1, 2, -0.5), hard=True)],
     "orientation": [pk.ik.FrameOrientation("LArm_effector", rotation_rpy(1.0, 0.5, -0.4))],
     "pointing": [pk.ik.Point("left", (0.2, 1.0, 0.3), weight=3.0)],
     "slanted axis": [pk.ik.AxisAlignment("RArm_effector", (1.0, 0.3, 0.2), axis=(0.5, 1.0, -0.4))],

@@ -61,3 +61,21 @@ def test_mimic_loop_is_refused():
     )
     with pytest.raises(ModelError, match="mimics itself"):
         pk.load_robot(loop)
+
+
+def state(value):
+    return f"""<robot name="arm"><group name="all"><joint name="turn"/></group>
+      <group_state name="rest" group="all"><joint name="root_joint" value="0. 0. 1.02 0. 0. 0. 1."/>
+      <joint name="turn" value="{value}"/></group_state></robot>"""
+
+
+def test_states_of_a_free_flyer_are_left_out():
+    """A URDF has no joint of seven coordinates; SRDFs made for a floating base name one all the same."""
+    semantics = pk.load_robot(ARM, state("0.25")).semantics
+    assert semantics.states == {("all", "rest"): {"turn": 0.25}}
+
+
+@pytest.mark.parametrize("value", ["", "a lot", "nan"])
+def test_a_state_without_a_number_is_named(value):
+    with pytest.raises(ModelError, match="SRDF: state 'rest': joint 'turn' has no number as value"):
+        pk.load_robot(ARM, state(value))

@@ -3,7 +3,8 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
-from pepper_kin.motion import FrameInPlane, PlanStatus, manifold_of, plan_constrained
+from pepper_kin.ik import FrameInPlane
+from pepper_kin.motion import PlanStatus, manifold_of, plan_constrained
 from pepper_kin.planners import MachineCodeManifold, Problem, project
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -108,6 +109,22 @@ def test_gaze_and_height_are_kept_at_once(pepper):
     assert np.arccos(cosine.min()) <= np.radians(3)
     # And the planned joints can be timed.
     assert pk.retime(pepper, plan.path).duration > 0
+
+
+def test_plan_takes_the_constraints_and_hands_over(pepper, beside_the_post):
+    goal = [pk.ik.HandPosition("left", [0.30, 0.05, 0.85])]
+    given = dict(joints="left_arm", seed=2, timeout=60.0)
+    plan = pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], **given)
+    assert plan.planner == "constrained_connect"
+    assert tilts(pepper, dense(pepper, plan)).max() <= np.radians(5)
+    same = plan_constrained(pepper, beside_the_post, goal, POST, [level(5)], **given)
+    np.testing.assert_array_equal(plan.path, same.path)
+    with pytest.raises(InvalidValueError, match="planner: got 'rrt_star', expected 'rrt_connect'"):
+        pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], planner="rrt_star")
+    with pytest.raises(InvalidValueError, match="compiled: got False"):
+        pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], compiled=False)
+    with pytest.raises(InvalidValueError, match="tasks"):
+        pk.plan(pepper, beside_the_post, goal, POST, constraints=[])
 
 
 def test_the_same_seed_gives_the_same_plan(pepper, beside_the_post):

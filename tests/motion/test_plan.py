@@ -5,6 +5,7 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
 from pepper_kin.motion import PlanStatus
 from pepper_kin.motion.metric import joint_reaches
+from pepper_kin.planners import OMPL_PLANNERS, available_ompl_planners
 from pepper_kin.trajectory.path import as_cubic_path
 
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
@@ -135,6 +136,14 @@ def test_bad_input_is_named():
         pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 3.0}))
     with pytest.raises(InvalidValueError, match="planner: got 'prm', expected one of 'rrt_connect'"):
         pk.plan(pepper, stand, stand, planner="prm")
+    lacking = [name for name in OMPL_PLANNERS if name not in available_ompl_planners()]
+    assert lacking
+    for name in lacking:
+        message = (
+            rf"planner: got '{name}' \(the installed ompl lacks it\), expected one of 'rrt_connect'.*'RRT'"
+        )
+        with pytest.raises(InvalidValueError, match=message):
+            pk.plan(pepper, stand, stand, planner=name)
     with pytest.raises(InvalidValueError, match=r"goal: got other values of HeadYaw"):
         pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 1.0}), joints="left_arm")
     with pytest.raises(UnknownNameError, match="unknown joint group 'tail'"):

@@ -118,3 +118,21 @@ def test_metric_axioms(p: np.ndarray, weights: np.ndarray) -> None:
     assert ab == metric.distance(p[1], p[0])
     assert ac <= ab + bc + 1e-9
     assert ab == pytest.approx(np.linalg.norm((p[1] - p[0]) * weights), rel=1e-12)
+
+
+def test_one_goal_and_another_oracle_leave_the_rest_alone() -> None:
+    goals = [[0.2, 0.3], [0.8, 0.9]]
+    problem = Problem([0, 0], [1, 1], [0.5, 0.5], goals, lambda q: q[:, 0] > 0, weights=[1, 2])
+    one = problem.towards(1)
+    np.testing.assert_array_equal(one.goals, [goals[1]])
+    other = problem.judged_by(lambda q: q[:, 0] < 0)
+    assert not other.oracle(np.array([[0.5, 0.5]])).any()
+    assert problem.oracle(np.array([[0.5, 0.5]])).all()
+    np.testing.assert_array_equal(problem.goals, goals)
+    for made in (one, other):
+        assert made.resolution == problem.resolution
+        np.testing.assert_array_equal(made.metric.weights, [1, 2])
+        with pytest.raises(ValueError, match="read-only"):
+            made.goals[0, 0] = 3.0
+    with pytest.raises(InvalidValueError, match="oracle"):
+        problem.judged_by(None)

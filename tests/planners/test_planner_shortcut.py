@@ -110,3 +110,19 @@ def test_finest_resolution_of_a_problem_can_be_shortened() -> None:
     assert shortcut(problem, Path([[0, 0], [1e-3, 1e-3], [2e-3, 0]]), timeout=60.0).length == pytest.approx(
         2e-3
     )
+
+
+def test_short_cuts_that_save_little_are_not_made(maze) -> None:  # type: ignore[no-untyped-def]
+    problem, path = planned(maze, 2)
+    untouched = shortcut(problem, path, iterations=200, timeout=60.0, least_gain=0.999)
+    assert untouched.length == pytest.approx(path.length, rel=1e-12)
+    some = shortcut(problem, path, iterations=200, timeout=60.0, least_gain=0.02)
+    assert some.length < path.length
+    assert maze.path_free(some.points)
+
+
+@pytest.mark.parametrize("gain", [-0.1, 1.0, float("nan")])
+def test_a_gain_that_is_no_share_is_refused(maze, gain: float) -> None:  # type: ignore[no-untyped-def]
+    problem, path = planned(maze, 2)
+    with pytest.raises(InvalidValueError, match=r"least_gain: got .*, expected a number from 0 to below 1"):
+        shortcut(problem, path, least_gain=gain)

@@ -25,9 +25,14 @@ def test_mcap_is_read_by_its_library(trajectory, tmp_path):
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
         topics = {channel.topic for channel in summary.channels.values()}
+        assert reader.get_header().profile == "ros2"
         states = list(reader.iter_decoded_messages(topics="/joint_states"))
     assert topics == {"/joint_states", "/joint_trajectory"}
+    # What Foxglove and ROS 2 know messages by.
+    names = {"sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"}
+    assert {s.name for s in summary.schemas.values()} == names
     assert {s.encoding for s in summary.schemas.values()} == {"ros2msg"}
+    assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
     assert len(states) == len(samples)
     for i in (0, 7, len(samples) - 1):
         found = states[i]

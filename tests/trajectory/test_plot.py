@@ -64,7 +64,7 @@ def test_a_retimed_trajectory_stays_below_both_curves(pepper, trajectory):
 @pytest.mark.parametrize(("suffix", "head"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_pictures_are_written(pepper, trajectory, tmp_path, suffix, head):
     path = tmp_path / f"picture.{suffix}"
-    plot(trajectory, pepper, path)
+    trajectory.plot(pepper, path)
     assert path.read_bytes().startswith(head)
     assert path.stat().st_size > 10_000
 
@@ -111,9 +111,9 @@ def test_joints_may_be_chosen(pepper, trajectory):
 
 def test_wrong_requests(pepper, trajectory, tmp_path):
     with pytest.raises(UnknownNameError, match=r"unknown suffix '.gif'; available: .png, .pdf, .svg"):
-        plot(trajectory, pepper, tmp_path / "a.gif")
+        trajectory.plot(pepper, tmp_path / "a.gif")
     with pytest.raises(FileFormatError, match="cannot be written"):
-        plot(trajectory, pepper, tmp_path / "no" / "a.png")
+        trajectory.plot(pepper, tmp_path / "no" / "a.png")
     with pytest.raises(InvalidValueError, match="joints of the trajectory"):
         plot(Trajectory(("A",), [0, 1], [[[0.0], [1.0]]]), pepper)
     with pytest.raises(InvalidValueError, match="trajectory: got one that does not move"):

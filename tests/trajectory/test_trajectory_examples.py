@@ -1,4 +1,4 @@
-"""The examples and the documents about gestures, files and Choregraphe: what they show runs."""
+"""The examples and the documents about trajectories, gestures, files and Choregraphe: what they show runs."""
 
 import re
 import subprocess
@@ -20,7 +20,7 @@ def test_examples_pass_their_own_check(tmp_path, arguments):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("document", ["files", "gestures", "choregraphe"])
+@pytest.mark.parametrize("document", ["files", "gestures", "choregraphe", "trajectories"])
 def test_documents_run(tmp_path, monkeypatch, capsys, document):
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs" / f"{document}.md").read_text(encoding="utf-8")

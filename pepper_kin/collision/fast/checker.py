@@ -57,6 +57,7 @@ class FastChecker:
         self.pepper = pepper
         self.exact = checker_for(pepper, scene, float(margin), float(self_margin))
         self._prepared = prepare(self.exact)
+        self._supported = self._prepared.structure.supported
         self._resting = resting_contact(self.exact, self._prepared.structure.resting)
         self._block = at.pack(self._prepared.sections)
         self._local = threading.local()
@@ -67,7 +68,7 @@ class FastChecker:
     @property
     def supported(self) -> bool:
         """Whether the compiled check knows the robot's shapes; if not, all is left to coal."""
-        return self._prepared.structure.supported
+        return self._supported
 
     def in_collision(self, q: ArrayLike, *, threads: int = 1) -> NDArray[np.bool_]:
         """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m].
@@ -82,14 +83,15 @@ class FastChecker:
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise InvalidValueError("threads", repr(threads), "an integer of at least 1")
         q_all = as_joint_vectors(self.pepper, q, "q")
-        if not self.supported:
+        if not self._supported:
             return self.exact.in_collision(q_all)
         flat = _rows(q_all.reshape(-1, self.pepper.n))
         verdicts, _ = self._verdicts(flat, threads)
-        ties = np.flatnonzero(verdicts == TIE)
         touching = verdicts != 0
-        if ties.size:
-            touching[ties] = self.exact.in_collision(flat[ties])
+        if touching.any():
+            ties = np.flatnonzero(verdicts == TIE)
+            if ties.size:
+                touching[ties] = self.exact.in_collision(flat[ties])
         return touching.reshape(q_all.shape[:-1])
 
     def doubts(self, q: ArrayLike) -> tuple[int, int]:
@@ -205,6 +207,8 @@ class FastChecker:
         if self._resting:
             verdicts[:] = 1
             return verdicts, 0
+        if threads == 1:
+            return verdicts, check_many(self._memory(), flat, verdicts, 0, len(flat))
         doubts: list[int] = []
 
         def run(start: int, stop: int) -> None:
@@ -250,11 +254,18 @@ class FastChecker:
         return bounds
 
 
-@lru_cache(maxsize=32)
 def fast_checker_for(
     pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0, self_margin: float = 0.0
 ) -> FastChecker:
     """Return the fast checker of a robot in a scene, built once and kept for the next call."""
+    return _fast_checker_for(pepper, scene, margin, self_margin)
+
+
+@lru_cache(maxsize=64)
+def _fast_checker_for(
+    pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float
+) -> FastChecker:
+    """Keep one checker however the arguments are written."""
     return FastChecker(pepper, scene, margin, self_margin)
 
 

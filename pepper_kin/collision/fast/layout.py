@@ -65,9 +65,10 @@ SECTIONS = 35
     POSE_KERNEL,
     GRAVITY_KERNEL,
     BLOCKED,
-) = range(12)
+    POSE_LANES_KERNEL,
+) = range(13)
 """Places in the section NUMBERS."""
-NUMBERS_SIZE = 12
+NUMBERS_SIZE = 13
 
 
 @njit("float64[::1](float64[::1], int64)", **OPTIONS)

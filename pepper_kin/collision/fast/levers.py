@@ -50,6 +50,7 @@ class _Reaches:
     """Lengths along the tree of `pinocchio_model`."""
 
     def __init__(self, pepper: PepperModel) -> None:
+        self._known: dict[Solid, Array] = {}
         model = self._model = pepper.pinocchio_model
         self.count = model.njoints - 1
         axes = [joint_axis(model.joints[j]) for j in range(1, model.njoints)]
@@ -68,11 +69,13 @@ class _Reaches:
 
     def of(self, solid: Solid, shared: set[int]) -> Array:
         """Return how far the solid moves per unit of each joint, but for those in `shared`."""
-        result = np.zeros(self.count)
-        path = self.path(solid.joint)
-        for place, joint in enumerate(path):
-            if joint not in shared:
-                result[joint - 1] = 1.0 if self._slides[joint] else self._lever(path[place:], solid)
+        if solid not in self._known:
+            levers = self._known[solid] = np.zeros(self.count)
+            path = self.path(solid.joint)
+            for place, joint in enumerate(path):
+                levers[joint - 1] = 1.0 if self._slides[joint] else self._lever(path[place:], solid)
+        result = self._known[solid].copy()
+        result[[joint - 1 for joint in shared]] = 0.0
         return result
 
     def _lever(self, path: list[int], solid: Solid) -> float:

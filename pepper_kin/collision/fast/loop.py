@@ -224,14 +224,7 @@ def check_rows(memory: Array, count: int) -> int:
     _sort(memory, kept)
     _check_self(memory)
     _check_scene(memory, kept)
-    status = section_bits(memory, STATUS)
-    classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
-    doubts = 0
-    for i in range(count):
-        if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
-            doubts += 1
-            status[i] = settle(memory, i, classes[i], groups[i])
-    return doubts
+    return int(settle(memory, count))
 
 
 @njit("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)", **OPTIONS)

@@ -12,6 +12,8 @@ VECTOR: dict[str, Any] = {**OPTIONS, "fastmath": {"nsz", "contract", "arcp", "nn
 """The same for loops over lanes, in which nothing reorders sums."""
 LANES = host_target().lanes("float32")
 """Configurations side by side in a vector register."""
+POSE_LANES = host_target().lanes("float64")
+"""The same of configurations whose exact poses are wanted."""
 ROOM = 64
 """Configurations that go through the stages together."""
 WIDEST = 16.0

@@ -18,7 +18,7 @@ from pepper_kin.collision.checker import LEVER, CollisionChecker
 from pepper_kin.collision.fast import layout as at
 from pepper_kin.collision.fast.expression import SLACK, pair_bounds, reaches, solid_poses, sphere_centers
 from pepper_kin.collision.fast.levers import moved_by
-from pepper_kin.collision.fast.options import LANES, ROOM
+from pepper_kin.collision.fast.options import LANES, POSE_LANES, ROOM
 from pepper_kin.collision.fast.solids import OTHER, Array, Solid
 from pepper_kin.collision.fast.structure import Structure, ball, coarse, group_spheres, structure_of
 from pepper_kin.collision.fast.tables import pack_tables
@@ -107,12 +107,22 @@ class _Kernels:
 
 def prepare(checker: CollisionChecker) -> Prepared:
     """Compile or load the kernels of a checker's robot and pack its tables."""
-    structure = structure_of(checker)
-    kernels = _kernels_of(checker.pepper, structure)
-    sections = {**_constants(checker, structure, kernels), **_room(checker.pepper, structure, kernels)}
+    like = checker.shapes_of
+    found = _shared.get(like)
+    if found is None:
+        structure = structure_of(like)
+        kernels = _kernels_of(like.pepper, structure)
+        sections = {**_constants(like, structure, kernels), **_room(like.pepper, structure, kernels)}
+        found = _shared[like] = structure, kernels, sections
+    structure, kernels, sections = found
+    sections = {**sections, **_of_margins(checker, structure, kernels)}
     return Prepared(structure, sections, kernels.all, kernels.moved_by)
 
 
+_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Kernels, dict[int, Array]]] = (
+    WeakKeyDictionary()
+)
+"""What checkers of the same shapes share, whatever their margins."""
 _kept: WeakKeyDictionary[PepperModel, dict[object, _Kernels]] = WeakKeyDictionary()
 
 
@@ -133,25 +143,35 @@ def _numbers(checker: CollisionChecker, structure: Structure, kernels: _Kernels)
     numbers[at.SELF_MARGIN], numbers[at.MARGIN] = checker.self_margin, checker.margin
     for place, one in kernels.by_place.items():
         numbers[place] = one.single_address if place == at.POSE_KERNEL else one.block_address
+    numbers[at.POSE_LANES_KERNEL] = kernels.by_place[at.POSE_KERNEL].block_address
     return numbers
 
 
-def _constants(checker: CollisionChecker, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
+def _of_margins(checker: CollisionChecker, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
+    """Return the sections that depend on margins."""
     balls, spheres, margin = kernels.balls, kernels.spheres, checker.margin
     outer = np.array([*(b.radius for b in balls), *(r for s in spheres for r in s.outer)]) + SLACK + margin
     inner = np.array([*(NO_INNER for _ in balls), *(r for s in spheres for r in s.inner)])
     inner = np.where(inner > SLACK, inner - SLACK + margin, NO_INNER)
     heads, tables, cells = pack_tables(checker._ranges, checker.self_margin / LEVER)
-    every = [*structure.solids, *structure.objects]
-    members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
     return {
         at.NUMBERS: _numbers(checker, structure, kernels),
-        at.CLASS_KERNELS: np.array([k.block_address for k in kernels.by_class], dtype=float),
-        at.CLASS_ACTIVE: np.ones(len(structure.classes)),
-        at.CLASS_RADII: np.array(kernels.radii, dtype=float),
         at.TABLE_HEADS: heads,
         at.TABLES: tables,
         at.TABLE_CELLS: cells,
+        at.REACH: _singles(np.repeat(np.concatenate([outer, inner]), LANES)),
+    }
+
+
+def _constants(checker: CollisionChecker, structure: Structure, kernels: _Kernels) -> dict[int, Array]:
+    """Return the sections that do not change, whatever the margins."""
+    spheres = kernels.spheres
+    every = [*structure.solids, *structure.objects]
+    members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
+    return {
+        at.CLASS_KERNELS: np.array([k.block_address for k in kernels.by_class], dtype=float),
+        at.CLASS_ACTIVE: np.ones(len(structure.classes)),
+        at.CLASS_RADII: np.array(kernels.radii, dtype=float),
         at.PAIR_FIRST: _firsts(structure.classes),
         at.PAIRS: np.array([pair for pairs in structure.classes for pair in pairs], dtype=float),
         at.SOLIDS: np.array([[s.kind, s.radius, s.bounding_radius, s.filled] for s in every], dtype=float),
@@ -159,7 +179,6 @@ def _constants(checker: CollisionChecker, structure: Structure, kernels: _Kernel
         at.GROUP_FIRST: _firsts([s.outer for s in spheres]),
         at.GROUP_SOLIDS: np.array(members, dtype=float),
         at.GROUP_RADII: np.array([s.outer.max() + SLACK for s in spheres]),
-        at.REACH: _singles(np.repeat(np.concatenate([outer, inner]), LANES)),
         at.OBJECTS: np.array([_object_row(s, OBJECT_SIZE) for s in structure.objects]),
         at.OBJECT_BOXES: _singles(np.array([_world_box(s) for s in structure.objects]).ravel()),
         at.GROUP_OBJECTS: structure.compared.T.astype(float),
@@ -176,6 +195,7 @@ def _room(pepper: PepperModel, structure: Structure, kernels: _Kernels) -> dict[
     classes, work = len(structure.classes), max(one.work_size for one in kernels.all)
     gravity_work = kernel(pepper, "gravity_torque").work_size  # compiled validity asks it too
     points = len(kernels.balls) + sum(len(s.outer) for s in kernels.spheres)
+    posed = 12 * len(structure.solids) * POSE_LANES
     poses = [np.zeros(12 * len(structure.solids)), *(_pose(s) for s in structure.objects)]
     return {
         at.POSES: np.concatenate(poses),
@@ -186,7 +206,7 @@ def _room(pepper: PepperModel, structure: Structure, kernels: _Kernels) -> dict[
         at.QUEUE: np.zeros(ROOM * (classes + 1)),
         at.QUEUE_LENGTH: np.zeros(classes),
         at.LANES_IN: np.zeros((n + 1) * LANES),
-        at.LANES_OUT: np.zeros((2 * classes + 3 * points + n) * LANES),
+        at.LANES_OUT: np.zeros(max((2 * classes + 3 * points + n) * LANES, posed)),
         at.LANES_WORK: np.zeros(work),
         at.WORLD: np.zeros((points + 2) * LANES),
         at.SINGLE_WORK: np.zeros(max(work, gravity_work)),

@@ -1,36 +1,44 @@
-"""The exact verdict on one configuration that spheres leave in doubt."""
+"""The exact verdicts on configurations that spheres leave in doubt."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from pepper_kin.collision.fast.exact import segment_to_box, segment_to_segment
 from pepper_kin.collision.fast.gjk import CONTACT, FREE, TIE, nearer_than
 from pepper_kin.collision.fast.layout import (
     CLASSES,
+    DOUBT_CLASSES,
+    DOUBT_GROUPS,
     GROUP_OBJECTS,
     GROUP_SOLIDS,
     GROUPS,
+    LANES_IN,
+    LANES_OUT,
+    LANES_WORK,
     MARGIN,
     NUMBERS,
     OBJECT_COUNT,
     PAIR_FIRST,
     PAIRS,
-    POSE_KERNEL,
+    POSE_LANES_KERNEL,
     POSES,
     ROWS,
     SELF_MARGIN,
-    SINGLE_WORK,
     SOLID_HALF,
     SOLIDS,
+    STATUS,
     VERTEX_FIRST,
     VERTICES,
     N,
     section,
+    section_bits,
 )
-from pepper_kin.collision.fast.options import OPTIONS
+from pepper_kin.collision.fast.options import OPTIONS, POSE_LANES
 from pepper_kin.collision.fast.solids import BOX, OTHER, Array
 from pepper_kin.kernels.native import call_kernel
 
@@ -122,46 +130,102 @@ def pair_distance(memory: Array, solids: Array, poses: Array, a: int, b: int, le
     return distance if distance > 0.0 else -math.inf
 
 
+@njit("void(float64[::1], int64[::1], int64)", **OPTIONS)
+def _pose(memory: Array, rows: NDArray[np.int64], count: int) -> None:
+    """Write poses of the solids at up to POSE_LANES configurations into LANES_OUT, side by side."""
+    numbers, given, found = section(memory, NUMBERS), section(memory, LANES_IN), section(memory, LANES_OUT)
+    n, q, work = int(numbers[N]), section(memory, ROWS), section(memory, LANES_WORK)
+    for lane in range(POSE_LANES):
+        first = n * rows[min(lane, count - 1)]
+        for k in range(n):
+            given[k * POSE_LANES + lane] = q[first + k]
+    call_kernel(int(numbers[POSE_LANES_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+
+
+@njit("boolean(float64[::1], float64[::1], float64[::1], int64, int64, int64, int64, float64)", **OPTIONS)
+def _may_touch(
+    solids: Array, poses: Array, found: Array, lane: int, a: int, b: int, count: int, margin: float
+) -> bool:
+    """Whether the bounding balls of a solid of the robot and another come nearer than a margin.
+
+    Where they do, the poses of both in this lane are copied to where `_pair` looks for them.
+    """
+    reach = solids[SOLID_SIZE * a + 2] + solids[SOLID_SIZE * b + 2] + margin + TIE_WIDTH
+    square = 0.0
+    for i in range(3):
+        there = found[(12 * b + i) * POSE_LANES + lane] if b < count else poses[12 * b + i]
+        apart = found[(12 * a + i) * POSE_LANES + lane] - there
+        square += apart * apart
+    if square > reach * reach:
+        return False
+    for i in range(12):
+        poses[12 * a + i] = found[(12 * a + i) * POSE_LANES + lane]
+        if b < count:
+            poses[12 * b + i] = found[(12 * b + i) * POSE_LANES + lane]
+    return True
+
+
 @njit("int64(float64[::1], int64, int64, int64)", **OPTIONS)
-def settle(memory: Array, row: int, classes: int, groups: int) -> int:
+def _verdict(memory: Array, lane: int, classes: int, groups: int) -> int:
     """Return FREE, CONTACT, or TIE where some pair is too near to the threshold to tell and none is nearer.
 
     Args:
-        memory: The block.
-        row: Number of the configuration in ROWS.
+        memory: The block, with poses in LANES_OUT.
+        lane: Which of them.
         classes: Bits of the classes of pairs in doubt; bit 61 stands for all from there on.
         groups: Bits of the groups of solids in doubt about the scene; the same.
     """
     numbers, solids, poses = section(memory, NUMBERS), section(memory, SOLIDS), section(memory, POSES)
-    n = int(numbers[N])
-    q = section(memory, ROWS)[n * row : n * row + n]
-    work = section(memory, SINGLE_WORK)
-    call_kernel(int(numbers[POSE_KERNEL]), q.ctypes.data, poses.ctypes.data, work.ctypes.data)
-    worst = FREE
-    first, pairs = section(memory, PAIR_FIRST), section(memory, PAIRS)
+    found, worst = section(memory, LANES_OUT), FREE
+    objects, count_groups = int(numbers[OBJECT_COUNT]), int(numbers[GROUPS])
+    count = solids.size // SOLID_SIZE - objects
+    first, pairs, margin = section(memory, PAIR_FIRST), section(memory, PAIRS), numbers[SELF_MARGIN]
     for c in range(int(numbers[CLASSES])):
         if not (classes >> min(c, 61)) & 1:
             continue
         for k in range(int(first[c]), int(first[c + 1])):
-            verdict = _pair(
-                memory, solids, poses, int(pairs[2 * k]), int(pairs[2 * k + 1]), numbers[SELF_MARGIN]
-            )
-            if verdict == CONTACT:
-                return CONTACT
-            worst = max(worst, verdict)
-    members = section(memory, GROUP_SOLIDS)
-    compared, count_groups = section(memory, GROUP_OBJECTS), int(numbers[GROUPS])
-    count = int(numbers[OBJECT_COUNT])
-    begin = solids.size // SOLID_SIZE - count
+            a, b = int(pairs[2 * k]), int(pairs[2 * k + 1])
+            if _may_touch(solids, poses, found, lane, a, b, count, margin):
+                verdict = _pair(memory, solids, poses, a, b, margin)
+                if verdict == CONTACT:
+                    return CONTACT
+                worst = max(worst, verdict)
+    members, compared = section(memory, GROUP_SOLIDS), section(memory, GROUP_OBJECTS)
+    margin = numbers[MARGIN]
     for k in range(members.size // 2):
-        if not (groups >> min(int(members[2 * k]), 61)) & 1:
+        group, a = int(members[2 * k]), int(members[2 * k + 1])
+        if not (groups >> min(group, 61)) & 1:
             continue
-        for o in range(count):
-            if compared[o * count_groups + int(members[2 * k])] == 0.0:
+        for o in range(objects):
+            if compared[o * count_groups + group] == 0.0:
                 continue
-            b = begin + o
-            verdict = _pair(memory, solids, poses, int(members[2 * k + 1]), b, numbers[MARGIN])
-            if verdict == CONTACT:
-                return CONTACT
-            worst = max(worst, verdict)
+            if _may_touch(solids, poses, found, lane, a, count + o, count, margin):
+                verdict = _pair(memory, solids, poses, a, count + o, margin)
+                if verdict == CONTACT:
+                    return CONTACT
+                worst = max(worst, verdict)
     return worst
+
+
+@njit("int64(float64[::1], int64)", **OPTIONS)
+def settle(memory: Array, count: int) -> int:
+    """Settle those of the first `count` configurations in ROWS that spheres leave in doubt.
+
+    Their verdicts are written into STATUS: FREE, CONTACT, or TIE where some pair is too near to the threshold
+    to tell and none is nearer.  Returns how many were in doubt.
+    """
+    status, rows = section_bits(memory, STATUS), np.empty(POSE_LANES, np.int64)
+    classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
+    doubts = waiting = 0
+    for i in range(count):
+        if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
+            rows[waiting] = i
+            waiting += 1
+            doubts += 1
+        if waiting == POSE_LANES or (waiting > 0 and i == count - 1):
+            _pose(memory, rows, waiting)
+            for lane in range(waiting):
+                row = rows[lane]
+                status[row] = _verdict(memory, lane, classes[row], groups[row])
+            waiting = 0
+    return doubts

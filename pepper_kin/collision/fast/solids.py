@@ -133,9 +133,9 @@ def _points(shape: Any) -> Array | None:
     import coal
 
     if isinstance(shape, coal.ConvexBase):
-        return np.array([shape.point(i) for i in range(shape.num_points)]).reshape(-1, 3)
+        return np.array(shape.points()).reshape(-1, 3)
     if isinstance(shape, coal.BVHModelBase):
-        return np.array([shape.vertex(i) for i in range(shape.num_vertices)]).reshape(-1, 3)
+        return np.array(shape.vertices()).reshape(-1, 3)
     return None
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from pepper_kin.collision.checker import CollisionChecker
+from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.fast.solids import BOX, OTHER, Solid, parts_of, solid_of
 from pepper_kin.collision.fast.spheres import Spheres, spheres_of
+from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 
@@ -44,7 +46,13 @@ class Structure:
 
 
 def structure_of(checker: CollisionChecker) -> Structure:
-    """Sort the pairs that a checker compares."""
+    """Sort the pairs that a checker compares: at all margins the same, which planners try several of."""
+    return _structure(checker.pepper, checker.scene)
+
+
+@lru_cache(maxsize=32)
+def _structure(pepper: PepperModel, scene: Scene) -> Structure:
+    checker = checker_for(pepper, scene)
     parts = parts_of(checker)
     all_solids = tuple(solid_of(part) for part in parts)
     count = sum(not part.in_world for part in parts)

@@ -15,6 +15,7 @@ from pepper_kin.ik.tasks import (
     BaseYaw,
     CenterOfMass,
     CenterOfMassOverWheels,
+    FrameInPlane,
     FrameOrientation,
     FramePosition,
     JointPosture,
@@ -27,6 +28,7 @@ from pepper_kin.ik.tasks.task import Array
 
 KINDS = (
     "FramePosition",
+    "FrameInPlane",
     "FrameOrientation",
     "AxisAlignment",
     "LookAt",
@@ -47,7 +49,7 @@ class Structure(NamedTuple):
     Attributes:
         kind: One of `KINDS`.
         frame: Name of the frame; empty where the task acts on joints.
-        axis: Axis in the frame, for tasks that have one.
+        axis: Axis in the frame, or normal in the world, for tasks that have one.
         joints: Names of the joints, for a posture; empty for all.
         target_size: Numbers that describe the target.
         reference: Name of the frame that `frame` or the centre of mass is seen from; empty for the world.
@@ -111,6 +113,7 @@ def _posture(task: JointPosture) -> Structure:
 
 _READERS: dict[type, Callable[[Any], Structure]] = {
     FramePosition: lambda task: _of_frame("FramePosition", task.frame, task.hard, 3),
+    FrameInPlane: lambda task: _of_frame("FrameInPlane", task.frame, task.hard, 3, task.normal.tobytes()),
     FrameOrientation: lambda task: _of_frame("FrameOrientation", task.frame, task.hard, 9),
     AxisAlignment: lambda task: _of_frame("AxisAlignment", task.frame, task.hard, 3, task.axis.tobytes()),
     LookAt: lambda task: _of_frame("LookAt", task.frame, task.hard, 3, task.axis.tobytes()),

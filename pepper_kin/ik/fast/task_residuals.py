@@ -75,6 +75,12 @@ def _frame_position(pepper: PepperModel, task: Structure, motion: Motion, target
     return pose[:, 3] - target, jacobian[:3, :]
 
 
+def _frame_in_plane(pepper: PepperModel, task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    distance, jacobian = _frame_position(pepper, task, motion, target)
+    normal = np.array([task.axis])
+    return normal @ distance, normal @ jacobian
+
+
 def _frame_orientation(pepper: PepperModel, task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
     import casadi
 
@@ -180,6 +186,7 @@ def _without_common(pepper: PepperModel, task: Structure, change: Any) -> Any:
 
 _RESIDUALS: dict[str, Callable[[PepperModel, Structure, Motion, Any], tuple[Any, Any]]] = {
     "FramePosition": _frame_position,
+    "FrameInPlane": _frame_in_plane,
     "FrameOrientation": _frame_orientation,
     "AxisAlignment": _axis_alignment,
     "LookAt": _look_at,

@@ -32,15 +32,28 @@ class ClearanceTerm:
         scene: The world around the robot.
         margin: Distance to keep to the scene and between parts of the robot [m].
         per_interval: Samples in each interval of the spline.
+        only_moving: Whether pairs that the moving joints carry alike are left out: a hand that hangs near the
+            hip would lower the floor under the other hand's way.
     """
 
-    def __init__(self, moving: Moving, scene: Scene, margin: float, per_interval: int) -> None:
-        self.per_interval, self.wall = per_interval, Wall.ABOVE_ZERO
+    def __init__(
+        self, moving: Moving, scene: Scene, margin: float, per_interval: int, *, only_moving: bool = False
+    ) -> None:
+        self.per_interval, self.wall, self.kinked = per_interval, Wall.ABOVE_ZERO, True
         self._moving, self._margin = moving, margin
         self._bodies, self._frames = bodies_of(moving.pepper, scene, margin)
         self._poses = kernel(moving.pepper, "frame_poses", self._frames) if self._frames else None
         # d/dq = (d/dq_full) E, where mimic joints follow by q_full = E q + e.
         self._columns = np.ascontiguousarray(moving.pepper.full_map[:, moving.joints])
+        if only_moving:
+            apart = (
+                self._bodies.carried[self._bodies.pairs[:, 0]]
+                != self._bodies.carried[self._bodies.pairs[:, 1]]
+            )
+            places = np.flatnonzero((apart & (self._columns != 0).any(axis=1)).any(axis=1))
+            self._bodies = self._bodies._replace(
+                pairs=self._bodies.pairs[places], gap=self._bodies.gap[places]
+            )
         self._floor: Array | float = 0.0
 
     def distances(self, q: Array) -> Array:

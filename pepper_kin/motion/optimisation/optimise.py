@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 from pepper_kin.collision import Scene, checker_for
 from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.motion.constraints import as_constraints
 from pepper_kin.motion.optimisation.cost import Cost, figures_of
 from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
 from pepper_kin.motion.plan_result import Plan
@@ -29,9 +32,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SOLVERS = ("newton",)
+SOLVERS = ("newton", "ipopt", "fatrop")
 _STEP = 0.001  # [s], between the states at which the result is examined
 _COAL_STATES = 16  # of them, the nearest to anything, are measured by coal
+_CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
 _MORE = 1.0 + 1e-6
 _KEPT = 0.5  # share of the margin that the motion between samples must keep
 
@@ -49,6 +53,7 @@ def optimise(
     acceleration_scale: float = 1.0,
     torque_scale: float = 1.0,
     balance: float | None = None,
+    constraints: Sequence[Task | TaskGroup] = (),
     max_iterations: int = 40,
     timeout: float = 5.0,
     solver: str = "newton",
@@ -58,10 +63,10 @@ def optimise(
     The motion is a cubic B-spline from rest to rest whose accelerations are continuous and zero at both ends.
     Unknowns are its control points and its duration.  Limits of position and velocity hold at control points
     and so everywhere, those of acceleration at knots, where it is extreme; torques hold at knots, clearances
-    at four samples in each interval.  A feasible interior-point method (`planners.optimisation.descend`)
+    and tasks at four samples in each interval.  A feasible interior-point method (`planners.optimisation`)
     lowers the cost; values and exact derivatives come from compiled code.  The result is examined every
-    millisecond: time is stretched where a torque is exceeded, and where distances are not kept, or nothing
-    was gained, the motion before is returned.
+    millisecond: time is stretched where a torque is exceeded, and where distances or tasks are not kept, or
+    nothing was gained, the motion before is returned.
 
     Args:
         pepper: The robot.
@@ -70,17 +75,17 @@ def optimise(
         scene: The world around the robot.
         cost: Weights of time, jerk, effort and closeness; by default time and a little jerk.
         duration: Duration that the motion shall have [s]; by default it is free.
-        margin: Distance to keep to the scene and between parts of the robot [m]; less where the path to
-            start from is nearer than that, and never less than half of that in between samples.
+        margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
+            never less than half of that in between samples.
         intervals: Pieces of the spline, at least 4: more can follow sharper turns, and take longer.
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
-        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
-            lets the base be held from below.
-        max_iterations: Newton steps at most.
-        timeout: Wall time of the search [s]; the best motion so far is then taken.
-        solver: "newton".
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
+        constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
+        max_iterations: Newton steps at most; ten times as many of a general solver.
+        timeout: Wall time of the search [s]; the best motion so far is then taken.  "fatrop" takes no notice.
+        solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver: references, slower.
 
     Returns:
         The result; its trajectory is never worse than the one to start from (which may collide if it does).
@@ -100,9 +105,10 @@ def optimise(
     torque = pepper.effort_limits * torque_scale
     limits = Limits(velocity * velocity_scale, acceleration * acceleration_scale, torque, balance)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
-    problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals)
-    judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted)
-    judged = judge(problem.descend(wanted, max_iterations, timeout))
+    tasks = as_constraints(pepper, constraints) if constraints else ()
+    problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks)
+    judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks)
+    judged = judge(problem.descend(wanted, max_iterations, timeout, solver))
     return replace(judged, time=time.perf_counter() - begin)
 
 
@@ -161,6 +167,7 @@ class _Judge:
     limits: Limits
     margin: float
     wanted: float | None
+    tasks: tuple[Task, ...]
 
     def __call__(self, descent: Descent) -> Optimised:
         """Return the outcome of a descent."""
@@ -168,8 +175,9 @@ class _Judge:
 
         def refused(status: OptimisedStatus, message: str) -> Optimised:
             return Optimised(
-                status, message, self.before, self.before, old, old, self.cost, float("nan"), descent, 0.0
-            )
+                status, message, self.before, self.before, old, old, self.cost, float("nan"), descent, 0.0,
+                self._errors(self.before),
+            )  # fmt: skip
 
         if descent.status is OptimisationStatus.START_INFEASIBLE:
             what = "slow motion" if self.wanted is None else f"motion of {self.wanted:.3g} s"
@@ -186,6 +194,11 @@ class _Judge:
             near = f"comes as near as {clearance * 1000:.1f} mm to something"
             text = near if np.isfinite(clearance) else "lets neighbouring links touch, by their joint ranges"
             return refused(OptimisedStatus.NOT_CLEAR, f"The optimised motion {text}.")
+        errors = self._errors(found)
+        for task, error in zip(self.tasks, errors, strict=True):
+            if error > task.tolerance * _MORE:
+                words = f"{error:.3g} {task.unit_on(self.pepper)} of {task.tolerance:.3g}"
+                return refused(OptimisedStatus.OFF_CONSTRAINT, f"{task.name} is not kept: {words}.")
         new = figures_of(self.pepper, found)
         gain = (
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
@@ -197,13 +210,23 @@ class _Judge:
         message = f"Went from {gain} in {descent.iterations} steps."
         return Optimised(
             OptimisedStatus.IMPROVED, message, found, self.before, new, old, self.cost, clearance, descent,
-            0.0,
+            0.0, errors,
         )  # fmt: skip
 
     def _before_is_clear(self) -> bool:
         q = self.before(sample_times(self.before.duration, _STEP)).position
         touching = any(table.violated(q).any() for table in dependent_ranges(self.pepper))
-        return self.problem.clearance_before > 0 and not touching
+        kept = zip(self.tasks, self._errors(self.before), strict=True)
+        off = any(error > task.tolerance * _MORE for task, error in kept)
+        return self.problem.clearance_before > 0 and not touching and not off
+
+    def _errors(self, motion: Trajectory) -> tuple[float, ...]:
+        """Return the largest error of each task along a motion, by Pinocchio."""
+        if not self.tasks:
+            return ()
+        times = np.linspace(0.0, motion.duration, _CONSTRAINT_STATES)
+        q = motion(times).position
+        return tuple(max(task.error(self.pepper, state) for state in q) for task in self.tasks)
 
     def _clearance(self, q: Array) -> float:
         """Return the least distance along a motion [m] by coal; -inf where neighbouring bodies touch."""

@@ -16,6 +16,7 @@ class OptimisedStatus(Enum):
     IMPROVED = "improved"
     NOT_CHEAPER = "not_cheaper"
     NOT_CLEAR = "not_clear"
+    OFF_CONSTRAINT = "off_constraint"
     NO_ROOM = "no_room"
 
     @property
@@ -28,6 +29,7 @@ _ADVICE = {
     OptimisedStatus.IMPROVED: "Examine it with check().",
     OptimisedStatus.NOT_CHEAPER: "Take the motion as it is, or weigh jerk more.",
     OptimisedStatus.NOT_CLEAR: "Give a path that keeps more distance, more intervals or a smaller margin.",
+    OptimisedStatus.OFF_CONSTRAINT: "Give a path that keeps the tasks, as plan() does, or more intervals.",
     OptimisedStatus.NO_ROOM: "Give a path further from limits, more intervals, or a longer duration.",
 }
 
@@ -48,6 +50,8 @@ class Optimised:
             coal at the instants that came nearest [m]; nan where it is `before`.
         descent: How the search itself ended; None where it had no start.
         time: Wall time [s], the timing of a given path included.
+        constraint_errors: Largest error of each task that was to stay met, along `trajectory`, by Pinocchio,
+            groups taken apart [m or rad]; empty where there are none.
     """
 
     status: OptimisedStatus
@@ -60,6 +64,7 @@ class Optimised:
     clearance: float
     descent: Descent | None
     time: float
+    constraint_errors: tuple[float, ...] = ()
 
     @property
     def success(self) -> bool:

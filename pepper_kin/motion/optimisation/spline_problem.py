@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.balance_term import BalanceTerm
 from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm
 from pepper_kin.motion.optimisation.closeness_term import ClosenessTerm
 from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
+from pepper_kin.motion.optimisation.held_term import HeldTerm
 from pepper_kin.motion.optimisation.moving import Moving
 from pepper_kin.motion.optimisation.range_term import RangeTerm
 from pepper_kin.motion.optimisation.torque_term import TorqueTerm
@@ -22,11 +26,15 @@ from pepper_kin.planners.optimisation import (
     RestSpline,
     Weights,
     descend,
+    descend_by,
 )
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limit_use import Limits
 
 Array = NDArray[np.float64]
+
+GENERAL_STEPS = 10
+"""Steps that a general solver may take for each of Newton's."""
 
 _STILL = 1e-9  # [rad or m]; joints that move less do not move
 _FIT_SAMPLES = 12  # of the first motion, for each interval
@@ -49,6 +57,7 @@ class SplineProblem:
         limits: Limits of velocity, acceleration, torque and balance.
         margin: Distance to keep [m].
         intervals: Pieces of the spline.
+        tasks: IK tasks that stay met along the motion.
         all_joints: Whether joints that stand still in the motion to start from may move, too.
 
     Attributes:
@@ -64,6 +73,7 @@ class SplineProblem:
         limits: Limits,
         margin: float,
         intervals: int,
+        tasks: Sequence[Task] = (),
         *,
         all_joints: bool = False,
     ) -> None:
@@ -83,9 +93,10 @@ class SplineProblem:
         efforts = pepper.effort_limits if limits.torque is None else limits.torque
         torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1)
         self._clearance = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
-        constraints: list[RangeTerm | ClearanceTerm] = []
+        apart = ClearanceTerm(self._moving, scene or Scene(), margin, 4, only_moving=True)
+        constraints: list[RangeTerm | ClearanceTerm | HeldTerm] = [HeldTerm(self._moving, tasks, 4)]
         if scene is not None:
-            constraints = [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._clearance]
+            constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), apart]
         near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
         self._floors = [term for term in constraints if len(term)]
         standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
@@ -109,13 +120,16 @@ class SplineProblem:
         """
         return self._clearance.distances(q[:, self._moving.joints]) + self._margin
 
-    def descend(self, wanted: float | None, max_iterations: int, timeout: float) -> Descent:
+    def descend(
+        self, wanted: float | None, max_iterations: int, timeout: float, solver: str = "newton"
+    ) -> Descent:
         """Search from the first motion, made slow enough to keep all limits.
 
         Args:
             wanted: Duration that the motion shall have [s]; None where it is free.
-            max_iterations: Newton steps at most.
+            max_iterations: Newton steps at most; general solvers take up to `GENERAL_STEPS` as many.
             timeout: Wall time [s].
+            solver: "newton", or a general solver of `planners.optimisation.descend_by`.
 
         Returns:
             The descent.
@@ -125,6 +139,11 @@ class SplineProblem:
         for term in self._floors:
             term.start_from(objective.samples(term, control))
         duration = self._feasible_duration(control)
+        if solver != "newton":
+            return descend_by(
+                objective, self._first, wanted or duration, solver=solver, free_duration=wanted is None,
+                max_iterations=GENERAL_STEPS * max_iterations, timeout=timeout,
+            )  # fmt: skip
         if wanted is None:
             return descend(
                 objective, self._first, duration,

@@ -15,8 +15,7 @@ from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.command import Command
-from pepper_kin.twin.fast.expression import mass_places, solve_kernel, step_kernel
-from pepper_kin.twin.fast.law import derived
+from pepper_kin.twin.fast.expression import Variant, mass_places, parameters, solve_kernel, step_kernel
 from pepper_kin.twin.fast.loop import Inputs, Log, roll
 from pepper_kin.twin.fast.settle import Room
 from pepper_kin.twin.integrator import Series
@@ -33,12 +32,15 @@ class Rolled(NamedTuple):
     """What robots did.
 
     Attributes:
-        position: Every so many steps [rad or m], shape (N, rows, n).
+        position: At the start and every so many steps [rad or m], shape (N, rows, n).  Where a robot has
+            stopped, the next row is the state that diverged, and the rest is of no use; there is one such row
+            too many where the steps do not divide evenly.
         velocity: The same [rad/s or m/s].
-        torque: The same [N m or N].
+        torque: The same [N m or N]; the first row is of no use.
         good: Number of good steps of each robot, shape (N,).
         last_position: Of the last good state [rad or m], shape (N, n).
         last_velocity: The same [rad/s or m/s], shape (N, n).
+        last_torque: In the last step [N m or N], shape (N, n); of no use where a robot has stopped.
     """
 
     position: Array
@@ -47,6 +49,7 @@ class Rolled(NamedTuple):
     good: NDArray[np.int64]
     last_position: Array
     last_velocity: Array
+    last_torque: Array
 
 
 class Engine:
@@ -74,20 +77,21 @@ class Engine:
         self.robots, self._n = law.kp.shape
         self._h = timestep
         loads = dict(payload or {})
-        self._step: Kernel = step_kernel(pepper, scale is not None, tuple(loads))
+        variant = Variant(has_motor(law), scale is not None, tuple(loads))
+        self._step: Kernel = step_kernel(pepper, variant)
         self._solve: Kernel = solve_kernel(pepper)
         self._lanes = 1 if self.robots == 1 else self._step.lanes
         single = self._lanes == 1
         kernels = (self._step, self._solve)
         self._addresses = np.array([k.single_address if single else k.block_address for k in kernels])
         self._places = np.array(mass_places(pepper), dtype=np.int64).T.copy()
-        self._law = LawTable(*(self._blocks(values) for values in law))
-        self._fixed = derived(self._law, timestep)
-        constant = [law.feedforward if gravity else np.zeros_like(law.kp)]
-        if scale is not None:
-            constant.append(scale)
-        if loads:
-            constant.append(np.stack(list(loads.values()), axis=-1))
+        self._law = np.ascontiguousarray(np.stack([self._blocks(values) for values in law], axis=1))
+        if not gravity:
+            law = law._replace(feedforward=np.zeros_like(law.kp))
+        constant = [getattr(law, name) for name in parameters(variant)]
+        constant.append(np.full((self.robots, 1), timestep))
+        constant += [scale] if scale is not None else []
+        constant += [np.stack(list(loads.values()), axis=-1)] if loads else []
         self._constant = self._blocks(np.concatenate(constant, axis=1))
 
     @classmethod
@@ -101,9 +105,11 @@ class Engine:
     def follow(self, q: Array, v: Array, command: Command, load: Array) -> Series:
         """Advance the only robot by one step for each command; see `Integrator.run`."""
         steps = len(command.position)
-        inputs = Inputs(*(x[np.newaxis] for x in command), load=load[np.newaxis])
+        told = (*command, load)
+        inputs = Inputs(*(values[np.newaxis] for values in told))
         rolled = self.run(q[np.newaxis], v[np.newaxis], inputs, steps)
-        return Series(rolled.position[0], rolled.velocity[0], rolled.torque[0], int(rolled.good[0]))
+        position, velocity, torque = (x[0, 1:] for x in (rolled.position, rolled.velocity, rolled.torque))
+        return Series(position, velocity, torque, int(rolled.good[0]))
 
     def run(
         self, q: Array, v: Array, inputs: Inputs, steps: int, *, every: int = 1, threads: int = 1
@@ -113,55 +119,49 @@ class Engine:
         Args:
             q: Positions at the start [rad or m], shape (N, n).
             v: Velocities, shape (N, n).
-            inputs: What the robots are told.
+            inputs: What the robots are told, shape (N, T, n) each, or (1, T, n) for all robots.
             steps: Number of steps T.
             every: Steps between rows of the result.
             threads: Number of threads; the result does not depend on it.
 
         Returns:
-            The states after every so many steps; rows after a robot has stopped are NaN, but for the one
-            that shows why.
+            The states.
         """
-        shape = (self.robots, steps // every, self._n)
-        position, velocity, torque = (np.full(shape, np.nan) for _ in range(3))
-        log = Log(position, velocity, torque, every, np.full(self.robots, steps, dtype=np.int64))
-        state = np.stack([self._blocks(q), self._blocks(v), self._blocks(np.zeros_like(q))])
-        told = Inputs(*(np.ascontiguousarray(x, dtype=float) for x in inputs))
-        blocks = state.shape[1]
+        shape = (self.robots, 1 - (-steps // every), self._n)
+        position, velocity, torque = (np.empty(shape) for _ in range(3))
+        position[:, 0], velocity[:, 0] = q, v
+        log = Log(position, velocity, torque, np.full(self.robots, steps, dtype=np.int64))
+        state = np.stack([self._blocks(x) for x in (q, v, np.full_like(q, np.nan))])
+        told = Inputs(*(self._spread(x) for x in inputs))
+        weight = self._lanes * _WEIGHT
 
         def work(start: int, stop: int) -> None:
-            first, last = start // (self._lanes * _WEIGHT), -(-stop // (self._lanes * _WEIGHT))
-            roll(steps, self._h, self._addresses, self._lanes, first, last, self._law, self._fixed,
-                 self._room(), told, state, log)  # fmt: skip
+            span = (steps, every, self._lanes, start // weight, -(-stop // weight))
+            roll(span, self._h, self._addresses, self._law, self._constant, self._room(), told, state, log)
 
-        begin = time.perf_counter()
-        compiled = len(roll.signatures)
-        run_in_pieces(blocks * self._lanes * _WEIGHT, threads, self._lanes * _WEIGHT, work)
-        if len(roll.signatures) > compiled and time.perf_counter() - begin > _SLOW + 1e-5 * steps:
-            _logger.warning("compiled the loop of the twin in %.1f s", time.perf_counter() - begin)
-        q_end, v_end = self._robots(state[0]), self._robots(state[1])
-        return Rolled(position, velocity, torque, log.good, q_end, v_end)
+        begin, known = time.perf_counter(), len(roll.signatures)
+        run_in_pieces(state.shape[1] * weight, threads, weight, work)
+        if len(roll.signatures) > known and time.perf_counter() - begin > _SLOW + 1e-5 * steps:
+            duration = time.perf_counter() - begin
+            _logger.warning("compiled the twin, once on this machine, in %.1f s", duration)
+        return Rolled(position, velocity, torque, log.good, *(self._robots(x) for x in state))
+
+    def _spread(self, values: Array) -> Array:
+        """Return values for all robots in the order of elements; others as they are."""
+        shared = values.shape[0] == 1
+        return np.ascontiguousarray(np.repeat(values, self._lanes, axis=2) if shared else values, dtype=float)
 
     def _room(self) -> Room:
         """Return the arrays of one thread."""
-        m, entries = self._n * self._lanes, self._places.shape[1]
-        work = np.empty(max(self._step.work_size, self._solve.work_size) + 8)
-        aligned = work[(-(work.ctypes.data // 8)) % 8 :]
+        m, entries = self._n * self._lanes, self._places.shape[1] * self._lanes
         return Room(
-            given=_aligned(4 * m + self._constant.shape[1]),
-            constant=self._constant,
-            result=_aligned(3 * m + entries * self._lanes),
-            work=aligned,
-            told=np.empty((4, m)),
-            servo=np.empty(m),
-            next=np.empty(3 * m),
-            ask=_aligned(2 * m + entries * self._lanes),
+            given=_aligned(6 * m + self._constant.shape[1]),
+            result=_aligned(5 * m + entries + self._lanes),
+            work=_aligned(max(self._step.work_size, self._solve.work_size)),
+            ask=_aligned(2 * m + entries),
             answer=_aligned(m),
-            piece=np.empty((2, m)),
-            before=np.empty(m),
-            way=np.empty((2, m)),
-            settled=np.zeros(self._lanes, dtype=np.bool_),
-            alive=np.ones(self._lanes, dtype=np.bool_),
+            rows=np.empty((5, m)),
+            flags=np.zeros((2, self._lanes), dtype=np.bool_),
             places=self._places,
         )
 
@@ -178,6 +178,12 @@ class Engine:
         """Return values of robots from blocks."""
         count, k = blocks.shape[0], blocks.shape[1] // self._lanes
         return blocks.reshape(count, k, self._lanes).transpose(0, 2, 1).reshape(-1, k)[: self.robots].copy()
+
+
+def has_motor(law: LawTable) -> bool:
+    """Return whether any joint has more than a servo with a torque limit and stops."""
+    more = (law.viscous, law.coulomb, law.rotor, law.resolution, law.line)
+    return any(values.any() for values in more) or bool((law.stall < law.limit).any())
 
 
 def _aligned(size: int) -> Array:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pepper_kin.kernels import Kernel, compile_function
 from pepper_kin.model import PepperModel
@@ -21,46 +23,162 @@ from pepper_kin.symbolic.scalars import Graph, Scalar, Value
 from pepper_kin.symbolic.states import State, gather, make_state
 from pepper_kin.symbolic.tree import Tree, read_tree
 from pepper_kin.symbolic.vectors import add, add_matrices, outer, scale
+from pepper_kin.twin.integrator import RUNAWAY
+from pepper_kin.twin.joint_law import CREEP
 
 if TYPE_CHECKING:
     import casadi
 
 Place = tuple[int, int]
 
+TOLD = ("position", "velocity", "position_reference", "velocity_reference", "given", "load")
+"""Names of the step's inputs that change from step to step, n values each; `given` times the strength."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What the step of a robot has to take into account.
+
+    Attributes:
+        motor: Rotors, friction, torque-speed lines and encoders; without them, servos with torque limits.
+        scaled: Whether the mass that moves with each joint has a factor.
+        payload_frames: Frames with a point mass.
+    """
+
+    motor: bool = False
+    scaled: bool = False
+    payload_frames: tuple[str, ...] = ()
+
+
+def parameters(variant: Variant) -> tuple[str, ...]:
+    """Return the names of the parameters of `LawTable` that the step takes, n values each."""
+    servo = ("kp", "kd", "feedforward", "limit", "upper", "lower")
+    motor = ("stall", "line", "viscous", "coulomb", "rotor", "resolution")
+    return servo + motor if variant.motor else servo
+
 
 @remembered
-def step_function(
-    pepper: PepperModel, scaled: bool = False, payload_frames: tuple[str, ...] = ()
-) -> casadi.Function:
-    """Return the function (q, v, force, extra, share) -> a, bias, gravity, mass.
+def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
+    """Return one step of the twin on the first guess of pieces; see `pepper_kin.twin.Integrator`.
 
-    a solves (M(q) + diag(extra)) a = force + share * g(q) - b(q, v); bias is b = C v + g, gravity is g of the
-    robot as it is described, and mass holds the entries of M at `mass_places`.
+    Inputs are those of `TOLD`, then `parameters`, the timestep `h`, and, where the variant has them, `scale`
+    (n) and `payload`.  Outputs:
+
+    * `next`: position, velocity and torque at the end of the step (3 n).
+    * `servo`: what the actuators want at w = 0, and `bias`: b (n each).
+    * `mass`: the entries of M at `mass_places`.
+    * `strange`: not above 0 where the guess was right: no motor clipped, no stop touched, no joint stuck,
+      freed or turned round, nothing absurd.
 
     Args:
         pepper: The robot.
-        scaled: Whether there is an input `scale` (n): all mass that moves with a joint, but not with those
-            further out, is multiplied by it.
-        payload_frames: Frames with a point mass; there is an input `payload` [kg] with one value for each.
-
-    Returns:
-        Function of q, v, force, extra, share (n each); outputs a, bias, gravity (n) and mass.
+        variant: What the step has to take into account.
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
         ModelError: naming joints that move no mass.
     """
-    tree, n = read_tree(pepper, compact=not scaled), pepper.n
+    import casadi
+
+    n = pepper.n
+    names = (*TOLD, *parameters(variant))
+    x = {name: casadi.SX.sym(name, n) for name in names}
+    h = casadi.SX.sym("h")
+    more = [casadi.SX.sym("scale", n)] if variant.scaled else []
+    if variant.payload_frames:
+        more.append(casadi.SX.sym("payload", len(variant.payload_frames)))
+    q, v = x["position"], x["velocity"]
+    friction, stick = _friction(x, v) if variant.motor else (0, 0)
+    servo = x["kp"] * (x["position_reference"] - _seen(x, variant)) + x["kd"] * x["velocity_reference"]
+    servo += x["given"]
+    gain = h * x["kp"] + x["kd"]
+    slope = gain + (x["viscous"] + stick if variant.motor else 0)
+    extra = h * slope + (x["rotor"] if variant.motor else 0)
+    force = servo - friction - slope * v + x["load"]
+    a, bias, gravity, mass = _terms(pepper, variant)(q, v, force, extra, x["feedforward"], *more)
+    servo += x["feedforward"] * gravity
+    w = v + h * a
+    following = q + h * w
+    torque = servo - gain * w
+    strange = _strange(x, variant, following, w, torque)
+    inputs = [*x.values(), h, *more]
+    outputs = [casadi.vertcat(following, w, torque), servo, bias, mass, strange]
+    return casadi.Function("twin_step", inputs, outputs)
+
+
+def _seen(x: dict[str, Any], variant: Variant) -> Any:
+    """Return the positions that the encoders give; see `joint_law.seen`."""
+    import casadi
+
+    q = x["position"]
+    if not variant.motor:
+        return q
+    exact = x["resolution"] == 0
+    step = x["resolution"] + exact
+    return casadi.if_else(exact, q, step * casadi.floor(q / step + 0.5))
+
+
+def _friction(x: dict[str, Any], w: Any) -> tuple[Any, Any]:
+    """Return c and k of Coulomb's friction; see `joint_law`."""
+    import casadi
+
+    sticks = casadi.fabs(w) <= CREEP
+    slides = casadi.copysign(x["coulomb"], w)
+    return casadi.if_else(sticks, 0, slides), casadi.if_else(sticks, x["coulomb"] / CREEP, 0)
+
+
+def _strange(x: dict[str, Any], variant: Variant, q: Any, w: Any, torque: Any) -> Any:
+    """Return by how much a step leaves the pieces that it was taken on, NaN included."""
+    import casadi
+
+    old, v, limit = x["position"], x["velocity"], x["limit"]
+    excess = [
+        casadi.fmax(q, old) - x["upper"],
+        x["lower"] - casadi.fmin(q, old),
+        casadi.fabs(w) - RUNAWAY,
+    ]
+    if variant.motor:
+        excess.append(torque - casadi.fmin(limit, x["stall"] - x["line"] * w))
+        excess.append(casadi.fmax(-limit, -x["stall"] - x["line"] * w) - torque)
+        kept = casadi.fabs(w) - CREEP
+        turned = CREEP - casadi.copysign(1, v) * w
+        excess.append(x["coulomb"] * casadi.if_else(casadi.fabs(v) <= CREEP, kept, turned))
+    else:
+        excess.append(casadi.fabs(torque) - limit)
+    worst = excess[0][0]
+    for values in excess:
+        for value in casadi.vertsplit(values):
+            worst = casadi.fmax(worst, value)
+    return worst + _not_a_number(w)
+
+
+def _not_a_number(w: Any) -> Any:
+    """Return zero for finite values, else NaN, in a way that no simplification takes for zero."""
+    import casadi
+
+    total = casadi.sum1(w)
+    return casadi.if_else(casadi.fabs(total) < np.inf, 0, np.nan)
+
+
+@remembered
+def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
+    """Return the function (q, v, force, extra, share) -> a, bias, gravity, mass.
+
+    a solves (M(q) + diag(extra)) a = force + share * g(q) - b(q, v); bias is b = C v + g, gravity is g of the
+    robot as it is described, and mass holds the entries of M at `mass_places`.  Further inputs are `scale`
+    (n) and `payload`, where the variant has them.
+    """
+    tree, n = read_tree(pepper, compact=not variant.scaled), pepper.n
     graph = Graph()
     inputs = {name: graph.inputs(n) for name in ("q", "v", "force", "extra", "share")}
     state = make_state(tree, inputs["q"], inputs["v"])
     nominal = gather(tree.full_map, _gravity(state))
-    if scaled:
+    if variant.scaled:
         inputs["scale"] = graph.inputs(n)
         tree = _scaled(tree, inputs["scale"])
-    if payload_frames:
-        inputs["payload"] = graph.inputs(len(payload_frames))
-        tree = _loaded(tree, payload_frames, inputs["payload"])
+    if variant.payload_frames:
+        inputs["payload"] = graph.inputs(len(variant.payload_frames))
+        tree = _loaded(tree, variant.payload_frames, inputs["payload"])
     state = replace(state, tree=tree)
     bias = gather(tree.full_map, full_torques(state))
     mass = coupled_entries(state, mass_entries(state))
@@ -75,7 +193,7 @@ def step_function(
         "mass": [mass[place] for place in sorted(mass)],
     }
     rows = {name: [[value] for value in values] for name, values in outputs.items()}
-    return make_function("twin_step", graph, inputs, rows)
+    return make_function("twin_terms", graph, inputs, rows)
 
 
 @remembered
@@ -107,10 +225,9 @@ def mass_places(pepper: PepperModel) -> tuple[Place, ...]:
     return tuple(sorted(coupled_entries(state, mass_entries(state))))
 
 
-def step_kernel(pepper: PepperModel, scaled: bool = False, payload_frames: tuple[str, ...] = ()) -> Kernel:
+def step_kernel(pepper: PepperModel, variant: Variant) -> Kernel:
     """Return `step_function` as machine code, from the cache on disk if it is there."""
-    key = _key(pepper, f"twin step {scaled} {payload_frames}")
-    return compile_function(lambda: step_function(pepper, scaled, payload_frames), key=key)
+    return compile_function(lambda: step_function(pepper, variant), key=_key(pepper, f"twin step {variant}"))
 
 
 def solve_kernel(pepper: PepperModel) -> Kernel:
@@ -186,6 +303,7 @@ def _robot_digest(pepper: PepperModel) -> str:
 @lru_cache(maxsize=1)
 def _source_digest() -> str:
     digest = hashlib.sha256((files("pepper_kin.twin.fast") / "expression.py").read_bytes())
+    digest.update(repr((RUNAWAY, CREEP)).encode())
     for room in ("symbolic", "model"):
         for file in sorted(files(f"pepper_kin.{room}").iterdir(), key=lambda f: f.name):
             if file.name.endswith(".py"):

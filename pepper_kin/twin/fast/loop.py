@@ -14,28 +14,25 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pepper_kin.twin.fast.law import CREEP, Derived, friction_at, seen_at
+from pepper_kin.twin.fast.law import STRENGTH
 from pepper_kin.twin.fast.native import call_kernel
-from pepper_kin.twin.fast.settle import Room, settle
+from pepper_kin.twin.fast.settle import ALIVE, LOAD, NEXT_V, TORQUE, Room, settle
 from pepper_kin.twin.integrator import RUNAWAY
-from pepper_kin.twin.joint_law import LawTable
 
 Array = np.ndarray
 
-# Parts of the step kernel's input, m each.
-Q, V, FORCE, EXTRA, SHARE = 0, 1, 2, 3, 4
-# Parts of its output, m each, and what follows.
-A, BIAS, GRAVITY, MASS = 0, 1, 2, 3
+# Parts of the step kernel's input besides those of `settle.py`.
+Q_REF, V_REF, GIVEN, CONSTANT = 2, 3, 4, 6
 
 
 class Inputs(NamedTuple):
-    """What robots are told; the first axis has one entry for each robot, or one for all.
+    """What robots are told, shape (N, T, n) each, or in the order of elements and for all, (1, T, m).
 
     Attributes:
-        position: Reference for the end of each step, shape (., T, n).
-        velocity: Reference, shape (., T, n).
-        given: Feed-forward or effort, shape (., T, n).
-        load: From outside, shape (., T, n) or (., 1, n).
+        position: Reference for the end of each step.
+        velocity: Reference.
+        given: Feed-forward or effort; T may be 1, for all steps.
+        load: From outside; T may be 1, for all steps.
     """
 
     position: Array
@@ -48,172 +45,144 @@ class Log(NamedTuple):
     """What robots did.
 
     Attributes:
-        position: After every `every`-th step, shape (robots, T // every, n).
+        position: At the start and after every `every`-th step, and in the row after the last good one the
+            state that diverged, shape (robots, 1 + ceil(T / every), n).
         velocity: The same.
         torque: The same.
-        every: Steps between rows.
         good: Number of good steps of each robot, shape (robots,).
     """
 
     position: Array
     velocity: Array
     torque: Array
-    every: int
     good: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def roll(
-    steps: int,
+    span: tuple[int, int, int, int, int],
     h: float,
     addresses: np.ndarray,
-    lanes: int,
-    first: int,
-    last: int,
-    law: LawTable,
-    fixed: Derived,
+    law: Array,
+    constant: Array,
     room: Room,
     inputs: Inputs,
     state: Array,
     log: Log,
 ) -> None:
-    """Advance blocks `first` to `last` - 1 by a number of steps.
+    """Advance some blocks by a number of steps.
 
     Args:
-        steps: How many.
+        span: Number of steps, steps between rows of the log, W, first block, and the block after the last.
         h: Timestep [s].
         addresses: Of the kernels of a step and of a solution.
-        lanes: W.
-        first: First block.
-        last: The block after the last.
-        law: Parameters, each of shape (blocks, m).
-        fixed: What follows from them.
-        room: Arrays to write to; `room.given` holds the constant part of the kernel's input.
+        law: Parameters of the joints, shape (blocks, rows, m).
+        constant: What does not change in the step kernel's input, shape (blocks, .).
+        room: Arrays to write to.
         inputs: What robots are told.
         state: Position, velocity and torque, shape (3, blocks, m); the result too.
         log: What to write.
     """
-    m = state.shape[2]
-    robots = log.good.size
+    steps, every, lanes, first, last = span
+    m, given, result = state.shape[2], room.given, room.result
+    strange = result.size - lanes
     for b in range(first, last):
-        room.given[: 2 * m] = state[:2, b].ravel()
-        room.given[SHARE * m : room.constant.shape[1] + SHARE * m] = room.constant[b]
+        for e in range(2 * m):  # assigning slices would take seconds to compile
+            given[e] = state[e // m, b, e % m]
+        for e in range(constant.shape[1]):
+            given[CONSTANT * m + e] = constant[b, e]
         for lane in range(lanes):
-            room.alive[lane] = True
+            room.flags[ALIVE, lane] = True
+        left = lanes
         for k in range(steps):
-            _tell(b, k, lanes, room, inputs)
-            strange = _step(b, h, addresses, law, fixed, room)
-            if strange > 0:
-                settle(b, h, addresses[1], lanes, law, fixed, room)
-                if not _survey(b, k, lanes, m, room, log):
+            _tell(b, k, lanes, law[b], given, inputs)
+            call_kernel(addresses[0], given.ctypes.data, result.ctypes.data, room.work.ctypes.data)
+            calm = True
+            for lane in range(lanes):
+                calm = calm and result[strange + lane] <= 0.0
+            if not calm:
+                settle(h, addresses[1], lanes, law[b], room)
+            if not calm or left < lanes:
+                left = _survey(b, k, every, lanes, room, log)
+                if left == 0:
                     break
-            room.given[: 2 * m] = room.next[: 2 * m]
-            if (k + 1) % log.every == 0:
-                _write(b, k // log.every, lanes, m, robots, room, log)
-        state[0, b] = room.given[:m]
-        state[1, b] = room.given[m : 2 * m]
-        state[2, b] = room.next[2 * m :]
+            for e in range(2 * m):
+                given[e] = result[e]
+            if (k + 1) % every == 0:
+                _write(b, (k + 1) // every, lanes, room, log)
+        for e in range(m):
+            state[0, b, e], state[1, b, e] = given[e], given[m + e]
+            if steps > 0:
+                state[2, b, e] = result[TORQUE * m + e]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _tell(b: int, k: int, lanes: int, room: Room, inputs: Inputs) -> None:
-    """Write a step's references in the order of elements, shape (4, m)."""
-    told, n = room.told, inputs.position.shape[2]
-    last = inputs.position.shape[0] - 1
-    loads, row = inputs.load.shape[0] - 1, min(k, inputs.load.shape[1] - 1)
+def _tell(b: int, k: int, lanes: int, law: Array, given: Array, inputs: Inputs) -> None:
+    """Write a step's references into the kernel's input.
+
+    What is constant in time is written in the first step only.
+    """
+    m = law.shape[1]
+    _spread(b, k, lanes, inputs.position, given, Q_REF * m)
+    _spread(b, k, lanes, inputs.velocity, given, V_REF * m)
+    if k == 0 or inputs.given.shape[1] > 1:
+        _spread(b, k, lanes, inputs.given, given, GIVEN * m)
+        for e in range(m):
+            given[GIVEN * m + e] *= law[STRENGTH, e]
+    if k == 0 or inputs.load.shape[1] > 1:
+        _spread(b, k, lanes, inputs.load, given, LOAD * m)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread(b: int, k: int, lanes: int, values: Array, given: Array, place: int) -> None:
+    """Write one step's values of a block's robots in the order of elements."""
+    robots, steps, n = values.shape
+    row = min(k, steps - 1)
+    if robots == 1:
+        for e in range(n):
+            given[place + e] = values[0, row, e]
+        return
     for lane in range(lanes):
-        robot = min(b * lanes + lane, last)
-        loaded = min(b * lanes + lane, loads)
+        robot = min(b * lanes + lane, robots - 1)
         for j in range(n):
-            e = j * lanes + lane
-            told[0, e] = inputs.position[robot, k, j]
-            told[1, e] = inputs.velocity[robot, k, j]
-            told[2, e] = inputs.given[robot, k, j]
-            told[3, e] = inputs.load[loaded, row, j]
+            given[place + j * lanes + lane] = values[robot, row, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _step(b: int, h: float, addresses: np.ndarray, law: LawTable, fixed: Derived, room: Room) -> int:
-    """Take a step on the first guess of pieces and return in how many joints it may be wrong."""
-    given, result, following, servo, told = room.given, room.result, room.next, room.servo, room.told
-    m = servo.size
-    for e in range(m):
-        position = given[e]
-        if fixed.has_encoder:
-            position = seen_at(law.resolution[b, e], position)
-        servo[e] = (
-            law.kp[b, e] * (told[0, e] - position)
-            + law.kd[b, e] * told[1, e]
-            + law.strength[b, e] * told[2, e]
-        )
-        drag = (fixed.gain[b, e] + law.viscous[b, e]) * given[m + e]
-        given[FORCE * m + e] = servo[e] - drag + told[3, e]
-        given[EXTRA * m + e] = fixed.extra[b, e]
-    if fixed.has_friction:
-        for e in range(m):
-            friction, stick = friction_at(law.coulomb[b, e], given[m + e])
-            given[FORCE * m + e] -= friction + stick * given[m + e]
-            given[EXTRA * m + e] += h * stick
-    call_kernel(addresses[0], given.ctypes.data, result.ctypes.data, room.work.ctypes.data)
-    strange = 0
-    for e in range(m):
-        servo[e] += given[SHARE * m + e] * result[GRAVITY * m + e]
-        w = given[m + e] + h * result[A * m + e]
-        q = given[e] + h * w
-        torque = servo[e] - fixed.gain[b, e] * w
-        high = min(law.limit[b, e], law.stall[b, e] - law.line[b, e] * w)
-        low = max(-law.limit[b, e], -law.stall[b, e] - law.line[b, e] * w)
-        following[e] = q
-        following[m + e] = w
-        following[2 * m + e] = torque
-        inside = (max(q, given[e]) <= law.upper[b, e]) & (min(q, given[e]) >= law.lower[b, e])
-        good = inside & (torque <= high) & (torque >= low) & (abs(w) < RUNAWAY)
-        strange += 1 - good
-    if fixed.has_friction:
-        for e in range(m):
-            v, w = given[m + e], following[m + e]
-            same = (abs(v) <= CREEP) == (abs(w) <= CREEP) and (abs(w) <= CREEP or v * w > 0.0)
-            strange += 0 if same or law.coulomb[b, e] == 0.0 else 1
-    return strange
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _survey(b: int, k: int, lanes: int, m: int, room: Room, log: Log) -> bool:
-    """Stop robots whose new state is absurd; the result tells whether any robot is left."""
-    left = False
+def _survey(b: int, k: int, every: int, lanes: int, room: Room, log: Log) -> int:
+    """Stop robots whose new state is absurd, and return how many of the block's are left."""
+    m, result, flags = room.answer.size, room.result, room.flags
+    left = 0
     for lane in range(lanes):
-        if room.alive[lane]:
+        if flags[ALIVE, lane]:
             for e in range(lane, m, lanes):
-                v, torque = room.next[m + e], room.next[2 * m + e]
-                if not (abs(v) < RUNAWAY and abs(torque) < np.inf):
-                    room.alive[lane] = False
+                if not (abs(result[NEXT_V * m + e]) < RUNAWAY and abs(result[TORQUE * m + e]) < np.inf):
+                    flags[ALIVE, lane] = False
             robot = b * lanes + lane
-            if not room.alive[lane] and robot < log.good.size:
+            if not flags[ALIVE, lane] and robot < log.good.size:
                 log.good[robot] = k
-                row = k // log.every
-                if row < log.position.shape[1]:
-                    _write_lane(robot, lane, row, lanes, m, room, log)
-        if room.alive[lane]:
-            left = True
+                _write_lane(robot, lane, 1 + k // every, lanes, room, log)
+        if flags[ALIVE, lane]:
+            left += 1
         else:  # it stays where it was last seen well
-            for e in range(lane, m, lanes):
-                room.next[e] = room.given[e]
-                room.next[m + e] = room.given[m + e]
+            for e in range(lane, 2 * m, lanes):
+                result[e] = room.given[e]
     return left
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _write(b: int, row: int, lanes: int, m: int, robots: int, room: Room, log: Log) -> None:
+def _write(b: int, row: int, lanes: int, room: Room, log: Log) -> None:
     for lane in range(lanes):
         robot = b * lanes + lane
-        if robot < robots and room.alive[lane]:
-            _write_lane(robot, lane, row, lanes, m, room, log)
+        if robot < log.good.size and room.flags[ALIVE, lane]:
+            _write_lane(robot, lane, row, lanes, room, log)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _write_lane(robot: int, lane: int, row: int, lanes: int, m: int, room: Room, log: Log) -> None:
-    for j in range(m // lanes):
+def _write_lane(robot: int, lane: int, row: int, lanes: int, room: Room, log: Log) -> None:
+    m, n = room.answer.size, log.position.shape[2]
+    for j in range(n):
         e = j * lanes + lane
-        log.position[robot, row, j] = room.next[e]
-        log.velocity[robot, row, j] = room.next[m + e]
-        log.torque[robot, row, j] = room.next[2 * m + e]
+        log.position[robot, row, j] = room.result[e]
+        log.velocity[robot, row, j] = room.result[NEXT_V * m + e]
+        log.torque[robot, row, j] = room.result[TORQUE * m + e]

@@ -1,0 +1,154 @@
+"""Goals of a path from IK tasks: many solutions found in machine code, of which the clear ones stay."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.ik import IKResult, Task, TaskGroup, solve
+from pepper_kin.ik.certificate import Evidence
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.descenders import make_descender
+from pepper_kin.ik.precedence import balanced
+from pepper_kin.ik.problem import flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.search import Budget, search
+from pepper_kin.model.shapes import read_only
+from pepper_kin.motion.checks import Checks
+
+Array = NDArray[np.float64]
+
+FURTHER = 3
+"""Solutions of a goal's tasks besides the first."""
+
+ROUNDS = (16, 48, 160, 512)
+"""Starts of one round of inverse kinematics after the other."""
+
+ROUNDS_FOR_MARGIN = 2
+"""Rounds after which a solution nearer to something than the margin will do."""
+
+CAREFUL_STARTS = 2
+"""Further starts of a search that keeps clear all the way, which is slow."""
+
+STEPS = 150
+"""Of inverse kinematics from each start."""
+
+APART = 0.1
+"""Solutions that differ by less than this in every joint count as one [rad or m]."""
+
+_SEEDS_APART = 104_729
+
+
+def clear_goals(
+    checks: Checks,
+    start: Array,
+    tasks: Sequence[Task | TaskGroup],
+    joints: str | Sequence[str] | None,
+    margin: float,
+    seed: int,
+    timeout: float,
+) -> tuple[Array, IKResult] | None:
+    """Return solutions of tasks that touch nothing and can be held; None where none was found this way.
+
+    Solutions from starts ever farther away are examined together.  Those with the margin to the scene are
+    preferred to nearer ones without.
+
+    Args:
+        checks: The robot in its scene, compiled.
+        start: Where the motion starts, shape (n,).
+        tasks: Tasks that the fast solver knows.
+        joints: Joints that may move: a group or names; None for all.
+        margin: Distance to the scene that is preferred [m].
+        seed: Draws the starts.
+        timeout: Time budget [s]; it is looked at between rounds.
+
+    Returns:
+        Goals, shape (m, n), m of 1 to 4, the best first, and the result of inverse kinematics for that one.
+    """
+    begin = time.perf_counter()
+    first = solve(checks.pepper, tasks, start, seed=seed, joints=joints, timeout=timeout)
+    if not first.success:
+        return None
+    sought = _Search(checks, start, tasks, joints, margin, seed)
+    good = sought.look(first.q[None])
+    for number, count in enumerate(ROUNDS):
+        if number == ROUNDS_FOR_MARGIN and not len(good):
+            good = sought.carefully(begin + timeout)
+        if not len(good) or number == 0:
+            good = sought.round(number, count, good)
+        if len(good) or time.perf_counter() - begin > timeout:
+            break
+    if not len(good):
+        return None
+    q = read_only(good[0].copy())
+    evidence = Evidence(checks.pepper, sought.parts, start, sought.movable, checks.exact.scene, q).certificate
+    elapsed = time.perf_counter() - begin
+    return good, replace(first, q=q, evidence=evidence, restarts=first.restarts + sought.spent, time=elapsed)
+
+
+class _Search:
+    """Solutions of tasks from many starts, examined together."""
+
+    def __init__(
+        self,
+        checks: Checks,
+        start: Array,
+        tasks: Sequence[Task | TaskGroup],
+        joints: str | Sequence[str] | None,
+        margin: float,
+        seed: int,
+    ) -> None:
+        self.checks, self.start, self.margin, self.seed = checks, start, margin, seed
+        self.parts = tuple(flatten_tasks(checks.pepper, tasks))
+        self.movable = None if joints is None else movable_joints(checks.pepper, joints)
+        self.spare = np.empty((0, checks.pepper.n))  # clear, but for the margin
+        self.spent = 0
+
+    def look(self, candidates: Array) -> Array:
+        """Return the candidates, shape (m, n), that keep the margin and can be held; keep the other clear."""
+        candidates = candidates[self.checks.holds(candidates)]
+        wide = self.checks.free(candidates, self.margin)
+        if not wide.any():
+            self.spare = np.concatenate([self.spare, candidates[self.checks.free(candidates)]])
+        return candidates[wide]
+
+    def round(self, number: int, count: int, before: Array) -> Array:
+        """Return goals from `count` further starts and from those found before."""
+        from pepper_kin.ik.fast import alternatives
+
+        seed = self.seed + _SEEDS_APART * number
+        found = alternatives(self.checks.pepper, self.parts, self.start, self.movable, seed, count, STEPS)
+        self.spent += count
+        good = before
+        if found:
+            good = np.concatenate([before, self.look(np.array(found))])
+        if not len(good) and number + 1 >= ROUNDS_FOR_MARGIN:
+            good = self.spare
+        return different(good, 1 + FURTHER)
+
+    def carefully(self, deadline: float) -> Array:
+        """Return a goal that is come to along a way clear of collisions, if there is one."""
+        pepper, scene = self.checks.pepper, self.checks.exact.scene
+        movable = np.ones(pepper.n, dtype=bool) if self.movable is None else self.movable
+        problem = make_problem(pepper, balanced(self.parts), self.start, movable, keep_idle=False)
+        budget = Budget(self.seed, CAREFUL_STARTS, STEPS, deadline)
+        found = search(problem, make_descender("fast", problem), Collisions(pepper, scene), budget)
+        self.spent += found.restarts
+        if not found.best.is_good:
+            return self.spare
+        good = self.look(found.best.q[None])
+        return good if len(good) else self.spare
+
+
+def different(solutions: Array, count: int) -> Array:
+    """Return the first solutions that differ from one another, shape (m, n), m at most `count`."""
+    kept: list[int] = []
+    for k, q in enumerate(solutions):
+        if all(np.abs(q - solutions[other]).max() >= APART for other in kept):
+            kept.append(k)
+            if len(kept) == count:
+                break
+    return solutions[kept]

@@ -1,0 +1,219 @@
+"""Whether the floor can carry a motion: base wrench, zero-moment point, loads of the wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.dynamics import base_wrench
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+from pepper_kin.model.shapes import read_only
+from pepper_kin.twin.base.geometry import BaseGeometry, pepper_base
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BalanceEvent:
+    """The first instant at which the zero-moment point is outside the polygon of the wheels.
+
+    Attributes:
+        time: [s].
+        index: Row of the series.
+        edge: The two wheels over whose line the robot begins to tip; empty where the floor would have to
+            pull.
+        margin: How far outside, below zero [m].
+    """
+
+    time: float
+    index: int
+    edge: tuple[str, str] | tuple[()]
+    margin: float
+
+    def __str__(self) -> str:
+        if not self.edge:
+            return f"at {self.time:.3f} s the floor would have to pull"
+        outside = f"{-1000 * self.margin:.1f} mm outside the line {self.edge[0]} - {self.edge[1]}"
+        return f"at {self.time:.3f} s the zero-moment point is {outside}"
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceReport:
+    """Balance over a motion; arrays are read-only.
+
+    Attributes:
+        time: [s], shape (T,).
+        wrench: Force [N], then moment about the world's origin [N m], of the floor on the robot, in world
+            axes, shape (T, 6).
+        point: Zero-moment point in the frame of the base [m], NaN where the floor would have to pull,
+            shape (T, 2).
+        distances: Of the point from the line through wheels k and k + 1, positive inside, -inf where the
+            floor would have to pull, shape (T, k) [m].
+        friction: Least coefficient of friction that keeps the wheels from sliding along the floor: horizontal
+            by vertical force, inf where the floor would have to pull, shape (T,).
+        loads: Vertical force on each wheel, for three wheels; below zero one would have to be held down,
+            shape (T, 3) [N]; None for more wheels, where it is not determined.
+        event: The first instant outside; None if there is none.
+    """
+
+    time: Array
+    wrench: Array
+    point: Array
+    distances: Array
+    friction: Array
+    loads: Array | None
+    event: BalanceEvent | None
+
+    @property
+    def margin(self) -> Array:
+        """Least of the distances: how far the point is inside, below zero outside, shape (T,) [m]."""
+        return np.asarray(self.distances.min(axis=1))
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the point stays inside."""
+        return self.event is None
+
+    def report(self) -> str:
+        """Return the result in words."""
+        worst = int(np.argmin(self.margin))
+        lines = [
+            f"Balance over {self.time[-1] - self.time[0]:.3f} s: {self.event or 'kept throughout'}",
+            f"  least margin {1000 * self.margin[worst]:.1f} mm at {self.time[worst]:.3f} s; "
+            f"least friction coefficient needed {self.friction.max():.3f}",
+        ]
+        if self.loads is not None:
+            low, high = self.loads.min(), self.loads.max()
+            lines.append(f"  load of a wheel between {low:.1f} N and {high:.1f} N")
+        return "\n".join(lines)
+
+
+class BalanceMonitor:
+    """Watches the balance of a motion.
+
+    Args:
+        pepper: The robot.
+        geometry: Its wheels; Pepper's by default.  Their contacts must be the corners of a convex polygon, in
+            any order.
+        base_frame: Frame that they move with.
+
+    Raises:
+        InvalidValueError: for contacts that are no convex polygon.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        geometry: BaseGeometry | None = None,
+        base_frame: str = "base_footprint",
+    ) -> None:
+        pepper.frame_id(base_frame)
+        self.pepper, self.base_frame = pepper, base_frame
+        wheels = pepper_base() if geometry is None else geometry
+        around = wheels.contacts - wheels.contacts.mean(axis=0)
+        order = np.argsort(np.arctan2(around[:, 1], around[:, 0]))
+        self.wheel_names = tuple(wheels.wheel_names[k] for k in order)
+        self.contacts = read_only(wheels.contacts[order])
+        sides = np.roll(self.contacts, -1, axis=0) - self.contacts
+        turns = (
+            sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
+        )
+        if not (turns > 0).all():
+            raise InvalidValueError("contacts", wheels.contacts.tolist(), "corners of a convex polygon")
+        self._inward = np.column_stack([-sides[:, 1], sides[:, 0]])
+        self._inward /= np.linalg.norm(self._inward, axis=1, keepdims=True)
+
+    def edge(self, number: int) -> tuple[str, str]:
+        """Return the wheels at the ends of an edge, counter-clockwise."""
+        return self.wheel_names[number], self.wheel_names[(number + 1) % len(self.wheel_names)]
+
+    def assess_run(self, run: Any, external: ArrayLike | None = None) -> BalanceReport:
+        """Return the balance over a run of the twin (anything with `time`, `position` and `velocity`).
+
+        Accelerations are differences of the velocities: central, and one-sided at the ends.
+
+        Args:
+            run: The run, of two steps or more.
+            external: See `assess`.
+
+        Raises:
+            InvalidValueError: for a run of one state.
+        """
+        if len(run.time) < 2:
+            raise InvalidValueError("run", f"{len(run.time)} states", "two states or more")
+        a = np.gradient(run.velocity, run.time, axis=0)
+        return self.assess(run.time, run.position, run.velocity, a, external)
+
+    def assess(
+        self, time: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike, external: ArrayLike | None = None
+    ) -> BalanceReport:
+        """Return the balance over a motion.
+
+        Args:
+            time: [s], shape (T,).
+            q: Joint positions [rad or m], shape (T, n).
+            v: Joint velocities [rad/s or m/s], shape (T, n).
+            a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
+            external: Force [N] and moment about the world's origin [N m] that something else puts on the
+                robot, in world axes, shape (6,) or (T, 6); none if omitted.
+
+        Raises:
+            InvalidValueError: for wrong shapes, NaN or infinity.
+        """
+        times = as_finite(time, "time", (None,))
+        states = []
+        for quantity, value in (("q", q), ("v", v), ("a", a)):
+            rows = as_joint_vectors(self.pepper, value, quantity)
+            if rows.shape != (len(times), self.pepper.n):
+                raise InvalidValueError(
+                    quantity, f"shape {rows.shape}", f"shape {(len(times), self.pepper.n)}"
+                )
+            states.append(rows)
+        wrench = base_wrench(self.pepper, *states)
+        if external is not None:
+            given = as_finite(external, "external", (6,) if np.ndim(external) == 1 else (len(times), 6))
+            wrench = wrench - given
+        point, distances, loads = self._support(wrench, states[0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            friction = np.hypot(wrench[:, 0], wrench[:, 1]) / wrench[:, 2]
+        friction = np.where(wrench[:, 2] > 0, friction, np.inf)
+        times, wrench, point = read_only(times), read_only(wrench), read_only(point)
+        distances, friction = read_only(distances), read_only(friction)
+        held = None if loads is None else read_only(loads)
+        return BalanceReport(times, wrench, point, distances, friction, held, self._event(times, distances))
+
+    def _support(self, wrench: Array, q: Array) -> tuple[Array, Array, Array | None]:
+        """Return zero-moment point, its distances inside the edges, and the loads of three wheels."""
+        poses = frame_pose(self.pepper, q, self.base_frame)
+        vertical = wrench[:, 2]
+        pressed = vertical > 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            world = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / vertical[:, None]
+        point = np.einsum("tji,tj->ti", poses[:, :2, :2], world - poses[:, :2, 3])
+        point[~pressed] = np.nan
+        offset = point[:, None, :] - self.contacts
+        distances = np.where(pressed[:, None], np.einsum("tki,ki->tk", offset, self._inward), -np.inf)
+        if len(self.contacts) != 3:
+            return point, distances, None
+        # Force and moments about the base's axes: sum f = f_z, sum f c = f_z point (kept finite at f_z = 0).
+        local = np.einsum("tji,tj->ti", poses[:, :2, :2], np.column_stack([-wrench[:, 4], wrench[:, 3]]))
+        local -= vertical[:, None] * np.einsum("tji,tj->ti", poses[:, :2, :2], poses[:, :2, 3])
+        balance = np.vstack([np.ones(3), self.contacts.T])
+        loads = np.linalg.solve(balance, np.column_stack([vertical, local]).T).T
+        return point, distances, loads
+
+    def _event(self, time: Array, distances: Array) -> BalanceEvent | None:
+        margin = distances.min(axis=1)
+        outside = np.flatnonzero(margin < 0)
+        if not len(outside):
+            return None
+        index = int(outside[0])
+        edge = self.edge(int(np.argmin(distances[index]))) if np.isfinite(margin[index]) else ()
+        return BalanceEvent(float(time[index]), index, edge, float(margin[index]))

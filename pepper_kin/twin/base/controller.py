@@ -1,0 +1,134 @@
+"""Velocity commands, followed within the limits of the base."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.shapes import read_only
+from pepper_kin.twin.base.odometry import arc_moved
+from pepper_kin.twin.base.omni_base import OmniBase
+
+Array = NDArray[np.float64]
+
+
+class BaseController:
+    """Ramps the base's twist towards the last command and to rest when commands cease.
+
+    A command beyond the limits of velocity is scaled down (`OmniBase.limited`).  The twist then goes straight
+    towards it, as fast as both limits of acceleration allow.  Twists within the limits of velocity form a
+    convex set, so every twist on the way is within them too.
+
+    Args:
+        base: The wheels and their limits.
+        timeout: A command holds this long [s]; then the base brakes.
+
+    Raises:
+        InvalidValueError: for a timeout that is not above 0.
+    """
+
+    def __init__(self, base: OmniBase, timeout: float = 0.5) -> None:
+        self.base = base
+        self.timeout = float("inf") if timeout == float("inf") else check_positive("timeout", timeout, "s")
+        self.reset()
+
+    def reset(self, pose: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Stand still, without a command.
+
+        Args:
+            pose: Where: x, y [m], yaw [rad], shape (3,).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        self._pose = read_only(as_finite(pose, "pose", (3,)))
+        self._twist, self._target = np.zeros(3), np.zeros(3)
+        self._age = np.inf
+
+    @property
+    def twist(self) -> Array:
+        """The present twist (v_x, v_y, omega) [m/s, m/s, rad/s], shape (3,)."""
+        return read_only(self._twist)
+
+    @property
+    def pose(self) -> Array:
+        """Where the twists have led: x, y [m], yaw [rad], shape (3,)."""
+        return self._pose
+
+    @property
+    def wheel_speeds(self) -> Array:
+        """The speeds that the wheels have at the present twist [rad/s], shape (k,)."""
+        return self.base.wheel_speeds(self._twist)
+
+    def command(self, twist: ArrayLike) -> Array:
+        """Set the twist to go for, from now until the timeout; return it within the limits.
+
+        Args:
+            twist: (v_x, v_y, omega) in the base's axes [m/s, m/s, rad/s], shape (3,).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        self._target = self.base.limited(as_finite(twist, "twist", (3,)))
+        self._age = 0.0
+        return read_only(self._target)
+
+    def step(self, timestep: float) -> Array:
+        """Advance by some time; return the new twist, shape (3,).
+
+        The pose moves along the arc of the mean of old and new twist.
+
+        Args:
+            timestep: [s], above 0.
+
+        Raises:
+            InvalidValueError: for a timestep that is not above 0.
+        """
+        duration = check_positive("timestep", timestep, "s")
+        target = self._target if self._age < self.timeout - 1e-9 else np.zeros(3)
+        self._age += duration
+        change = target - self._twist
+        limits = self.base.geometry
+        need = max(
+            float(np.hypot(change[0], change[1])) / limits.linear_acceleration,
+            abs(float(change[2])) / limits.angular_acceleration,
+        )
+        before = self._twist
+        self._twist = target.copy() if need <= duration else before + change * (duration / need)
+        self._pose = read_only(arc_moved(self._pose, duration * (before + self._twist) / 2.0))
+        return self.twist
+
+    def braking_distance(self) -> float:
+        """Return the way to rest from the present twist, along the arc [m].
+
+        The twist shrinks evenly to nothing, so the way is half the speed times the time that takes.
+        """
+        speed = float(np.hypot(self._twist[0], self._twist[1]))
+        limits = self.base.geometry
+        duration = max(
+            speed / limits.linear_acceleration, abs(float(self._twist[2])) / limits.angular_acceleration
+        )
+        return speed * duration / 2.0
+
+
+def world_velocity(twist: ArrayLike, yaw: float) -> Array:
+    """Return the velocities of the joints BaseX, BaseY, BaseYaw for a twist in the base's axes.
+
+    Args:
+        twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+        yaw: Of the base [rad].
+
+    Returns:
+        (v_x, v_y) in the world [m/s] and omega [rad/s], shape (..., 3).
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN or infinity.
+    """
+    given = as_finite(twist, "twist", (None,) * max(np.ndim(twist) - 1, 0) + (3,))
+    if not np.isfinite(yaw):
+        raise InvalidValueError("yaw", yaw, "a finite angle [rad]")
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    x, y, turning = given[..., 0], given[..., 1], given[..., 2]
+    return np.stack([cos * x - sin * y, sin * x + cos * y, turning], axis=-1)

@@ -1,0 +1,95 @@
+"""Where the wheels are, and how fast the base may go."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseGeometry:
+    """Omnidirectional wheels in the frame of the base (x forward, y left, origin on the floor).
+
+    Attributes:
+        wheel_names: Names of the k wheels, three or more.
+        contacts: Where they touch the floor, shape (k, 2) [m].
+        axles: Unit vectors of their axles; a wheel turns positive about it, shape (k, 2).
+        wheel_radius: [m].
+        wheel_speed_limit: [rad/s], inf for none.
+        linear_velocity: Limit of the speed of the base's origin [m/s].
+        angular_velocity: Limit of its turning [rad/s].
+        linear_acceleration: Limit of the change of velocity [m/s^2].
+        angular_acceleration: Limit of the change of turning [rad/s^2].
+    """
+
+    wheel_names: tuple[str, ...]
+    contacts: Array
+    axles: Array
+    wheel_radius: float
+    wheel_speed_limit: float = math.inf
+    linear_velocity: float = math.inf
+    angular_velocity: float = math.inf
+    linear_acceleration: float = math.inf
+    angular_acceleration: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Copy and check the fields.
+
+        Raises:
+            InvalidValueError: naming the quantity.
+        """
+        count = len(self.wheel_names)
+        if count < 3:
+            raise InvalidValueError("wheels", count, "three or more")
+        object.__setattr__(self, "contacts", read_only(as_finite(self.contacts, "contacts", (count, 2))))
+        axles = as_finite(self.axles, "axles", (count, 2))
+        lengths = np.linalg.norm(axles, axis=1, keepdims=True)
+        if not (lengths > 0).all():
+            raise InvalidValueError("axles", axles.tolist(), "vectors of a length above 0")
+        object.__setattr__(self, "axles", read_only(axles / lengths))
+        if not (math.isfinite(self.wheel_radius) and self.wheel_radius > 0):
+            raise InvalidValueError("wheel_radius", self.wheel_radius, "a finite length above 0 [m]")
+        for quantity in (
+            "wheel_speed_limit",
+            "linear_velocity",
+            "angular_velocity",
+            "linear_acceleration",
+            "angular_acceleration",
+        ):
+            if not getattr(self, quantity) > 0:
+                raise InvalidValueError(quantity, getattr(self, quantity), "a number above 0")
+
+
+@cache
+def pepper_base(*, fastest: bool = False) -> BaseGeometry:
+    """Return Pepper's base; the numbers and their sources are in `twin/data/base.json`.
+
+    Args:
+        fastest: Whether velocities and accelerations are the greatest that the maker allows to ask for,
+            rather than its defaults.
+    """
+    text = (files("pepper_kin.twin") / "data" / "base.json").read_text(encoding="utf-8")
+    data: dict[str, Any] = json.loads(text)
+    wheels = data["wheels"]
+    which = "maximum" if fastest else "default"
+    return BaseGeometry(
+        tuple(wheels),
+        np.array([wheel["contact"] for wheel in wheels.values()]),
+        np.array([wheel["axle"] for wheel in wheels.values()]),
+        data["wheel_radius"],
+        data["wheel_speed_limit"],
+        **{quantity: limit[which] for quantity, limit in data["limits"].items()},
+    )

@@ -1,0 +1,143 @@
+"""Poses of the base along arcs: x, y [m] and yaw [rad]."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+from pepper_kin.twin.base.omni_base import OmniBase
+
+Array = NDArray[np.float64]
+
+_STRAIGHT = 1e-4  # [rad] below this the series is exact to the last bit
+
+
+def arc_moved(pose: ArrayLike, arc: ArrayLike) -> Array:
+    """Return the pose at the end of an arc: a constant twist for the unit of time.
+
+    With w the angle turned, the way in the axes of the start is
+        (sin(w)/w  -(1 - cos w)/w;  (1 - cos w)/w  sin(w)/w) (x, y),
+    the exponential of the twist in the plane (Lynch and Park, Modern Robotics, 2017, 3.3.3).
+
+    Args:
+        pose: x, y [m], yaw [rad], shape (..., 3).
+        arc: Twist times duration: x, y [m], angle [rad], in the axes of the base, shape (..., 3).
+
+    Returns:
+        x, y, yaw, shape (..., 3); the yaw counts full turns.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN or infinity.
+    """
+    start, step = _triples(pose, "pose"), _triples(arc, "arc")
+    ratio, bend = _coefficients(step[..., 2])
+    x = ratio * step[..., 0] - bend * step[..., 1]
+    y = bend * step[..., 0] + ratio * step[..., 1]
+    cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
+    return np.stack(
+        [
+            start[..., 0] + cos * x - sin * y,
+            start[..., 1] + sin * x + cos * y,
+            start[..., 2] + step[..., 2],
+        ],
+        axis=-1,
+    )
+
+
+def arc_between(start: ArrayLike, end: ArrayLike) -> Array:
+    """Return the arc that leads from one pose to another, the inverse of `arc_moved`.
+
+    Args:
+        start: x, y [m], yaw [rad], shape (..., 3).
+        end: The same; its yaw within less than a full turn of the start's.
+
+    Returns:
+        x, y [m], angle [rad] in the axes of the start, shape (..., 3).
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, infinity, or a full turn or more.
+    """
+    first, last = _triples(start, "start"), _triples(end, "end")
+    step = last - first
+    angle = step[..., 2]
+    if np.abs(angle).max(initial=0.0) > 2 * np.pi - 1e-6:
+        raise InvalidValueError("end", f"{np.abs(angle).max():.6g} rad further", "less than a full turn")
+    cos, sin = np.cos(first[..., 2]), np.sin(first[..., 2])
+    x = cos * step[..., 0] + sin * step[..., 1]
+    y = -sin * step[..., 0] + cos * step[..., 1]
+    ratio, bend = _coefficients(angle)
+    size = ratio**2 + bend**2
+    return np.stack([(ratio * x + bend * y) / size, (ratio * y - bend * x) / size, angle], axis=-1)
+
+
+class Odometry:
+    """The pose told from the wheels' turns, exact along arcs, wrong by the slip that is asked for.
+
+    Args:
+        base: The wheels.
+        pose: Where it starts: x, y [m], yaw [rad], shape (3,).
+        radius_error: Relative error of each wheel's radius as it is believed, one number or shape (k,).
+        slip: Standard deviation of each wheel's slip for a turn of one radian [rad]; it grows with the square
+            root of the turn.
+        seed: Seed of the slip, or a generator.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, infinity, or a slip below 0.
+    """
+
+    def __init__(
+        self,
+        base: OmniBase,
+        pose: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        radius_error: ArrayLike = 0.0,
+        slip: float = 0.0,
+        seed: int | np.random.Generator = 0,
+    ) -> None:
+        count = len(base.wheel_map)
+        error = as_finite(radius_error, "radius_error", () if np.ndim(radius_error) == 0 else (count,))
+        if not 0 <= slip < np.inf:
+            raise InvalidValueError("slip", slip, "a finite number of at least 0 [rad]")
+        self.base = base
+        self._pose = read_only(as_finite(pose, "pose", (3,)))
+        self._scale, self._slip = 1.0 + np.broadcast_to(error, count), float(slip)
+        self._random = np.random.default_rng(seed)
+
+    @property
+    def pose(self) -> Array:
+        """The pose believed: x, y [m], yaw [rad], shape (3,)."""
+        return self._pose
+
+    def add(self, turns: ArrayLike) -> Array:
+        """Add what the wheels turned since the last time; return the new pose.
+
+        Args:
+            turns: Angles [rad], shape (k,).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        angles = as_finite(turns, "turns", (len(self.base.wheel_map),))
+        believed = self._scale * angles
+        if self._slip:
+            spread = self._slip * np.sqrt(np.abs(angles))
+            believed = believed + spread * self._random.standard_normal(len(angles))
+        self._pose = read_only(arc_moved(self._pose, self.base.body_twist(believed)))
+        return self._pose
+
+
+def _coefficients(angle: Array) -> tuple[Array, Array]:
+    """Return sin(w)/w and (1 - cos w)/w, by their series near 0."""
+    small = np.abs(angle) < _STRAIGHT
+    safe = np.where(small, 1.0, angle)
+    ratio = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
+    # 1 - cos w = 2 sin^2(w/2) keeps its digits
+    bend = np.where(small, angle / 2.0, 2.0 * np.sin(safe / 2.0) ** 2 / safe)
+    return ratio, bend
+
+
+def _triples(value: ArrayLike, quantity: str) -> Array:
+    return as_finite(value, quantity, (None,) * max(np.ndim(value) - 1, 0) + (3,))

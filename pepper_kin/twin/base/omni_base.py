@@ -1,0 +1,112 @@
+"""Between the velocity of the base and the speeds of its wheels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+from pepper_kin.twin.base.geometry import BaseGeometry, pepper_base
+
+Array = NDArray[np.float64]
+
+
+class OmniBase:
+    """A base on omnidirectional wheels, which roll about their axles and slide freely along them.
+
+    A twist is (v_x, v_y, omega): velocity of the base's origin in its own axes [m/s] and turning [rad/s].
+    A wheel at c with axle a (unit vector in the plane) and radius r rolls along t = (a_y, -a_x).  The floor
+    does not slide against it along t when
+        r w = t . (v + omega x c),
+    which is one row of the map from twists to wheel speeds w.
+
+    Args:
+        base: Pepper, for its wheels, or the geometry of another base; Pepper's by default.
+
+    Attributes:
+        geometry: The wheels.
+        wheel_map: (k, 3), the map from twist to wheel speeds [rad/s], read-only.
+
+    Raises:
+        InvalidValueError: for anything else.
+        UnknownNameError: for a robot without Pepper's wheels.
+        ModelError: for wheels that leave some motion of the base undetermined.
+    """
+
+    def __init__(self, base: PepperModel | BaseGeometry | None = None) -> None:
+        if not (base is None or isinstance(base, PepperModel | BaseGeometry)):
+            raise InvalidValueError("base", type(base).__name__, "a robot, a BaseGeometry or None")
+        self.geometry = base if isinstance(base, BaseGeometry) else pepper_base()
+        if isinstance(base, PepperModel):  # a robot without these wheels is not Pepper
+            for name in self.geometry.wheel_names:
+                base.frame_id(f"{name}_link")
+        (x, y), (ax, ay) = self.geometry.contacts.T, self.geometry.axles.T
+        rows = np.column_stack([ay, -ax, -y * ay - x * ax]) / self.geometry.wheel_radius
+        if np.linalg.matrix_rank(rows, tol=1e-9 * np.abs(rows).max()) < 3:
+            raise ModelError(f"wheels {', '.join(self.geometry.wheel_names)} leave a motion undetermined")
+        self.wheel_map = read_only(rows)
+        self._inverse = np.linalg.pinv(rows)
+
+    def wheel_speeds(self, twist: ArrayLike) -> Array:
+        """Return the speeds with which the wheels roll, shape (..., k) [rad/s].
+
+        Args:
+            twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        return _rows(twist, "twist", 3) @ self.wheel_map.T
+
+    def body_twist(self, wheel_speeds: ArrayLike) -> Array:
+        """Return the twist that fits the wheels best, by least squares; with three wheels it fits exactly.
+
+        Args:
+            wheel_speeds: [rad/s], or angles turned [rad] for a displacement, shape (..., k).
+
+        Returns:
+            (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        return _rows(wheel_speeds, "wheel_speeds", len(self.wheel_map)) @ self._inverse.T
+
+    def slip(self, twist: ArrayLike, wheel_speeds: ArrayLike) -> Array:
+        """Return how fast each wheel slides over the floor along its rolling direction, shape (..., k) [m/s].
+
+        Args:
+            twist: What the base does, shape (..., 3).
+            wheel_speeds: What the wheels do [rad/s], shape (..., k).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        turning = _rows(wheel_speeds, "wheel_speeds", len(self.wheel_map))
+        return self.geometry.wheel_radius * (self.wheel_speeds(twist) - turning)
+
+    def limited(self, twist: ArrayLike) -> Array:
+        """Return a twist scaled down until velocity, turning and wheel speeds are within their limits.
+
+        The whole twist is scaled, so that the base follows the same arc.
+
+        Args:
+            twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        given, limits = _rows(twist, "twist", 3), self.geometry
+        use = np.maximum(
+            np.hypot(given[..., 0], given[..., 1]) / limits.linear_velocity,
+            np.abs(given[..., 2]) / limits.angular_velocity,
+        )
+        turning = np.abs(self.wheel_speeds(given)).max(axis=-1) / limits.wheel_speed_limit
+        return np.asarray(given / np.maximum(np.maximum(use, turning), 1.0)[..., None])
+
+
+def _rows(value: ArrayLike, quantity: str, length: int) -> Array:
+    return as_finite(value, quantity, (None,) * max(np.ndim(value) - 1, 0) + (length,))

@@ -1,0 +1,122 @@
+"""Parameters of many robots: what each has of its own, in one array."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.twin.actuators import QUANTITIES, ActuatorParameters
+
+Array = NDArray[np.float64]
+PerRobot = ArrayLike | Mapping[str, ArrayLike]
+"""Numbers of shape (), (n,), (N, 1) or (N, n), or joint -> one number or shape (N,)."""
+
+
+def actuators_of_all(
+    count: int, actuators: ActuatorParameters, vary: Mapping[str, PerRobot]
+) -> ActuatorParameters:
+    """Return the actuators of N robots, one robot after the other, so that there are N n joints.
+
+    Args:
+        count: N.
+        actuators: What they have in common.
+        vary: Quantity of `ActuatorParameters` -> what each robot has instead.
+
+    Raises:
+        UnknownNameError: for a quantity or a joint that is not known.
+        InvalidValueError: naming robot, joint and quantity, for a wrong shape or a value that is not allowed.
+    """
+    for quantity in vary:
+        if quantity not in QUANTITIES:
+            raise UnknownNameError("quantity of an actuator", quantity, QUANTITIES)
+    fields: dict[str, Any] = {
+        quantity: _spread(count, actuators, quantity, vary.get(quantity)).ravel() for quantity in QUANTITIES
+    }
+    names = actuators.joint_names
+    return ActuatorParameters(
+        joint_names=tuple(f"{name} of robot {k}" for k in range(count) for name in names),
+        sources=actuators.sources * count,
+        mode=actuators.mode * count,
+        latency=actuators.latency,
+        **fields,
+    )
+
+
+def _spread(count: int, actuators: ActuatorParameters, quantity: str, value: PerRobot | None) -> Array:
+    """Return one quantity of all robots, shape (N, n)."""
+    usual = np.asarray(getattr(actuators, quantity), dtype=float)
+    shape = (count, usual.size)
+    if value is None:
+        return np.broadcast_to(usual, shape)
+    if not isinstance(value, Mapping):
+        return _broadcast(value, quantity, shape)
+    result = np.broadcast_to(usual, shape).copy()
+    for name, column in value.items():
+        if name not in actuators.joint_names:
+            raise UnknownNameError("joint", name, actuators.joint_names)
+        result[:, actuators.joint_names.index(name)] = _broadcast(column, f"{quantity} of {name}", (count,))
+    return result
+
+
+def _broadcast(value: ArrayLike, quantity: str, shape: tuple[int, ...]) -> Array:
+    try:
+        return np.broadcast_to(np.asarray(value, dtype=float), shape)
+    except (TypeError, ValueError):
+        allowed = f"numbers that broadcast to shape {shape}"
+        raise InvalidValueError(quantity, f"shape {np.shape(value)}", allowed) from None
+
+
+def mass_factors(pepper: PepperModel, count: int, scale: Mapping[str, ArrayLike] | None) -> Array | None:
+    """Return the factors of the mass that moves with each joint, shape (N, n); None if all are 1.
+
+    Args:
+        pepper: The robot.
+        count: N.
+        scale: Joint, or group of joints -> factor above zero, one number or shape (N,).
+
+    Raises:
+        UnknownNameError: for a name that is neither a joint nor a group.
+        InvalidValueError: naming the group, for a wrong shape or a factor that is not above zero.
+    """
+    if not scale:
+        return None
+    result = np.ones((count, pepper.n))
+    for name, value in scale.items():
+        factor = _positive(value, f"mass_scale of {name}", count, least=None)
+        if name in pepper.joint_names:
+            result[:, pepper.joint_index(name)] *= factor
+        elif name in pepper.group_names:
+            for joint in pepper.joint_group(name):
+                result[:, pepper.joint_index(joint)] *= factor
+        else:
+            raise UnknownNameError("joint or group", name, (*pepper.joint_names, *pepper.group_names))
+    return result
+
+
+def payloads(pepper: PepperModel, count: int, payload: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
+    """Return frame -> point mass [kg], shape (N,).
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        InvalidValueError: naming the frame, for a wrong shape or a mass below zero.
+    """
+    result = {}
+    for frame, value in (payload or {}).items():
+        pepper.frame_id(frame)
+        result[frame] = _positive(value, f"payload of {frame}", count, least=0.0)
+    return result
+
+
+def _positive(value: ArrayLike, quantity: str, count: int, least: float | None) -> Array:
+    array = as_finite(_broadcast(value, quantity, (count,)), quantity, (count,))
+    wrong = array <= 0 if least is None else array < least
+    if wrong.any():
+        allowed = "numbers above 0" if least is None else f"numbers of at least {least:g}"
+        raise InvalidValueError(quantity, f"{array[wrong][0]} of robot {int(np.argmax(wrong))}", allowed)
+    return array

@@ -1,0 +1,93 @@
+"""What a batch of twins did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.shapes import read_only
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BatchRun:
+    """Motions of N twins; arrays are read-only.
+
+    Rows are recorded at `time`; a robot whose state diverged has NaN from there on.
+
+    Attributes:
+        joint_names: Order of the columns.
+        time: Of the rows [s], shape (rows,), from 0.
+        position: [rad or m], shape (N, rows, n).
+        velocity: [rad/s or m/s], shape (N, rows, n).
+        torque: Of the actuators during the step that ends at each time; the first row is what they give at
+            the start [N m or N], shape (N, rows, n).
+        reference_position: What the servos were to follow [rad or m], shape (N or 1, rows, n).
+        final_position: At the end, or the last good one of a robot that stopped [rad or m], shape (N, n).
+        final_velocity: The same [rad/s or m/s], shape (N, n).
+        good_steps: Number of good steps of each robot, shape (N,).
+        messages: Robot -> why it stopped, naming joint, step and cause.
+    """
+
+    joint_names: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    torque: Array
+    reference_position: Array
+    final_position: Array
+    final_velocity: Array
+    good_steps: NDArray[np.int64]
+    messages: dict[int, str]
+
+    def __post_init__(self) -> None:
+        for name in ("time", "reference_position", "final_position", "final_velocity", "good_steps"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        for name in ("position", "velocity", "torque"):  # too large to copy; nobody else has them
+            getattr(self, name).flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Which robots went to their end, shape (N,)."""
+        result = np.ones(len(self), dtype=bool)
+        result[list(self.messages)] = False
+        return result
+
+    @property
+    def tracking_error(self) -> Array:
+        """Position minus reference [rad or m], shape (N, rows, n)."""
+        return self.position - self.reference_position
+
+    @property
+    def rms_error(self) -> Array:
+        """Root mean square of the tracking error over the rows [rad or m], shape (N, n)."""
+        return np.sqrt(np.mean(self.tracking_error**2, axis=1))
+
+    def report(self) -> str:
+        """Return how many robots went to their end, and why the first of the others did not."""
+        stopped = len(self.messages)
+        text = f"{len(self)} twins, {self.time[-1]:.3f} s: {len(self) - stopped} completed, {stopped} stopped"
+        if not stopped:
+            return text
+        first = min(self.messages)
+        return f"{text}; robot {first}: {self.messages[first]}"
+
+
+def recorded_steps(steps: int, every: int | None) -> int:
+    """Return the number of steps between rows.
+
+    Raises:
+        InvalidValueError: for a number that is not an integer of at least 1.
+    """
+    if every is None:
+        return max(steps, 1)
+    if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
+        raise InvalidValueError("every", repr(every), "an integer of at least 1, or None")
+    return int(every)

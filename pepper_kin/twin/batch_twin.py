@@ -1,0 +1,292 @@
+"""Many twins at once, each with its own parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_within_limits
+from pepper_kin.trajectory.trajectory import Trajectory
+from pepper_kin.twin.actuator_data import actuator_parameters
+from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
+from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, mass_factors, payloads
+from pepper_kin.twin.batch_run import BatchRun, recorded_steps
+from pepper_kin.twin.command import Command, Delay
+from pepper_kin.twin.integrator import check_joints, check_timestep
+from pepper_kin.twin.joint_law import LawTable, law_table, piece_at, seen
+from pepper_kin.twin.reference import sampled
+from pepper_kin.twin.state import diverged
+from pepper_kin.twin.twin import FEEDFORWARDS, whole_number
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.fast.engine import Rolled
+
+Array = NDArray[np.float64]
+
+
+class TwinBatch:
+    """N independent robots of one kind, stepped together by vector machine code.
+
+    Each does what a `Twin` with its parameters does, to 1e-9; there are no pushes, no world and no sensors.
+
+    Args:
+        pepper: The robot.
+        count: N.
+        timestep: Time of one step [s], above 0 and at most 0.05.
+        feedforward: "none", "gravity" or "inverse_dynamics", as for `Twin`; computed for the robot as it is
+            described, since a robot's controller does not know how its own mass differs.
+        actuators: What the robots' actuators have in common; `actuator_parameters(pepper)` if omitted.
+        vary: Quantity of `ActuatorParameters`, such as "stiffness" -> what each robot has instead: numbers of
+            shape (n,), (N, 1) or (N, n), or joint -> shape (N,).
+        mass_scale: Joint, or group of joints -> factor of the mass and inertia of the links that move with it
+            (not of those beyond the next joint), one number or shape (N,).
+        payload: Frame -> point mass at its origin [kg], one number or shape (N,).
+        substeps: Number of integrator steps in a timestep, as for `Twin`.
+
+    Raises:
+        InvalidValueError: naming robot, joint and quantity that is not allowed.
+        UnknownNameError: for a quantity, joint, group or frame that is not known.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        count: int,
+        timestep: float = 0.001,
+        *,
+        feedforward: str = "gravity",
+        actuators: ActuatorParameters | None = None,
+        vary: Mapping[str, PerRobot] | None = None,
+        mass_scale: Mapping[str, ArrayLike] | None = None,
+        payload: Mapping[str, ArrayLike] | None = None,
+        substeps: int = 1,
+    ) -> None:
+        from pepper_kin.twin.fast.engine import Engine
+
+        self.pepper, self.count = pepper, whole_number("count", count)
+        self.timestep = check_timestep(timestep)
+        self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
+        self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
+        check_joints(pepper, self.actuators)
+        self.substeps = whole_number("substeps", substeps)
+        everyone = actuators_of_all(self.count, self.actuators, vary or {})
+        law = LawTable(*(x.reshape(self.count, pepper.n) for x in law_table(pepper, everyone)))
+        self._law = law
+        self._engine = Engine(
+            pepper,
+            self.timestep / self.substeps,
+            law,
+            gravity=feedforward == "gravity",
+            scale=mass_factors(pepper, self.count, mass_scale),
+            payload=payloads(pepper, self.count, payload),
+        )
+        self._torque_mode = self.actuators.in_mode(TORQUE)
+        self._delay = Delay(round(self.actuators.latency / self.timestep))
+        self._q = self._v = self._torque = np.empty((0, 0))
+        self.reset()
+
+    @property
+    def position(self) -> Array:
+        """Present positions [rad or m], shape (N, n)."""
+        return self._q.copy()
+
+    @property
+    def velocity(self) -> Array:
+        """Present velocities [rad/s or m/s], shape (N, n)."""
+        return self._v.copy()
+
+    def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> None:
+        """Put the robots somewhere.
+
+        Args:
+            q: Positions [rad or m], shape (n,) or (N, n); the neutral posture (Stand) if omitted.
+            v: Velocities [rad/s or m/s], shape (n,) or (N, n); rest if omitted.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+            LimitError: for a position outside the limits.
+        """
+        rest = np.zeros(self.pepper.n)
+        position = self._states(self.pepper.neutral() if q is None else q, "q")
+        velocity = self._states(rest if v is None else v, "v")
+        check_within_limits(self.pepper, position, "q", 1e-6)
+        self._q, self._v = position, velocity
+        self._torque = self._torque_at_rest()
+        still = np.zeros_like(position)
+        self._delay.fill(Command(position, still, self._given(position, still, still, rest)))
+
+    def execute(
+        self,
+        trajectory: Trajectory,
+        settle: float = 0.0,
+        *,
+        from_present: bool = False,
+        every: int | None = None,
+        threads: int = 1,
+    ) -> BatchRun:
+        """Let all robots follow a trajectory.
+
+        Args:
+            trajectory: What to follow; its joints must be the robot's.
+            settle: Time to hold the end afterwards [s].
+            from_present: Start where the robots are; otherwise all are first put at the trajectory's start,
+                with its velocity.
+            every: Timesteps between recorded states; start and end alone if omitted.
+            threads: Number of threads; the result does not depend on it.
+
+        Returns:
+            The run; robots whose state diverged are named in it.
+
+        Raises:
+            InvalidValueError: for other joints, or a time or number that is not allowed.
+            LimitError: where the trajectory starts outside the position limits.
+        """
+        reference = sampled(self.pepper, trajectory, settle, self.timestep)
+        if not from_present:
+            self.reset(reference.position[0], reference.velocity[0])
+        q_ref, v_ref, a_ref = (x[np.newaxis, 1:] for x in reference)
+        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, np.zeros(self.pepper.n)))
+        return self._follow(command, np.zeros((1, 1, self.pepper.n)), every, threads)
+
+    def follow(
+        self,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        *,
+        acceleration: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
+        load: ArrayLike | None = None,
+        every: int | None = None,
+        threads: int = 1,
+    ) -> BatchRun:
+        """Follow references given for every timestep, from where the robots are.
+
+        Args:
+            position: Position wanted at the end of each step [rad or m], shape (T, n) for all robots, or (N,
+                T, n).
+            velocity: Velocity wanted then [rad/s or m/s], in either shape; zero if omitted.
+            acceleration: Used by the feed-forward "inverse_dynamics" only, in either shape; zero if omitted.
+            effort: Torque of the joints in torque mode [N m or N], in either shape; zero if omitted.
+            load: Torque on the joints from elsewhere [N m or N], in either shape; none if omitted.
+            every: Timesteps between recorded states; start and end alone if omitted.
+            threads: Number of threads; the result does not depend on it.
+
+        Returns:
+            The run.
+
+        Raises:
+            InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity.
+        """
+        q_ref = self._series(position, "position", None)
+        steps = q_ref.shape[1]
+        zero = np.zeros((1, steps, self.pepper.n))
+        others = {"velocity": velocity, "acceleration": acceleration, "effort": effort, "load": load}
+        v_ref, a_ref, torque, outer = (
+            zero if x is None else self._series(x, name, steps) for name, x in others.items()
+        )
+        robots = max(len(x) for x in (q_ref, v_ref, a_ref, torque))
+        q_ref, v_ref, a_ref, torque = (
+            np.broadcast_to(x, (robots, steps, self.pepper.n)) for x in (q_ref, v_ref, a_ref, torque)
+        )
+        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
+        return self._follow(command, outer if load is not None else zero[:, :1], every, threads)
+
+    def _follow(self, command: Command, load: Array, every: int | None, threads: int) -> BatchRun:
+        from pepper_kin.twin.fast.engine import Inputs
+
+        steps, k = command.position.shape[1], self.substeps
+        between = recorded_steps(steps, every)
+        whole_number("threads", threads)
+        due = self._delay.through(command)
+        if not due.given.any():
+            due = due._replace(given=np.zeros((1, 1, self.pepper.n)))
+        if k > 1:
+            quiet = due.given.shape[1] == 1
+            full = due._replace(given=np.zeros_like(due.position)) if quiet else due
+            fine = full.refined(k, self.timestep / k)
+            due = fine._replace(given=due.given) if quiet else fine
+            load = load if load.shape[1] == 1 else np.repeat(load, k, axis=1)
+        start = (self._q, self._v)
+        inputs = Inputs(due.position, due.velocity, due.given, load)
+        rolled = self._engine.run(*start, inputs, steps * k, every=between * k, threads=threads)
+        rolled.torque[:, 0] = self._torque
+        self._q, self._v, self._torque = rolled.last_position, rolled.last_velocity, rolled.last_torque
+        return self._run(command, rolled, start, steps, between)
+
+    def _run(
+        self, command: Command, rolled: Rolled, start: tuple[Array, Array], steps: int, between: int
+    ) -> BatchRun:
+        """Return what was recorded, and name the robots that stopped."""
+        rows = steps // between + 1
+        good = rolled.good // self.substeps
+        messages = {}
+        for robot in np.flatnonzero(good < steps):
+            row = int(rolled.good[robot]) // (between * self.substeps) + 1
+            before = (rolled.last_position[robot], rolled.last_velocity[robot])
+            after = (rolled.position[robot, row], rolled.velocity[robot, row], rolled.torque[robot, row])
+            step = int(good[robot]) + 1
+            error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
+            messages[int(robot)] = str(error)
+            for values in rolled[:3]:
+                values[robot, row:] = np.nan
+        places = between * np.arange(1, rows) - 1
+        reference = command.position[:, places]
+        begin = start[0] if len(reference) > 1 else np.broadcast_to(start[0][:1], (1, self.pepper.n))
+        return BatchRun(
+            joint_names=self.pepper.joint_names,
+            time=self.timestep * between * np.arange(rows, dtype=float),
+            position=rolled.position[:, :rows],
+            velocity=rolled.velocity[:, :rows],
+            torque=rolled.torque[:, :rows],
+            reference_position=np.concatenate([begin[:, np.newaxis], reference], axis=1),
+            final_position=rolled.last_position,
+            final_velocity=rolled.last_velocity,
+            good_steps=good,
+            messages=messages,
+        )
+
+    def _torque_at_rest(self) -> Array:
+        """Return the torques of the actuators at the present states, if these are where they should be."""
+        from pepper_kin import dynamics
+
+        law = self._law
+        servo = law.kp * (self._q - seen(law, self._q)) + law.kd * self._v
+        if self.feedforward == "gravity":
+            servo += law.feedforward * dynamics.gravity_torque(self.pepper, self._q)
+        return piece_at(law, 0.0, self._q, self._v, servo).torque
+
+    def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
+        """Return what the actuators are told besides positions and velocities, shape (..., n)."""
+        forward = np.zeros_like(q)
+        if self.feedforward == "inverse_dynamics":
+            from pepper_kin import dynamics
+
+            forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
+        return np.where(self._torque_mode, effort, forward)
+
+    def _states(self, value: ArrayLike, quantity: str) -> Array:
+        """Return joint vectors of all robots, shape (N, n)."""
+        array = as_joint_vectors(self.pepper, value, quantity)
+        shape = (self.count, self.pepper.n)
+        if array.shape not in (shape[1:], shape):
+            raise InvalidValueError(quantity, f"shape {array.shape}", f"shape {shape[1:]} or {shape}")
+        return np.broadcast_to(array, shape).copy()
+
+    def _series(self, value: ArrayLike, quantity: str, steps: int | None) -> Array:
+        """Return joint vectors for every step, shape (1, T, n) or (N, T, n)."""
+        array = as_joint_vectors(self.pepper, value, quantity)
+        if array.ndim == 2:
+            array = array[np.newaxis]
+        good = (
+            array.ndim == 3 and len(array) in (1, self.count) and array.shape[1] == (steps or array.shape[1])
+        )
+        if not good or not array.shape[1]:
+            t = "T" if steps is None else steps
+            allowed = f"shape ({t}, {self.pepper.n}) or ({self.count}, {t}, {self.pepper.n})"
+            raise InvalidValueError(quantity, f"shape {np.shape(value)}", allowed)
+        return array

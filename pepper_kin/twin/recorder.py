@@ -1,0 +1,224 @@
+"""Runs of the twin kept on disk while they happen, a second at a time."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin import atomic_file
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.trajectory.table_file import PathName
+from pepper_kin.trajectory.trajectory import Trajectory
+from pepper_kin.twin.packing import pack
+from pepper_kin.twin.recording import HEADER, INPUTS, STATES, Recording, chunk_path, read_recording
+from pepper_kin.twin.reference import sampled
+from pepper_kin.twin.run import Run
+from pepper_kin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+
+
+class Recorder:
+    """Lets a twin move, and writes everything down while it does.
+
+        recorder = Recorder(pk.Twin(pepper), "monday", seed=3)
+        recorder.execute(trajectory)
+        recorder.recording.save("monday.mcap")
+
+    A recording is a folder: `recording.json` says what was recorded, and each second of the twin's time is a
+    file of its own, written whole or not at all.  After a crash all but the second that was under way is
+    there; `Recorder.resume` takes it up again.  Kept are the commands of every step, what came of them
+    (position, velocity, torque), and every reading of the sensors with its truth and its time.
+
+    Args:
+        twin: The twin, as it begins: it is reset to where it stands.
+        folder: Folder of the recording; made if missing, and must not hold one.
+        chunk: Time between files [s].
+        seed: Noted in the header; give it to the sensors and whatever else is random.
+
+    Raises:
+        FileFormatError: where the folder holds a recording already, or cannot be written.
+    """
+
+    def __init__(self, twin: Twin, folder: PathName, *, chunk: float = 1.0, seed: int = 0) -> None:
+        self.twin, self.folder = twin, atomic_file.make_folder(folder)
+        self._steps = max(round(check_positive("chunk", chunk, "s") / twin.timestep), 1)
+        if (self.folder / HEADER).exists():
+            raise FileFormatError(
+                self.folder, "holds a recording already: take another folder, or Recorder.resume"
+            )
+        self._count = 0
+        start = twin.reset(twin.state.position, twin.state.velocity)
+        header = {
+            "format": FORMAT,
+            "robot": twin.pepper.name,
+            "joints": list(twin.pepper.joint_names),
+            "units": list(twin.pepper.joint_units),
+            "timestep": twin.timestep,
+            "substeps": twin.substeps,
+            "feedforward": twin.feedforward,
+            "chunk_steps": self._steps,
+            "seed": seed,
+            "sensors": sorted(getattr(twin.sensors, "names", ())),
+            "start": {
+                "position": [float(x).hex() for x in start.position],
+                "velocity": [float(x).hex() for x in start.velocity],
+                "torque": [float(x).hex() for x in start.torque],
+            },
+        }
+        atomic_file.write_text(self.folder / HEADER, json.dumps(header, indent=1) + "\n")
+
+    @classmethod
+    def resume(cls, twin: Twin, folder: PathName) -> Recorder:
+        """Go on with a recording that was broken off.
+
+        The twin makes everything that was recorded again, which puts sensors, world and delays where they
+        were, and is compared with the recording to the last bit.
+
+        Args:
+            twin: A twin made like the one that was recorded.
+            folder: The recording.
+
+        Returns:
+            A recorder that stands at the end of the last whole chunk: `recorder.time` says where.
+
+        Raises:
+            FileFormatError: where there is no recording, or it is damaged.
+            InvalidValueError: where the twin is another one: other joints, timestep or physics, with the
+                step at which it first differs.
+        """
+        found = read_recording(folder)
+        found.replay(twin)
+        recorder = cls.__new__(cls)
+        recorder.twin, recorder.folder = twin, Path(folder)
+        recorder._steps, recorder._count = found.chunk_steps, found.chunks
+        return recorder
+
+    @property
+    def time(self) -> float:
+        """How far the recording goes on the twin's clock [s]."""
+        return self.twin.state.time
+
+    @property
+    def recording(self) -> Recording:
+        """What has been written so far."""
+        return read_recording(self.folder)
+
+    def execute(self, trajectory: Trajectory, settle: float = 0.0) -> Run:
+        """Follow a trajectory from where the twin stands, and write it down.
+
+        Of a recording that was resumed the part that is there already is left out, if it was this
+        trajectory from the beginning.
+
+        Args:
+            trajectory: What to follow; its joints must be the robot's, its start where the twin began.
+            settle: Time to hold the end afterwards [s].
+
+        Returns:
+            What the twin did now.
+
+        Raises:
+            InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
+            FileFormatError: where a file cannot be written.
+        """
+        rows = sampled(self.twin.pepper, trajectory, settle, self.twin.timestep)
+        done = round(self.time / self.twin.timestep)
+        kept = done if done and self._is_begin_of(rows.position[1 : done + 1]) else 0
+        position, velocity, acceleration = (values[1 + kept :] for values in rows)
+        return self.follow(position, velocity, acceleration=acceleration)
+
+    def follow(
+        self,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        *,
+        acceleration: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
+        load: ArrayLike | None = None,
+    ) -> Run:
+        """Follow references given for every timestep, and write it down; see `Twin.follow`.
+
+        Returns:
+            What the twin did now; where it stopped, everything up to there is written.
+
+        Raises:
+            InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity.
+            FileFormatError: where a file cannot be written.
+        """
+        n = self.twin.pepper.n
+        rows = len(as_finite(position, "position", (None, n)))
+        if not rows:
+            raise InvalidValueError("position", "no rows", "one or more")
+        values = dict(zip(INPUTS, (position, velocity, acceleration, effort, load), strict=True))
+        given = {k: as_finite(v, k, (rows, n)) for k, v in values.items() if v is not None}
+        parts, first = [], 0
+        while first < rows:
+            done = round(self.time / self.twin.timestep)
+            last = min(first + self._steps - done % self._steps, rows)
+            piece = {name: array[first:last] for name, array in given.items()}
+            run = self.twin.follow(**piece)
+            parts.append(run)
+            self._write(piece, run, self.twin.pushes)
+            if not run.success:
+                break
+            first = last
+        return _joined(parts, self.twin.timestep)
+
+    def _is_begin_of(self, position: Array) -> bool:
+        told = np.concatenate([chunk["position"] for chunk in self.recording.inputs()])
+        return told.shape == position.shape and bool(np.array_equal(told, position))
+
+    def _write(self, given: dict[str, Array], run: Run, pushes: Any) -> None:
+        rows = len(run) - 1
+        arrays: dict[str, Any] = {f"in.{name}": pack(array[:rows]) for name, array in given.items()}
+        arrays |= {f"out.{name}": pack(getattr(run, name)[1:]) for name in STATES}
+        if pushes:
+            told = [[p.start, p.duration, *p.force, *p.point] for p in pushes]
+            arrays["pushes"], arrays["push_frames"] = np.array(told), np.array([p.frame for p in pushes])
+        offset = self.time - run.duration
+        for name, series in run.readings.items():
+            arrays[f"time.{name}"] = pack(series.time + offset)
+            arrays[f"value.{name}"], arrays[f"truth.{name}"] = pack(series.value), pack(series.truth)
+            arrays[f"about.{name}"] = np.array([series.unit, series.frame])
+        arrays["message"] = np.array(run.message)
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        atomic_file.write_bytes(chunk_path(self.folder, self._count), content.getvalue())
+        self._count += 1
+
+
+def _joined(parts: list[Run], timestep: float) -> Run:
+    """Join runs that follow one another."""
+    if len(parts) == 1:
+        return parts[0]
+    ends = np.cumsum([0.0, *(part.duration for part in parts)])
+    names = ("position", "velocity", "torque", "reference_position", "reference_velocity")
+    stacked = {
+        name: np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)]) for name in names
+    }
+    time = timestep * np.arange(len(stacked["position"]), dtype=float)
+    readings = {
+        name: type(parts[0].readings[name])(
+            np.concatenate(
+                [p.readings[name].time + ends[k] for k, p in enumerate(parts) if name in p.readings]
+            ),
+            np.concatenate([p.readings[name].value for p in parts if name in p.readings]),
+            np.concatenate([p.readings[name].truth for p in parts if name in p.readings]),
+            parts[0].readings[name].unit,
+            parts[0].readings[name].frame,
+        )
+        for name in parts[0].readings
+    }
+    last = parts[-1]
+    return replace(
+        parts[0], time=time, **stacked, status=last.status, message=last.message, readings=readings
+    )

@@ -1,0 +1,237 @@
+"""Recordings of the twin: reading them, making them again, and handing them to other programs."""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.trajectory.table_file import PathName
+from pepper_kin.twin.packing import unpack
+from pepper_kin.twin.push import Push
+from pepper_kin.twin.run import COMPLETED, STOPPED, Run
+from pepper_kin.twin.sensors.recording import ReadingSeries
+from pepper_kin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+HEADER = "recording.json"
+INPUTS = ("position", "velocity", "acceleration", "effort", "load")
+STATES = ("position", "velocity", "torque")
+_NEEDED = ("robot", "joints", "units", "timestep", "chunk_steps", "start", "feedforward", "substeps")
+
+
+def chunk_path(folder: Path, index: int) -> Path:
+    """Return the file of a chunk."""
+    return folder / f"{index:06d}.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a `Recorder` wrote; read anew from disk whenever asked.
+
+    Attributes:
+        folder: Where it is.
+        header: What `recording.json` says.
+        chunks: Number of whole chunks, one after the other from the first.
+    """
+
+    folder: Path
+    header: dict[str, Any]
+    chunks: int
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Order of the columns."""
+        return tuple(self.header["joints"])
+
+    @property
+    def timestep(self) -> float:
+        """Of the twin [s]."""
+        return float(self.header["timestep"])
+
+    @property
+    def chunk_steps(self) -> int:
+        """Timesteps in a chunk, the last before a pause excepted."""
+        return int(self.header["chunk_steps"])
+
+    @property
+    def size(self) -> int:
+        """Of all its files [byte]."""
+        return sum(path.stat().st_size for path in self.folder.iterdir() if path.is_file())
+
+    def inputs(self) -> Iterator[dict[str, Array]]:
+        """Yield what each chunk's steps were told, by the arguments of `Twin.follow`."""
+        for chunk in self._read():
+            yield {name: unpack(chunk[f"in.{name}"]) for name in INPUTS if f"in.{name}" in chunk}
+
+    def run(self, torque_limit: Array | None = None) -> Run:
+        """Return everything as one run of the twin, readings of the sensors included.
+
+        Args:
+            torque_limit: Of the actuators [N m or N], shape (n,), for the run's report; none if omitted.
+
+        Raises:
+            FileFormatError: naming the file that is damaged.
+        """
+        n, start = len(self.joint_names), self.header["start"]
+        first = {name: np.array([float.fromhex(x) for x in start[name]])[None] for name in STATES}
+        rows: dict[str, list[Array]] = {name: [first[name]] for name in STATES}
+        told: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
+        message = ""
+        for chunk in self._read():
+            for name in STATES:
+                rows[name].append(unpack(chunk[f"out.{name}"]))
+            count = len(rows["position"][-1])
+            for name, store in told.items():
+                key = f"in.{name}"
+                store.append(unpack(chunk[key]) if key in chunk else np.zeros((count, n)))
+            message = str(chunk["message"])
+        values = {name: np.concatenate(parts) for name, parts in rows.items()}
+        return Run(
+            self.joint_names,
+            tuple(self.header["units"]),
+            self.timestep * np.arange(len(values["position"]), dtype=float),
+            values["position"],
+            values["velocity"],
+            values["torque"],
+            np.concatenate(told["position"]),
+            np.concatenate(told["velocity"]),
+            np.full(n, math.inf) if torque_limit is None else torque_limit,
+            STOPPED if message else COMPLETED,
+            message,
+            self.readings(),
+        )
+
+    def readings(self) -> dict[str, ReadingSeries]:
+        """Return what the sensors said, by name, on the twin's clock."""
+        parts: dict[str, list[tuple[Array, Any, Any]]] = {}
+        about: dict[str, tuple[str, str]] = {}
+        for chunk in self._read():
+            for key in chunk:
+                kind, _, name = key.partition(".")
+                if kind == "about":
+                    unit, frame = chunk[key]
+                    about[name] = (str(unit), str(frame))
+                    series = [unpack(chunk[f"{what}.{name}"]) for what in ("time", "value", "truth")]
+                    parts.setdefault(name, []).append((series[0], series[1], series[2]))
+        return {
+            name: ReadingSeries(*(np.concatenate([row[k] for row in rows]) for k in range(3)), *about[name])
+            for name, rows in parts.items()
+        }
+
+    def replay(self, twin: Twin) -> None:
+        """Make everything again with a twin, which afterwards stands where the recording ends.
+
+        Args:
+            twin: A twin made like the one that was recorded: same robot, timestep, actuators, world, sensors.
+
+        Raises:
+            InvalidValueError: where it is another one, or a state differs in a single bit, with the step.
+            FileFormatError: naming the file that is damaged.
+        """
+        mine = {
+            "joints": list(twin.pepper.joint_names),
+            "timestep": twin.timestep,
+            "substeps": twin.substeps,
+            "feedforward": twin.feedforward,
+            "sensors": sorted(getattr(twin.sensors, "names", ())),
+        }
+        for what, value in mine.items():
+            if self.header.get(what) != value:
+                raise InvalidValueError(f"{what} of the twin", value, f"{self.header.get(what)} as recorded")
+        start = self.header["start"]
+        twin.clear_pushes()
+        twin.reset(*(np.array([float.fromhex(x) for x in start[name]]) for name in STATES[:2]))
+        step = 0
+        for chunk, given in zip(self._read(), self.inputs(), strict=True):
+            _push(twin, chunk)
+            run = twin.follow(**given)
+            for name in STATES:
+                recorded = unpack(chunk[f"out.{name}"])
+                _compare(name, getattr(run, name)[1:], recorded, step, self.timestep, self.joint_names)
+            step += len(run) - 1
+
+    def save(self, path: PathName) -> Path:
+        """Write it for other programs: .npz (all arrays), .csv (states) or .mcap (states and sensors).
+
+        Returns:
+            The path.
+
+        Raises:
+            FileFormatError: for another suffix, or where it cannot be written.
+            MissingDependencyError: for .mcap where the package `mcap-ros2-support` is not installed.
+        """
+        from pepper_kin.twin.recording_files import save_recording
+
+        return save_recording(self, path)
+
+    def _read(self) -> Iterator[dict[str, Any]]:
+        for index in range(self.chunks):
+            path = chunk_path(self.folder, index)
+            try:
+                with np.load(path, allow_pickle=False) as data:
+                    yield {name: data[name] for name in data.files}
+            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+                raise FileFormatError(path, f"not a chunk of a recording: {error}") from error
+
+
+def read_recording(folder: PathName) -> Recording:
+    """Read the recording in a folder.
+
+    Args:
+        folder: What a `Recorder` was given.
+
+    Returns:
+        The recording; chunks after a missing one do not count.
+
+    Raises:
+        FileFormatError: where there is none, or its header is damaged.
+    """
+    place = Path(folder)
+    path = place / HEADER
+    try:
+        header = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileFormatError(path, f"no recording here: {error.strerror}") from error
+    except ValueError as error:
+        raise FileFormatError(path, f"not the header of a recording: {error}") from error
+    missing = [name for name in _NEEDED if not isinstance(header, dict) or name not in header]
+    if missing:
+        raise FileFormatError(path, f"the header lacks {', '.join(missing)}")
+    chunks = 0
+    while chunk_path(place, chunks).is_file():
+        chunks += 1
+    return Recording(place, header, chunks)
+
+
+def _push(twin: Twin, chunk: dict[str, Any]) -> None:
+    known = {(p.frame, p.start, p.duration, *p.force, *p.point) for p in twin.pushes}
+    for row, frame in zip(chunk.get("pushes", ()), chunk.get("push_frames", ()), strict=True):
+        start, duration, *rest = (float(x) for x in row)
+        if (str(frame), start, duration, *rest) not in known:
+            added: Push = twin.push(str(frame), rest[:3], rest[3:], start=start, duration=duration)
+            known.add((added.frame, added.start, added.duration, *added.force, *added.point))
+
+
+def _compare(
+    name: str, again: Array, recorded: Array, step: int, timestep: float, joints: tuple[str, ...]
+) -> None:
+    count = min(len(again), len(recorded))
+    same = again[:count].view(np.uint64) == recorded[:count].view(np.uint64)
+    if len(again) == len(recorded) and same.all():
+        return
+    row, joint = (int(x) for x in np.argwhere(~same)[0]) if not same.all() else (count, 0)
+    raise InvalidValueError(
+        f"{name} of {joints[joint]} at step {step + row + 1} ({(step + row + 1) * timestep:.6g} s)",
+        repr(float(again[row, joint])) if row < count else "no value",
+        (repr(float(recorded[row, joint])) if row < count else "a value") + " as recorded, to the last bit",
+    )

@@ -1,0 +1,108 @@
+"""Recordings of the twin as files of other programs."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pepper_kin import atomic_file
+from pepper_kin.exceptions import FileFormatError, MissingDependencyError
+from pepper_kin.trajectory.mcap_file import STATE_SCHEMA, STATE_TYPE, STATES_TOPIC, message_header
+from pepper_kin.trajectory.sampled_motion import NANOSECONDS
+from pepper_kin.trajectory.table_file import PathName
+from pepper_kin.twin.recording import Recording
+
+SUFFIXES = (".npz", ".csv", ".mcap")
+_LARGEST = 4096  # numbers in a sample; pictures have more and are left out of MCAP files
+_RULE = "=" * 80
+_ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
+_ARRAY_SCHEMA = f"""std_msgs/MultiArrayLayout layout
+float64[] data
+{_RULE}
+MSG: std_msgs/MultiArrayLayout
+std_msgs/MultiArrayDimension[] dim
+uint32 data_offset
+{_RULE}
+MSG: std_msgs/MultiArrayDimension
+string label
+uint32 size
+uint32 stride
+"""
+
+
+def save_recording(recording: Recording, path: PathName) -> Path:
+    """Write a recording by suffix.
+
+    `.npz`: every array, `reading.NAME.time`, `.value` and `.truth` for the sensors.  `.csv`: what `Run.save`
+    writes.  `.mcap`: `/joint_states` (sensor_msgs/msg/JointState) at every step, and for each sensor
+    `/sensors/NAME` and `/truth/NAME` (std_msgs/msg/Float64MultiArray), pictures excepted.
+
+    Args:
+        recording: The recording.
+        path: The file; its folder must exist.
+
+    Returns:
+        The path.
+
+    Raises:
+        FileFormatError: for another suffix, or where it cannot be written.
+        MissingDependencyError: for .mcap where the package `mcap-ros2-support` is not installed.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".csv":
+        return recording.run().save(path)
+    if suffix == ".npz":
+        return _write_npz(recording, path)
+    if suffix == ".mcap":
+        return _write_mcap(recording, path)
+    raise FileFormatError(path, f"suffix {suffix!r}: expected one of {', '.join(SUFFIXES)}")
+
+
+def _write_npz(recording: Recording, path: PathName) -> Path:
+    run = recording.run()
+    names = ("time", "position", "velocity", "torque", "reference_position", "reference_velocity")
+    arrays: dict[str, Any] = {name: getattr(run, name) for name in names}
+    arrays |= {"joint_names": np.array(run.joint_names), "joint_units": np.array(run.joint_units)}
+    arrays |= {"status": np.array(run.status), "message": np.array(run.message)}
+    for name, series in run.readings.items():
+        arrays |= {f"reading.{name}.{what}": getattr(series, what) for what in ("time", "value", "truth")}
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    return atomic_file.write_bytes(path, content.getvalue())
+
+
+def _write_mcap(recording: Recording, path: PathName) -> Path:
+    try:
+        from mcap_ros2.writer import Writer
+    except ImportError as error:
+        raise MissingDependencyError(
+            "mcap-ros2-support", 'pip install "pepper_kin[mcap]"', "MCAP recordings"
+        ) from error
+    run, content = recording.run(), io.BytesIO()
+    writer = Writer(content)
+    schema = writer.register_msgdef(STATE_TYPE, STATE_SCHEMA)
+    names = list(run.joint_names)
+    for i, stamp in enumerate(np.round(run.time * NANOSECONDS).astype(np.int64).tolist()):
+        message: dict[str, Any] = {
+            "header": message_header(stamp),
+            "name": names,
+            "position": run.position[i].tolist(),
+            "velocity": run.velocity[i].tolist(),
+            "effort": run.torque[i].tolist(),
+        }
+        writer.write_message(STATES_TOPIC, schema, message, log_time=stamp, sequence=i)
+    array_schema = writer.register_msgdef(_ARRAY_TYPE, _ARRAY_SCHEMA) if run.readings else None
+    for name, series in run.readings.items():
+        if series.value[0].size > _LARGEST:
+            continue
+        for topic, values in ((f"/sensors/{name}", series.value), (f"/truth/{name}", series.truth)):
+            for i, time in enumerate(series.time.tolist()):
+                data = np.asarray(values[i], dtype=float).ravel().tolist()
+                message = {"layout": {"dim": [], "data_offset": 0}, "data": data}
+                stamp = round(time * NANOSECONDS)
+                writer.write_message(topic, array_schema, message, log_time=stamp, sequence=i)
+    writer.finish()
+    return atomic_file.write_bytes(path, content.getvalue())

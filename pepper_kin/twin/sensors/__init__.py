@@ -1,0 +1,27 @@
+"""Sensors of the robot: what each would say, with noise, beside the truth."""
+
+from pepper_kin.twin.sensors.camera import Camera, Intrinsics, camera_intrinsics
+from pepper_kin.twin.sensors.range_sensors import published_scan
+from pepper_kin.twin.sensors.raycast import RayCaster, RayHits
+from pepper_kin.twin.sensors.reading import Reading
+from pepper_kin.twin.sensors.recording import ReadingSeries
+from pepper_kin.twin.sensors.robot_rays import RobotRays, Sight
+from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
+from pepper_kin.twin.sensors.suite import CAMERAS, SensorSuite
+
+__all__ = [
+    "CAMERAS",
+    "Camera",
+    "Intrinsics",
+    "RayCaster",
+    "RayHits",
+    "Reading",
+    "ReadingSeries",
+    "RobotRays",
+    "SensorSpecification",
+    "SensorSuite",
+    "Sight",
+    "camera_intrinsics",
+    "published_scan",
+    "sensor_specifications",
+]

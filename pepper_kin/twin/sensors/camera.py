@@ -1,0 +1,223 @@
+"""Cameras: what a pinhole sees of scene and robot, as depth and as colour."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.twin.sensors.robot_rays import RobotRays
+from pepper_kin.twin.sensors.specification import sensor_specifications
+
+Array = NDArray[np.float64]
+
+LIGHT = np.array([0.35, 0.45, 0.82])
+"""Direction to the light, in the world; of any length."""
+_AMBIENT, _DIFFUSE, _FRONTAL = 0.40, 0.45, 0.15
+_HORIZON, _ZENITH = np.array([0.86, 0.90, 0.95]), np.array([0.55, 0.70, 0.90])
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A pinhole with a lens; see `camera_intrinsics`.
+
+    A point at (x, y, z) in the optical frame (z forward, x right, y down) is seen at column fx x / z + cx and
+    row fy y / z + cy; pixel centres have whole numbers.
+
+    Attributes:
+        width: Columns.
+        height: Rows.
+        fx: [pixels].
+        fy: [pixels].
+        cx: [pixels].
+        cy: [pixels].
+        k1: Radial distortion.
+        k2: Radial distortion.
+        p1: Tangential distortion.
+        p2: Tangential distortion.
+        k3: Radial distortion.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where the lens puts points of the plane z = 1 (Brown, Decentering distortion, 1966)."""
+        square = x * x + y * y
+        radial = 1.0 + square * (self.k1 + square * (self.k2 + square * self.k3))
+        return (
+            x * radial + 2 * self.p1 * x * y + self.p2 * (square + 2 * x * x),
+            y * radial + self.p1 * (square + 2 * y * y) + 2 * self.p2 * x * y,
+        )
+
+    def rays(self, lens: bool = False) -> Array:
+        """Return the point of the plane z = 1 that each pixel sees, in the optical frame.
+
+        Args:
+            lens: Whether to look through the lens, whose distortion is inverted by iteration.
+
+        Returns:
+            Points, shape (height, width, 3).
+        """
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        seen_x, seen_y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        x, y = seen_x, seen_y
+        for _ in range(30 if lens else 0):
+            off_x, off_y = self.distorted(x, y)
+            x, y = x + seen_x - off_x, y + seen_y - off_y
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+
+@cache
+def camera_intrinsics(name: str, resolution: str = "QVGA") -> Intrinsics:
+    """Return the intrinsics of one of Pepper's cameras, the defaults of its ROS driver.
+
+    Args:
+        name: "camera_top", "camera_bottom" or "camera_depth".
+        resolution: "VGA" (640 x 480), "QVGA" (320 x 240) or "QQVGA" (160 x 120).
+
+    Raises:
+        UnknownNameError: for another camera or resolution.
+    """
+    text = (files("pepper_kin.twin") / "data" / "cameras.json").read_text(encoding="utf-8")
+    cameras = json.loads(text)["cameras"]
+    if name not in cameras:
+        raise UnknownNameError("camera", name, cameras)
+    if resolution not in cameras[name]:
+        raise UnknownNameError(f"resolution of {name}", resolution, cameras[name])
+    return Intrinsics(**cameras[name][resolution])
+
+
+class Camera:
+    """A camera on the robot's head, traced ray by ray: no display, one ray per pixel, no blur.
+
+    It sees the scene, a floor, and the robot's own body but for the link that carries it.  Any camera gives
+    both depth and colour.
+
+    Args:
+        pepper: The robot.
+        name: "camera_top", "camera_bottom" or "camera_depth".
+        resolution: "VGA", "QVGA" or "QQVGA".
+        intrinsics: Used in place of the published ones.
+        lens: Whether pictures are distorted as by the lens; otherwise they are those of a pinhole.
+        looks: "visual" for the surfaces of the body that are drawn, "collision" for the shapes around them.
+        floor: Whether there is a floor at z = 0 besides what the scene holds.
+        rays: Rays to share with other cameras of the robot, in place of `looks` and `floor`.
+
+    Attributes:
+        name: As given.
+        intrinsics: In use.
+        frame: The optical frame: z forward, x right, y down.
+
+    Raises:
+        UnknownNameError: for another camera or resolution.
+        InvalidValueError: for other looks.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        name: str = "camera_top",
+        resolution: str = "QVGA",
+        *,
+        intrinsics: Intrinsics | None = None,
+        lens: bool = False,
+        looks: str = "visual",
+        floor: bool = True,
+        rays: RobotRays | None = None,
+    ) -> None:
+        published = camera_intrinsics(name, resolution)
+        self.pepper, self.name = pepper, name
+        self.intrinsics = published if intrinsics is None else intrinsics
+        self.frame = sensor_specifications()[name].frame
+        self._lens = lens
+        self._plane = self.intrinsics.rays(lens)
+        self._cosine = 1.0 / np.linalg.norm(self._plane, axis=-1)
+        shared = RobotRays(pepper, looks, blind_to=self.frame, floor=floor) if rays is None else rays
+        self._rays = shared
+
+    def depth(self, q: ArrayLike, scene: Scene | None = None) -> Array:
+        """Return the distance to what each pixel sees, along the optical axis.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            scene: The world; None for an empty one.
+
+        Returns:
+            Depth [m], inf where nothing is, shape (height, width).
+
+        Raises:
+            InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        """
+        pose = frame_pose(self.pepper, q, self.frame)
+        distance = self._rays.distances(q, scene, pose[:3, 3], self._plane @ pose[:3, :3].T)
+        return np.asarray(distance * self._cosine)
+
+    def color(self, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.uint8]:
+        """Return a picture with plain shading: one distant light, no shadows, no gloss, a pale sky.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            scene: The world; None for an empty one.
+
+        Returns:
+            Red, green, blue, shape (height, width, 3).
+
+        Raises:
+            InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        """
+        pose = frame_pose(self.pepper, q, self.frame)
+        directions = self._plane @ pose[:3, :3].T
+        sight = self._rays.look(q, scene, pose[:3, 3], directions)
+        aim = directions * self._cosine[..., None]
+        lit = np.maximum(sight.normal @ (LIGHT / np.linalg.norm(LIGHT)), 0.0)
+        frontal = -np.einsum("...i,...i->...", sight.normal, aim)
+        brightness = _AMBIENT + _DIFFUSE * lit + _FRONTAL * frontal
+        up = np.clip(aim[..., 2:], 0.0, 1.0)
+        sky = (1.0 - up) * _HORIZON + up * _ZENITH
+        seen = np.isfinite(sight.distance)[..., None]
+        picture = np.where(seen, sight.color * brightness[..., None], sky)
+        return np.round(255 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
+
+    def project(self, q: ArrayLike, points: ArrayLike) -> Array:
+        """Return where points of the world appear.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            points: In the world [m], shape (k, 3).
+
+        Returns:
+            Column and row [pixels] and depth [m], shape (k, 3); NaN for column and row of what is not in
+            front of the camera.
+
+        Raises:
+            InvalidValueError: for wrong shapes, NaN or infinity.
+        """
+        pose = frame_pose(self.pepper, q, self.frame)
+        place = (as_finite(points, "points", (None, 3)) - pose[:3, 3]) @ pose[:3, :3]
+        depth = place[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = place[:, 0] / depth, place[:, 1] / depth
+            if self._lens:
+                x, y = self.intrinsics.distorted(x, y)
+            u, v = self.intrinsics.fx * x + self.intrinsics.cx, self.intrinsics.fy * y + self.intrinsics.cy
+        ahead = depth > 0
+        return np.column_stack([np.where(ahead, u, np.nan), np.where(ahead, v, np.nan), depth])

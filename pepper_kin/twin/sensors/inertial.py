@@ -1,0 +1,76 @@
+"""Accelerometers, gyroscopes and the orientation told from them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.kinematics import frame_acceleration, frame_pose, frame_velocity
+from pepper_kin.twin.sensors.reading import SensedState
+from pepper_kin.twin.sensors.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+
+class Accelerometer(Sensor):
+    """The specific force at a frame, R^T (a - g): 9.81 m/s^2 upward at rest, nothing in free fall."""
+
+    def truth(self, state: SensedState) -> Array:
+        """Return the specific force in the frame's axes [m/s^2], shape (3,)."""
+        frame = self.specification.frame
+        acceleration = frame_acceleration(self.pepper, state.q, state.v, state.a, frame)[:3]
+        gravity = np.asarray(self.pepper.pinocchio_model.gravity.linear)
+        rotation = frame_pose(self.pepper, state.q, frame)[:3, :3]
+        return np.asarray(rotation.T @ (acceleration - gravity))
+
+    def limited(self, value: NDArray[Any]) -> NDArray[Any]:
+        """Return the value cut off at the sensor's range, axis by axis."""
+        return np.clip(value, -self.specification.maximum, self.specification.maximum)
+
+
+class Gyroscope(Sensor):
+    """The angular velocity of a frame."""
+
+    def truth(self, state: SensedState) -> Array:
+        """Return the angular velocity in the frame's axes [rad/s], shape (3,)."""
+        frame = self.specification.frame
+        rotation = frame_pose(self.pepper, state.q, frame)[:3, :3]
+        return np.asarray(rotation.T @ frame_velocity(self.pepper, state.q, state.v, frame)[3:])
+
+    def limited(self, value: NDArray[Any]) -> NDArray[Any]:
+        """Return the value cut off at the sensor's range, axis by axis."""
+        return np.clip(value, -self.specification.maximum, self.specification.maximum)
+
+
+class Orientation(Sensor):
+    """The orientation of a frame in the world, as a unit quaternion x, y, z, w with w >= 0.
+
+    Bias and noise turn it by a small rotation vector in the frame's own axes [rad].
+    """
+
+    def truth(self, state: SensedState) -> Array:
+        """Return the quaternion x, y, z, w, shape (4,)."""
+        from pinocchio import Quaternion
+
+        rotation = frame_pose(self.pepper, state.q, self.specification.frame)[:3, :3]
+        return _upper(Quaternion(np.array(rotation)).coeffs())
+
+    def measured(self, truth: NDArray[Any], sample: int) -> Array:
+        """Return truth * exp(bias + noise)."""
+        from pinocchio import Quaternion
+
+        turn = self.noise.disturbed(np.zeros(3), sample)
+        angle = float(np.linalg.norm(turn))
+        # sin(x/2)/x by its limit near 0, where there is no noise
+        share = 0.5 if angle < 1e-12 else np.sin(angle / 2) / angle
+        extra = Quaternion(*np.array([np.cos(angle / 2), *(share * turn)]))
+        return _upper((Quaternion(np.array(truth)) * extra).coeffs())
+
+
+def _upper(coefficients: Any) -> Array:
+    """Return the one of q and -q whose w is not negative, of length 1."""
+    xyzw = np.array(coefficients, dtype=float)
+    xyzw /= np.linalg.norm(xyzw)
+    return -xyzw if xyzw[3] < 0 else xyzw

@@ -1,0 +1,39 @@
+"""Joint encoders and torques."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.model import PepperModel
+from pepper_kin.twin.sensors.reading import SensedState
+from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.specification import SensorSpecification
+
+Array = NDArray[np.float64]
+
+_BASE = ("BaseX", "BaseY", "BaseYaw")
+
+
+class JointEncoders(Sensor):
+    """Positions of the joints, in the order of `joint_names`.
+
+    Nothing measures where a moving base is: its three joints have no encoder.
+    """
+
+    def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
+        super().__init__(pepper, specification, seed)
+        self.joint_names = tuple(name for name in pepper.joint_names if name not in _BASE)
+        self._rows = np.array([pepper.joint_index(name) for name in self.joint_names], dtype=np.int64)
+
+    def truth(self, state: SensedState) -> Array:
+        """Return the positions [rad or m], shape (len(joint_names),)."""
+        return state.q[self._rows]
+
+
+class JointTorques(JointEncoders):
+    """Torques of the servos, as told from their currents, in the order of `joint_names`."""
+
+    def truth(self, state: SensedState) -> Array:
+        """Return the torques [N m or N], shape (len(joint_names),)."""
+        return state.torque[self._rows]

@@ -1,0 +1,81 @@
+"""Random numbers that depend on seed, sensor and sample alone, and what is made of them."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.twin.sensors.specification import SensorSpecification
+
+Array = NDArray[np.float64]
+
+_NO_NUMBERS = np.zeros(4, dtype=np.uint64)
+
+
+class SensorNoise:
+    """The errors of one sensor.
+
+    The numbers of sample k come from a counter-based generator (Philox; Salmon et al., Parallel random
+    numbers: as easy as 1, 2, 3, 2011) keyed by seed and name, with k in its counter: they are the same
+    whatever other sensors there are and whichever samples were taken before.
+
+    Args:
+        specification: The sensor.
+        seed: Seed of the suite.
+    """
+
+    def __init__(self, specification: SensorSpecification, seed: int) -> None:
+        self.specification = specification
+        words = np.random.SeedSequence([seed, zlib.crc32(specification.name.encode())])
+        self._key = words.generate_state(2, np.uint64).astype(np.uint64)
+        self._biases: dict[tuple[int, ...], Array] = {}
+        self._source = np.random.Philox(key=self._key)
+        self._random = np.random.Generator(self._source)
+
+    def generator(self, sample: int) -> np.random.Generator:
+        """Return the generator of a sample; those of samples 0, 1, 2, ... share no numbers.
+
+        There is one object, set anew each time: it is the last sample's that it gives.
+        """
+        # The low word counts the numbers drawn; the third is the sample, the fourth tells biases apart.
+        counter = np.array([0, 0, sample, 0], dtype=np.uint64)
+        self._source.state = {
+            "bit_generator": "Philox",
+            "state": {"counter": counter, "key": self._key},
+            "buffer": _NO_NUMBERS,
+            "buffer_pos": len(_NO_NUMBERS),
+            "has_uint32": 0,
+            "uinteger": 0,
+        }
+        return self._random
+
+    def bias(self, shape: tuple[int, ...]) -> Array:
+        """Return the errors that last, drawn once, in the sensor's unit."""
+        if shape not in self._biases:
+            random = np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, 0, 1]))
+            self._biases[shape] = self.specification.bias * random.standard_normal(shape)
+        return self._biases[shape]
+
+    def disturbed(self, truth: Array, sample: int, deviation: Any = None) -> Array:
+        """Return truth with bias and noise, rounded to the resolution.
+
+        Args:
+            truth: What is there; infinities stay.
+            sample: Number of the sample.
+            deviation: Standard deviation of the noise; the specification's if omitted.
+        """
+        noise = self.specification.noise if deviation is None else deviation
+        value = truth + self.bias(truth.shape) + noise * self.generator(sample).standard_normal(truth.shape)
+        step = self.specification.resolution
+        if not step:
+            return np.asarray(value)
+        return np.where(np.isfinite(value), np.round(value / step) * step, value)
+
+
+def within_range(specification: SensorSpecification, distance: Array) -> Array:
+    """Return distances with -inf for what is too near and inf for what is too far (ROS's REP 117)."""
+    near = np.where(distance < specification.minimum, -np.inf, distance)
+    return np.where(distance > specification.maximum, np.inf, near)

@@ -1,0 +1,136 @@
+"""Sonars and lasers: distances to what stands around the base."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.twin.sensors.noise import within_range
+from pepper_kin.twin.sensors.reading import SensedState
+from pepper_kin.twin.sensors.robot_rays import RobotRays
+from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.specification import SensorSpecification
+
+Array = NDArray[np.float64]
+
+_RINGS = 8
+_BLANK = 8
+_ANGLES = 61
+
+
+class _RangeSensor(Sensor):
+    """Rays from a frame; -inf stands for too near, inf for too far or nothing."""
+
+    def __init__(
+        self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
+    ) -> None:
+        super().__init__(pepper, specification, seed)
+        self._rays = rays
+        self._directions, self._height = np.empty((0, 3)), 0.0
+
+    def _distances(self, state: SensedState) -> Array:
+        pose = frame_pose(self.pepper, state.q, self.specification.frame)
+        start = pose[:3, 3] + self._height * pose[:3, 2]
+        directions = self._directions @ pose[:3, :3].T
+        return self._rays.distances(state.q, state.scene, start, directions)
+
+    def limited(self, value: NDArray[Any]) -> Array:
+        """Return distances with -inf below the range and inf above it."""
+        return within_range(self.specification, value)
+
+
+class Sonar(_RangeSensor):
+    """Distance to the nearest surface within a cone about the frame's x axis.
+
+    The cone is filled with 217 rays, on rings of equal steps in angle.  Every surface echoes: none is too
+    smooth, soft or slanted to be heard.
+    """
+
+    def __init__(
+        self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
+    ) -> None:
+        super().__init__(pepper, specification, seed, rays)
+        self._directions = cone(specification.field_of_view / 2)
+
+    def truth(self, state: SensedState) -> Array:
+        """Return the distance [m], inf if nothing is there, shape ()."""
+        return np.asarray(self._distances(state).min())
+
+
+class Laser(_RangeSensor):
+    """Distances along beams in a plane, from right to left, fanned evenly about the frame's x axis."""
+
+    def __init__(
+        self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
+    ) -> None:
+        super().__init__(pepper, specification, seed, rays)
+        half = specification.field_of_view / 2
+        self.angles = np.linspace(-half, half, specification.beams)
+        self._directions = np.column_stack(
+            [np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))]
+        )
+        self._height = specification.height
+
+    def truth(self, state: SensedState) -> Array:
+        """Return the distances [m], inf where nothing is there, shape (beams,)."""
+        return self._distances(state)
+
+
+def cone(half_angle: float, rings: int = _RINGS) -> Array:
+    """Return unit vectors that fill a cone about x: one on the axis, 6 k on the k-th ring, shape (m, 3).
+
+    Args:
+        half_angle: From the axis to the last ring [rad].
+        rings: Number of rings.
+    """
+    directions = [np.array([[1.0, 0.0, 0.0]])]
+    for ring in range(1, rings + 1):
+        off, around = half_angle * ring / rings, 2 * np.pi * np.arange(6 * ring) / (6 * ring)
+        x = np.full(len(around), np.cos(off))
+        directions.append(np.column_stack([x, np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)]))
+    return np.concatenate(directions)
+
+
+def published_scan(pepper: PepperModel, right: ArrayLike, front: ArrayLike, left: ArrayLike) -> Array:
+    """Return three lasers as the robot's ROS driver publishes them.
+
+    15 beams of the right one, 8 blanks, 15 of the front one, 8 blanks, 15 of the left one.
+
+    Each value is the distance of the measured point from `base_footprint`, as seen from above; blank beams
+    are -1, and infinities stay.  The driver labels them with angles from -2.0944 rad on, 0.068669 rad apart,
+    which are not the directions of the points.
+
+    Args:
+        pepper: The robot.
+        right: Readings of the right laser [m], shape (15,).
+        front: Readings of the front laser [m], shape (15,).
+        left: Readings of the left laser [m], shape (15,).
+
+    Returns:
+        Ranges [m], shape (61,).
+
+    Raises:
+        InvalidValueError: for another number of beams.
+    """
+    from pepper_kin.twin.sensors.specification import sensor_specifications
+
+    parts = []
+    base = frame_pose(pepper, pepper.neutral(), "base_footprint")
+    for name, given in (("laser_right", right), ("laser_front", front), ("laser_left", left)):
+        specification = sensor_specifications()[name]
+        ranges = np.asarray(given, dtype=float)
+        if ranges.shape != (specification.beams,):
+            raise InvalidValueError(name, f"shape {ranges.shape}", f"shape ({specification.beams},)")
+        half = specification.field_of_view / 2
+        angles = np.linspace(-half, half, specification.beams)
+        pose = np.linalg.inv(base) @ frame_pose(pepper, pepper.neutral(), specification.frame)
+        finite = np.where(np.isfinite(ranges), ranges, 0.0)
+        place = finite[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]) @ pose[:2, :2].T
+        far = np.linalg.norm(place + pose[:2, 3], axis=1)
+        parts += [np.where(np.isfinite(ranges), far, ranges), np.full(_BLANK, -1.0)]
+    return np.concatenate(parts[:-1])

@@ -1,0 +1,282 @@
+"""All sensors of the robot, asked together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.twin.sensors.camera_sensors import ColorCamera, DepthCamera
+from pepper_kin.twin.sensors.inertial import Accelerometer, Gyroscope, Orientation
+from pepper_kin.twin.sensors.joint_sensors import JointEncoders, JointTorques
+from pepper_kin.twin.sensors.odometry_sensor import WheelOdometry
+from pepper_kin.twin.sensors.range_sensors import Laser, Sonar
+from pepper_kin.twin.sensors.reading import Reading, SensedState
+from pepper_kin.twin.sensors.recording import ReadingSeries
+from pepper_kin.twin.sensors.robot_rays import RobotRays
+from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
+from pepper_kin.twin.sensors.switches import SceneSolids, Switch
+
+CAMERAS = ("camera_top", "camera_bottom", "camera_depth")
+"""Sensors that cost a picture each time they are read; a suite holds them only if they are named."""
+
+_PLAIN: dict[str, type[Sensor]] = {
+    "joint_encoders": JointEncoders,
+    "joint_torques": JointTorques,
+    "accelerometer": Accelerometer,
+    "gyroscope": Gyroscope,
+    "orientation": Orientation,
+    "wheel_odometry": WheelOdometry,
+}
+_RAYS: dict[str, Any] = {
+    "sonar": Sonar,
+    "laser": Laser,
+    "color_camera": ColorCamera,
+    "depth_camera": DepthCamera,
+}
+_EARLY = 1e-6  # of a period: a clock that counts steps may be late by rounding
+
+
+class State(Protocol):
+    """What a twin shows of itself."""
+
+    time: float
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    torque: NDArray[np.float64]
+
+
+class Surroundings(Protocol):
+    """A world that moves: where its bodies are now, and what they touch."""
+
+    @property
+    def contacts(self) -> Sequence[Any]:
+        """Where things touch; see `SensorSuite.read`."""
+
+    def snapshot(self) -> Scene:
+        """Return the scene as it is now."""
+
+
+class SensorSuite:
+    """Pepper's sensors, each at its own rate.
+
+    Sample k of a sensor is due at k periods.  The readings depend on the seed and on the states at which they
+    are taken, not on which other sensors the suite has.
+
+    Args:
+        pepper: The robot.
+        seed: Seed of all noise and bias, an integer of at least 0.
+        sensors: Names of `sensor_specifications()`; by default all but the cameras.
+        noise: Whether readings are disturbed; without, they are the truth within the sensor's range.
+        specifications: Specifications in place of Pepper's own, by name.
+        floor: Whether there is a floor at z = 0 besides what the scene holds.
+        scene: The world that `observe` looks at, where it does not move.
+        world: The world that `observe` looks at, where it moves; one of the two at most.
+
+    Attributes:
+        sensors: The sensors by name, read-only.
+
+    Raises:
+        UnknownNameError: for a sensor that there is not, or a frame that the robot lacks.
+        InvalidValueError: for a seed that is no such integer, or both a scene and a world.
+    """
+
+    sensors: Mapping[str, Sensor]
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        *,
+        seed: int = 0,
+        sensors: Iterable[str] | None = None,
+        noise: bool = True,
+        specifications: Mapping[str, SensorSpecification] | None = None,
+        floor: bool = True,
+        scene: Scene | None = None,
+        world: Surroundings | None = None,
+    ) -> None:
+        if scene is not None and world is not None:
+            raise InvalidValueError("scene and world", "both", "one of the two at most")
+        self._scene, self._world = scene, world
+        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+            raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
+        known = dict(sensor_specifications())
+        for name, given in (specifications or {}).items():
+            if name not in known:
+                raise UnknownNameError("sensor", name, known)
+            known[name] = given
+        names = [name for name in known if name not in CAMERAS] if sensors is None else _names(sensors)
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("sensor", name, known)
+        self.pepper, self.noise = pepper, bool(noise)
+        self._floor, self._solids = floor, SceneSolids()
+        self._rays: dict[tuple[str, int], RobotRays] = {}
+        made = {name: self._made(known[name], int(seed)) for name in names}
+        self.sensors = MappingProxyType(made)
+        self.reset()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sensors."""
+        return tuple(self.sensors)
+
+    def reset(self) -> None:
+        """Begin anew: every sensor is due at the next reading, and what was recorded is forgotten."""
+        self._recorded: dict[str, list[Reading]] = {name: [] for name in self.sensors}
+        self._sample = dict.fromkeys(self.sensors, -1)
+        self._time, self._next = -math.inf, -math.inf
+        for sensor in self.sensors.values():
+            sensor.reset()
+
+    def read(
+        self,
+        time: float,
+        q: ArrayLike,
+        v: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        torque: ArrayLike | None = None,
+        scene: Scene | None = None,
+        contacts: Sequence[Any] | None = None,
+    ) -> dict[str, Reading]:
+        """Return the readings of the sensors whose period has elapsed.
+
+        Args:
+            time: Of the state [s]; not before that of the last reading.
+            q: Joint positions [rad or m], shape (n,).
+            v: Joint velocities [rad/s or m/s], shape (n,); rest if omitted.
+            a: Joint accelerations [rad/s^2 or m/s^2], shape (n,); none if omitted.
+            torque: Of the servos [N m or N], shape (n,); none if omitted.
+            scene: The world around the robot.
+            contacts: Where the robot is touched: what `pepper_kin.collision.contacts` lists, or what a twin's
+                world says (`names`, `point` and `force`, of which a force of 0 presses nothing).
+
+        Returns:
+            Readings by name; empty between samples.  Of several samples missed only the last is given.
+
+        Raises:
+            InvalidValueError: for a time that goes back, wrong lengths, NaN or infinity.
+        """
+        if self._time <= time < self._next:
+            self._time = time
+            return {}
+        if not (math.isfinite(time) and time >= self._time):
+            raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
+        state = self._state(time, q, v, a, torque, scene, contacts)
+        readings = {}
+        for name, sensor in self.sensors.items():
+            sample = math.floor(time * sensor.specification.rate + _EARLY)
+            if sample > self._sample[name]:
+                self._sample[name] = sample
+                readings[name] = self._reading(sensor, state, sample)
+        self._time = time
+        self._next = min(
+            ((self._sample[name] + 1 - _EARLY) / s.specification.rate for name, s in self.sensors.items()),
+            default=math.inf,
+        )
+        return readings
+
+    def observe(self, state: State) -> None:
+        """Read what is due in a twin's state, and record it; a state not later than the last begins anew.
+
+        This is what a twin asks of the sensors that it is given: `Twin(pepper, sensors=suite)`.
+
+        Args:
+            state: Time, position, velocity, acceleration and torque.
+        """
+        if self._time < state.time < self._next:
+            self._time = state.time
+            return
+        if state.time <= self._time:
+            self.reset()
+        scene = self._scene if self._world is None else self._world.snapshot()
+        contacts = None if self._world is None else self._world.contacts
+        found = self.read(
+            state.time, state.position, state.velocity, state.acceleration, state.torque, scene, contacts
+        )
+        for name, reading in found.items():
+            self._recorded[name].append(reading)
+
+    def recorded(self, start: float = 0.0) -> dict[str, ReadingSeries]:
+        """Return what `observe` has recorded since a time, by name; sensors without a sample are left out.
+
+        Args:
+            start: The first time that counts [s]; times are given from there on.
+        """
+        kept = {
+            name: [row for row in rows if row.time >= start - 1e-9] for name, rows in self._recorded.items()
+        }
+        return {name: ReadingSeries.of(rows, start) for name, rows in kept.items() if rows}
+
+    def _state(
+        self,
+        time: float,
+        q: ArrayLike,
+        v: ArrayLike | None,
+        a: ArrayLike | None,
+        torque: ArrayLike | None,
+        scene: Scene | None,
+        contacts: Sequence[Any] | None,
+    ) -> SensedState:
+        world = _EMPTY if scene is None else scene
+        return SensedState(
+            self.pepper,
+            float(time),
+            self._vector("q", q),
+            self._vector("v", v),
+            self._vector("a", a),
+            self._vector("torque", torque),
+            world,
+            () if contacts is None else contacts,
+        )
+
+    def _vector(self, quantity: str, value: ArrayLike | None) -> NDArray[np.float64]:
+        if value is None:
+            return np.zeros(self.pepper.n)
+        vector = as_joint_vectors(self.pepper, value, quantity)
+        if vector.ndim != 1:
+            raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({self.pepper.n},)")
+        return vector
+
+    def _reading(self, sensor: Sensor, state: SensedState, sample: int) -> Reading:
+        truth = sensor.truth(state)
+        value = sensor.limited(sensor.measured(truth, max(sample, 0)) if self.noise else truth)
+        return Reading(state.time, value, truth, sensor.specification.unit, sensor.specification.frame)
+
+    def _made(self, specification: SensorSpecification, seed: int) -> Sensor:
+        if specification.kind == "switch":
+            return Switch(self.pepper, specification, seed, self._solids)
+        if specification.kind in _RAYS:
+            looks = "visual" if specification.name in CAMERAS else "collision"
+            frame = self.pepper.frame_id(specification.frame)
+            joint = int(self.pepper.pinocchio_model.frames[frame].parentJoint)
+            if (looks, joint) not in self._rays:
+                self._rays[looks, joint] = RobotRays(
+                    self.pepper, looks, blind_to=specification.frame, floor=self._floor
+                )
+            made: Sensor = _RAYS[specification.kind](
+                self.pepper, specification, seed, self._rays[looks, joint]
+            )
+            return made
+        if specification.kind not in _PLAIN:
+            raise UnknownNameError("kind of sensor", specification.kind, [*_PLAIN, *_RAYS, "switch"])
+        return _PLAIN[specification.kind](self.pepper, specification, seed)
+
+
+_EMPTY = Scene()
+"""One object, so that what was made for it is found again."""
+
+
+def _names(sensors: Iterable[str]) -> list[str]:
+    names = [sensors] if isinstance(sensors, str) else list(sensors)
+    return list(dict.fromkeys(names))

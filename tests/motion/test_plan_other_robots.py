@@ -1,0 +1,173 @@
+"""Planning for robots of meshes, from the package example-robot-data: Panda and Talos."""
+
+import importlib.metadata
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin import planners
+from pepper_kin.motion import PlanStatus
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.metric import joint_reaches
+from pepper_kin.motion.problem import path_problem
+from pepper_kin.trajectory.path import as_cubic_path
+
+STEP = 1e-3  # [m] of the fastest point
+
+
+def load(urdf, srdf):
+    try:
+        package = importlib.metadata.distribution("example-robot-data")
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    share = Path(package.locate_file("cmeel.prefix/share"))
+    robots = share / "example-robot-data" / "robots"
+    return pk.load_robot(robots / urdf, robots / srdf, [share])
+
+
+class Case:
+    """A robot at rest, a scene, and a motion of one arm whose straight line goes through a post."""
+
+    def __init__(self, robot, rest, scene, group, ends):
+        self.robot, self.scene, self.group = robot, scene, group
+        self.start, self.goal = (robot_with(robot, rest, end) for end in ends)
+
+
+def robot_with(robot, rest, values):
+    q = np.array(rest)
+    for name, value in values.items():
+        q[robot.joint_index(name)] = value
+    return q
+
+
+def panda():
+    robot = load("panda_description/urdf/panda.urdf", "panda_description/srdf/panda.srdf")
+    scene = pk.Scene().add_box("table", (0.6, 1.2, 0.04), (0.55, 0.0, 0.1))
+    scene = scene.add_box("post", (0.08, 0.08, 0.8), (0.5, 0.0, 0.5))
+    rest = robot_with(
+        robot, robot.neutral(), {"panda_joint2": 0.4, "panda_joint4": -1.8, "panda_joint6": 2.2}
+    )
+    return Case(robot, rest, scene, "arm", ({"panda_joint1": -0.8}, {"panda_joint1": 0.8}))
+
+
+def talos():
+    robot = load("talos_data/robots/talos_reduced.urdf", "talos_data/srdf/talos.srdf")
+    scene = pk.Scene().add_box("table", (0.5, 1.2, 0.04), (0.6, 0.0, -0.25))
+    scene = scene.add_box("post", (0.06, 0.06, 0.8), (0.42, 0.32, 0.3))
+    rest = robot_with(robot, robot.neutral(), robot.semantics.states["all", "half_sitting"])
+    lifted = {"arm_left_2_joint": 0.25, "arm_left_4_joint": -1.4}
+    ends = (lifted | {"arm_left_1_joint": -0.8}, lifted | {"arm_left_1_joint": 0.4})
+    return Case(robot, rest, scene, "l_arm", ends)
+
+
+@pytest.fixture(scope="module", params=[panda, talos], ids=["panda", "talos"])
+def case(request):
+    return request.param()
+
+
+def along(robot, path):
+    """States along the spline that `retime` draws, no further apart than STEP."""
+    spline, reach, states = as_cubic_path(robot, path), joint_reaches(robot), []
+    for i, length in enumerate(np.diff(spline.breaks)):
+        coarse = spline.at(np.full(20, i), np.linspace(0, length, 20))
+        count = int(np.ceil((np.abs(np.diff(coarse, axis=0)) @ reach).sum() / STEP)) + 1
+        states.append(spline.at(np.full(count, i), np.linspace(0, length, count)))
+    return np.concatenate(states)
+
+
+def assert_free(case, states):
+    """By coal alone; what does not move stands still, and limits are kept."""
+    robot = case.robot
+    assert not pk.collision.checker_for(robot, case.scene).in_collision(states).any()
+    arm = [robot.joint_index(name) for name in robot.joint_group(case.group)]
+    still = np.setdiff1d(np.arange(robot.n), arm)
+    np.testing.assert_array_equal(states[:, still], np.tile(case.start[still], (len(states), 1)))
+    assert np.all(states >= robot.lower_limits - 1e-9)
+    assert np.all(states <= robot.upper_limits + 1e-9)
+
+
+def test_no_point_moves_faster_than_the_metric_says(case):
+    """Corners of meshes are points of the body, too."""
+    import coal
+    import pinocchio
+
+    robot, reach = case.robot, joint_reaches(case.robot)
+    rng = np.random.default_rng(2)
+    model, data = robot.pinocchio_model, robot.pinocchio_model.createData()
+    step = 1e-6
+    lower, upper = np.clip(robot.lower_limits, -3, 3), np.clip(robot.upper_limits, -3, 3)
+    shapes = [s for s in robot.collision_shapes if isinstance(s.geometry, pk.model.Mesh)]
+    assert len(shapes) > 5
+    for shape in shapes:
+        mesh = coal.MeshLoader().load(str(shape.geometry.path), np.array(shape.geometry.scale))
+        corners = np.c_[mesh.vertices(), np.ones(mesh.num_vertices)] @ shape.transform_shape_to_link.T
+        frame = robot.frame_id(shape.link)
+
+        def places(q, frame=frame, corners=corners):
+            pinocchio.framesForwardKinematics(model, data, robot.to_full(q))
+            return corners @ data.oMf[frame].homogeneous.T
+
+        q = rng.uniform(lower, upper)
+        for j in range(robot.n):
+            moved = np.linalg.norm(places(q + step * np.eye(robot.n)[j]) - places(q), axis=1).max()
+            assert moved / step <= reach[j] + 1e-6, (shape.link, robot.joint_names[j])
+
+
+@pytest.mark.parametrize("planner", ["rrt_connect", "rrt_star"])
+def test_plan_goes_round_the_post(case, planner):
+    straight = case.start + np.linspace(0, 1, 200)[:, None] * (case.goal - case.start)
+    assert pk.collision.in_collision(case.robot, straight, case.scene).any()
+    plan = pk.plan(
+        case.robot, case.start, case.goal, case.scene, planner=planner, joints=case.group, timeout=3.0
+    )
+    assert plan.status is PlanStatus.SOLVED, plan.message
+    np.testing.assert_array_equal(plan.path[0], case.start)
+    np.testing.assert_allclose(plan.path[-1], case.goal, atol=1e-12)
+    assert_free(case, along(case.robot, plan.path))
+
+
+def problem_of(case):
+    free = np.array([case.robot.joint_index(name) for name in case.robot.joint_group(case.group)])
+    checks = Checks(case.robot, case.scene, compiled=True)
+    return path_problem(checks, case.start, case.goal[None], free, 0.01)
+
+
+def test_the_improving_planner_shortens_what_the_first_path_was(case):
+    problem = problem_of(case).problem
+    first = planners.rrt_connect(problem, seed=1, timeout=20.0)
+    assert first.success
+    best = planners.improve(problem, first.path, seed=1, timeout=1.0)
+    assert best.cost < 0.98 * first.cost
+    assert planners.certify(problem, best.path).valid
+
+
+def test_a_roadmap_answers_there_and_back(case):
+    problem, _, embed = problem_of(case)
+    roadmap = planners.Roadmap(problem)
+    there = roadmap.solve(problem.start, problem.goals, timeout=20.0)
+    back = roadmap.solve(problem.goals[0], problem.start[None], timeout=20.0)
+    for found in (there, back):
+        assert found.success
+        points = found.path.points
+        reach = problem.metric.weights
+        for a, b in pairwise(points):
+            count = int(np.ceil(np.linalg.norm(reach * (b - a)) / STEP)) + 1
+            assert_free(case, embed(a + np.linspace(0, 1, count)[:, None] * (b - a)))
+    assert back.iterations == 0  # the map did not have to grow
+
+
+def test_ik_tasks_as_goal(case):
+    """The hand at a point that it reached before, the arm as it likes."""
+    frame = "panda_link8" if case.group == "arm" else "arm_left_7_link"
+    target = pk.kinematics.frame_pose(case.robot, case.goal, frame)[:3, 3]
+    plan = pk.plan(
+        case.robot, case.start, [pk.ik.FramePosition(frame, target)], case.scene, joints=case.group,
+        timeout=6.0,
+    )  # fmt: skip
+    assert plan.success, plan.report()
+    reached = pk.kinematics.frame_pose(case.robot, plan.goal, frame)[:3, 3]
+    assert np.linalg.norm(reached - target) < 1e-3
+    assert_free(case, along(case.robot, plan.path)[::4])

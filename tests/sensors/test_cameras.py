@@ -1,0 +1,141 @@
+"""Pictures against projections by hand."""
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.twin.sensors import Camera, Intrinsics, camera_intrinsics
+from pepper_kin.twin.sensors.camera import LIGHT
+
+
+@pytest.fixture(scope="module")
+def pepper():
+    return pk.load_pepper()
+
+
+def ahead(pepper, q, camera, x, y, z):
+    """World point at (x, y, z) of the camera's optical frame."""
+    pose = pk.kinematics.frame_pose(pepper, q, camera.frame)
+    return pose[:3, :3] @ [x, y, z] + pose[:3, 3]
+
+
+def test_a_ball_appears_with_the_right_centre_size_and_depth(pepper):
+    q, camera = pepper.posture("Stand"), Camera(pepper, "camera_depth", floor=False)
+    radius, far = 0.1, 1.5
+    scene = pk.Scene().add_sphere("ball", radius, ahead(pepper, q, camera, 0.0, 0.0, far))
+    depth = camera.depth(q, scene)
+    ball = np.isfinite(depth) & (depth > 1.0)
+    rows, columns = np.nonzero(ball)
+    # The cone that touches the ball: sin(angle) = radius / distance; on the axis its picture is a disc.
+    disc = 262.5 * np.tan(np.arcsin(radius / far))
+    assert columns.mean() == pytest.approx(159.75, abs=0.3)
+    assert rows.mean() == pytest.approx(119.75, abs=0.3)
+    assert np.sqrt(ball.sum() / np.pi) == pytest.approx(disc, rel=0.01)
+    assert depth[120, 160] == pytest.approx(far - radius, abs=5e-5)  # a quarter pixel off the axis
+
+
+@pytest.mark.parametrize("name", ["camera_top", "camera_bottom", "camera_depth"])
+@pytest.mark.parametrize("lens", [False, True])
+def test_small_balls_appear_where_they_are_projected(pepper, name, lens):
+    rng, camera = np.random.default_rng(2), Camera(pepper, name, "VGA", floor=False, lens=lens)
+    q = pepper.joint_vector({"HeadYaw": 0.4, "HeadPitch": -0.5, "HipRoll": 0.1})
+    for _ in range(3):
+        point = ahead(pepper, q, camera, *rng.uniform(-0.3, 0.3, 2), rng.uniform(0.9, 2.0))
+        depth = camera.depth(q, pk.Scene().add_sphere("ball", 0.02, point))
+        rows, columns = np.nonzero(np.abs(depth - camera.project(q, point[None])[0, 2]) < 0.03)
+        u, v, _ = camera.project(q, point[None])[0]
+        assert len(rows) > 20
+        assert columns.mean() == pytest.approx(u, abs=0.4)
+        assert rows.mean() == pytest.approx(v, abs=0.4)
+
+
+def test_projection_by_hand_and_by_rays(pepper):
+    q, camera = pepper.posture("Crouch"), Camera(pepper, "camera_top")
+    point = ahead(pepper, q, camera, 0.2, -0.1, 2.0)
+    given = camera_intrinsics("camera_top")
+    expected = [given.fx * 0.1 + given.cx, -given.fy * 0.05 + given.cy, 2.0]
+    np.testing.assert_allclose(camera.project(q, point[None])[0], expected, atol=1e-9)
+    behind = camera.project(q, ahead(pepper, q, camera, 0, 0, -1)[None])[0]
+    assert np.isnan(behind[:2]).all()
+    assert behind[2] == pytest.approx(-1)
+
+
+def test_the_lens_is_inverted_at_every_pixel():
+    given = camera_intrinsics("camera_bottom", "VGA")
+    rays = given.rays(lens=True)
+    x, y = given.distorted(rays[..., 0], rays[..., 1])
+    v, u = np.mgrid[: given.height, : given.width]
+    np.testing.assert_allclose(given.fx * x + given.cx, u, atol=1e-6)
+    np.testing.assert_allclose(given.fy * y + given.cy, v, atol=1e-6)
+
+
+def test_depth_of_the_floor_is_that_of_the_plane(pepper):
+    camera = Camera(pepper, "camera_bottom")
+    q = pepper.joint_vector({"HeadPitch": 0.0})
+    pose = pk.kinematics.frame_pose(pepper, q, camera.frame)
+    depth, rays = camera.depth(q), camera.intrinsics.rays() @ pose[:3, :3].T
+    expected = -pose[2, 3] / rays[..., 2]
+    floor = np.isclose(depth, expected, rtol=1e-9)
+    assert floor.mean() > 0.9
+    assert (depth[~floor] < expected[~floor]).all()  # the rest is the robot before it
+
+
+def test_the_hand_in_front_of_the_eyes_is_seen_where_it_is(pepper):
+    camera = Camera(pepper, "camera_top", floor=False)
+    q = pepper.joint_vector({"LShoulderPitch": 0.0, "LElbowRoll": -0.9, "HeadYaw": 0.6, "HeadPitch": 0.3})
+    hand = pk.kinematics.frame_pose(pepper, q, "l_wrist")[:3, 3]
+    u, v, z = camera.project(q, hand[None])[0]
+    rows, columns = np.nonzero(np.isfinite(camera.depth(q)))
+    assert 0 < u < 320
+    assert 0 < v < 240
+    near = np.hypot(columns - u, rows - v) < 40
+    assert near.sum() > 100
+    seen = camera.depth(q)[rows[near], columns[near]]
+    assert np.abs(seen - z).min() < 0.08
+    assert not np.isfinite(camera.depth(pepper.joint_vector({"HeadPitch": -0.7}))).any()
+
+
+def test_colours_are_those_of_the_scene_in_the_light(pepper):
+    q, camera = pepper.posture("Stand"), Camera(pepper, "camera_top", floor=False)
+    red = (0.9, 0.1, 0.1, 1.0)
+    center = ahead(pepper, q, camera, 0, 0, 1.5)
+    scene = pk.Scene().add("ball", pk.model.Sphere(0.3), center, color=red)
+    picture = camera.color(q, scene).astype(float)
+    assert picture.shape == (240, 320, 3)
+    ball = picture[..., 0] > 4 * picture[..., 2]
+    assert ball.sum() > 2000
+    bright = picture[..., 0] * ball
+    row, column = np.unravel_index(np.argmax(bright), bright.shape)
+    u, v, _ = camera.project(q, (center + 0.3 * LIGHT / np.linalg.norm(LIGHT))[None])[0]
+    shade = bright[ball]
+    assert shade.max() / shade.min() > 1.5
+    assert row < np.nonzero(ball)[0].mean()  # lit from above
+    assert (column - np.nonzero(ball)[1].mean()) * (u - 160) > 0
+    assert v < 120
+    assert (picture[0, 0] > 130).all()  # the sky
+
+
+def test_same_picture_twice_and_attached_objects_move_along(pepper):
+    camera = Camera(pepper, "camera_top", "QQVGA", floor=False)
+    scene = pk.Scene().add_sphere("cup", 0.05, (0.6, 0.0, 1.1))
+    q = pepper.joint_vector({"HeadPitch": 0.0})
+    held = scene.attach("cup", "torso", pepper=pepper, q=q)
+    turned = pepper.joint_vector({"HeadPitch": 0.0, "HipRoll": 0.2})
+    first, second = camera.depth(q, held), camera.depth(turned, held)
+    np.testing.assert_allclose(first, camera.depth(q, scene), rtol=1e-12)
+    assert not np.array_equal(first, second)
+    np.testing.assert_array_equal(first, camera.depth(q, held))
+
+
+def test_misuse_is_named(pepper):
+    with pytest.raises(UnknownNameError, match="camera_depth"):
+        Camera(pepper, "webcam")
+    with pytest.raises(UnknownNameError, match="QQVGA"):
+        Camera(pepper, "camera_top", "4K")
+    with pytest.raises(InvalidValueError, match="looks"):
+        Camera(pepper, looks="x-ray")
+    small = Camera(pepper, intrinsics=Intrinsics(4, 3, 2.0, 2.0, 1.5, 1.0))
+    assert small.depth(pepper.posture("Stand")).shape == (3, 4)
+    with pytest.raises(InvalidValueError, match="q"):
+        small.depth(np.full(pepper.n, np.nan))
