@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 MotionFile = Annotated[
-    Path, typer.Argument(help="Trajectory (.csv, .npz, .json, .yaml, .py, .mcap) or run of the twin (.csv).")
+    Path,
+    typer.Argument(
+        help="Trajectory (.csv, .npz, .json, .yaml, .py, .mcap), run (.csv) or recording (folder)."
+    ),
 ]
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pepper_kin.exceptions import FileFormatError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory, load
-from pepper_kin.twin import Run, read_run
+from pepper_kin.twin import Run, read_recording, read_run
 
 _RUN_COLUMN = ".torque"
 
@@ -15,8 +16,8 @@ def read_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
     """Read a trajectory or a run of the twin.
 
     Args:
-        path: A file that `pepper_kin.trajectory.save` or `Run.save` wrote; in a CSV, columns of torque tell
-            a run.
+        path: A file that `pepper_kin.trajectory.save` or `Run.save` wrote (in a CSV, columns of torque tell a
+            run), or the folder of a `Recorder`.
         pepper: The robot whose joints it must have.
 
     Returns:
@@ -27,6 +28,11 @@ def read_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
         MissingDependencyError: for .mcap without its package.
         FileFormatError: naming path, line and what is wrong.
     """
+    if Path(path).is_dir():
+        recording = read_recording(path)
+        if recording.joint_names != pepper.joint_names:
+            raise FileFormatError(path, f"is of other joints: {', '.join(recording.joint_names)}")
+        return recording.run()
     if Path(path).suffix.lower() == ".csv" and _RUN_COLUMN in _first_line(path):
         return read_run(path, pepper)
     return load(path, pepper)
