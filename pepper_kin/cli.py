@@ -188,6 +188,57 @@ def gesture(
         raise typer.Exit(FAILED)
 
 
+@app.command()
+def view(
+    file: Annotated[
+        Path | None, typer.Argument(help="Trajectory to show: .csv, .npz, .json, .yaml, .py or .mcap.")
+    ] = None,
+    scene: Annotated[Path | None, typer.Option(help="Scene to show: JSON.")] = None,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Print the address only.")] = False,
+    port: Annotated[
+        int | None, typer.Option(help="0 for any; the first free one from 7878 on if left out.")
+    ] = None,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    allow_remote: Annotated[
+        bool, typer.Option("--allow-remote", help="Let --host be one that other machines reach.")
+    ] = False,
+    token: Annotated[
+        str | None, typer.Option(help="Token in the address; drawn anew for a remote host if left out.")
+    ] = None,
+    base: Base = "fixed",
+    hands: Hands = "locked",
+    as_json: Json = False,
+) -> None:
+    """Open Pepper in the browser: sliders, targets to drag, obstacles, planning.  Ctrl-C ends it.
+
+    Example: pepper-kin view demo/trajectory.csv
+    """
+    import json
+    import webbrowser
+
+    from pepper_kin.collision import Scene
+    from pepper_kin.model import load_pepper
+    from pepper_kin.trajectory import load
+    from pepper_kin.viewer.server import Access, serve
+
+    access = Access.of(host, allow_remote, token)
+    pepper = load_pepper(base=base, hands=hands)
+
+    def announce(url: str) -> None:
+        print(json.dumps({"url": url}) if as_json else url, flush=True)
+        if not no_open:
+            webbrowser.open(url)
+
+    serve(
+        pepper,
+        access,
+        port,
+        scene=None if scene is None else Scene.load(scene),
+        motion=None if file is None else load(file, pepper),
+        on_start=announce,
+    )
+
+
 def _scene(boxes: list[str]) -> Any:
     from pepper_kin.collision import Scene
 

@@ -7,7 +7,9 @@ algebra, no Pinocchio, and its own reading of the URDF.  Slow and plain on purpo
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,8 +116,9 @@ def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") 
     return np.array([float(value) for value in text.split()])
 
 
-def _read_bodies(urdf: str) -> list[_Body]:
-    """Return the links in an order where parents come first; links without mass below them are kept."""
+@lru_cache(maxsize=8)
+def _read_bodies(urdf: str) -> tuple[_Body, ...]:
+    """Return the links that count, parents first: those that move, have mass, or carry one that does."""
     root = ET.fromstring(urdf)
     links = {str(link.get("name")): link for link in root.findall("link")}
     joints = root.findall("joint")
@@ -132,7 +135,22 @@ def _read_bodies(urdf: str) -> list[_Body]:
                 place[child] = len(bodies)
                 bodies.append(_body(place[parent], joint, links[child]))
                 waiting.remove(joint)
-    return bodies
+    return _that_count(bodies)
+
+
+def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
+    """Leave out links without mass that are fixed and carry nothing, such as the frames of sensors."""
+    keep = [body.mass > 0 or body.kind != "fixed" or body.parent < 0 for body in bodies]
+    for i in reversed(range(len(bodies))):
+        if keep[i] and bodies[i].parent >= 0:
+            keep[bodies[i].parent] = True
+    place: dict[int, int] = {-1: -1}
+    kept: list[_Body] = []
+    for i, body in enumerate(bodies):
+        if keep[i]:
+            place[i] = len(kept)
+            kept.append(replace(body, parent=place[body.parent]))
+    return tuple(kept)
 
 
 def _body(parent: int, joint: ET.Element | None, link: ET.Element) -> _Body:
@@ -169,7 +187,7 @@ def _apply(matrix: Array, vector: Array) -> Array:
 
 
 def _torques(
-    bodies: list[_Body], motion: dict[str, tuple[Array, Array, Array]], batch: tuple[int, ...]
+    bodies: Sequence[_Body], motion: dict[str, tuple[Array, Array, Array]], batch: tuple[int, ...]
 ) -> dict[str, Array]:
     """Return the torque of every moving joint, each of shape `batch`."""
     zero = np.zeros((*batch, 3))

@@ -233,7 +233,7 @@ def _compare(
     ends, greatest, moved = [], [], 0.0
     for h in steps:
         count = round(seconds / h)
-        time = h * np.arange(1, count + 1)
+        time: Array = h * np.arange(1, count + 1, dtype=float)
         q_ref, v_ref = motion.reference(time)
         ours = _ours(pepper, motion, h, q_ref, v_ref)
         theirs = _theirs(pepper, model, motion, h, q_ref, v_ref)

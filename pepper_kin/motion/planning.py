@@ -44,15 +44,14 @@ def plan(
         goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
             from several starts; of the free solutions the one with the shortest path is taken.
         scene: The world around the robot.
-        planner: "rrt_connect": bidirectional RRT; "rrt_star": keeps improving until its time is up; or a name
-            of `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
+        planner: "rrt_connect"; "rrt_star", which improves until its time is up; or a name of
+            `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
-        margin: Distance that is kept to all things [m]; less where start or goal are nearer than that.
+        margin: Distance kept to all things [m]; less where start or goal are nearer than that.
         seed: Seed of all random choices.
-        timeout: Time budget [s].  Short-cutting stops after a number of attempts, so that the same seed gives
-            the same path, or when time is up; where the search took all of it, a twentieth more is taken.
+        timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
         compiled: Whether checks and search run as machine code, which the first use on a machine compiles for
             a minute.  False: coal and interpreted code, hundreds of times slower; goals are solved by placo.
 
@@ -84,16 +83,17 @@ def plan(
     if free.size == 0:
         return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", ik=ik)
     room = path_problem(checks, q_start, goals, free, margin)
-    left = _left(begin, timeout)
-    result = find_path(room.problem, planner, seed=seed, timeout=left, compare=ik is not None)
+    result = find_path(
+        room.problem, planner, seed=seed, timeout=_left(begin, timeout), compare=ik is not None
+    )
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
     path = waypoints_of(room, result.path, seed=seed, timeout=max(_left(begin, timeout), timeout / 20))
     if path is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, ik=ik, states_checked=result.states_checked)
-    message = f"Path of {len(path)} way-points."
-    return ended.solved(checks.exact, path, message, ik=ik, states_checked=result.states_checked)
+    said = f"Path of {len(path)} way-points."
+    return ended.solved(checks.exact, path, said, ik=ik, states_checked=result.states_checked)
 
 
 def _left(begin: float, timeout: float) -> float:

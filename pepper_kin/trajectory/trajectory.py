@@ -399,7 +399,7 @@ def sample_times(duration: float, dt: float) -> Array:
     dt = check_positive("dt", dt, "s")
     if duration / dt > _MOST_SAMPLES:
         raise InvalidValueError("dt", f"{dt} s", f"at least {duration / _MOST_SAMPLES:.3g} s")
-    time = dt * np.arange(int(np.ceil(duration / dt)) + 1)
+    time: Array = dt * np.arange(int(np.ceil(duration / dt)) + 1, dtype=float)
     count = int(np.searchsorted(time, duration - max(TIME_TOLERANCE, 1e-9 * duration)))
     time = time[: count + 1] if count < time.size else np.append(time, duration)
     time[-1] = duration

@@ -20,6 +20,7 @@ from pepper_kin.twin.packing import pack
 from pepper_kin.twin.recording import HEADER, INPUTS, STATES, Recording, chunk_path, read_recording
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
+from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
 Array = NDArray[np.float64]
@@ -185,7 +186,7 @@ class Recorder:
             told = [[p.start, p.duration, *p.force, *p.point] for p in pushes]
             arrays["pushes"], arrays["push_frames"] = np.array(told), np.array([p.frame for p in pushes])
         offset = self.time - run.duration
-        for name, series in run.readings.items():
+        for name, series in _news(run, self._count == 0).items():
             arrays[f"time.{name}"] = pack(series.time + offset)
             arrays[f"value.{name}"], arrays[f"truth.{name}"] = pack(series.value), pack(series.truth)
             arrays[f"about.{name}"] = np.array([series.unit, series.frame])
@@ -206,13 +207,12 @@ def _joined(parts: list[Run], timestep: float) -> Run:
         name: np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)]) for name in names
     }
     time = timestep * np.arange(len(stacked["position"]), dtype=float)
+    news = [_news(part, k == 0) for k, part in enumerate(parts)]
     readings = {
-        name: type(parts[0].readings[name])(
-            np.concatenate(
-                [p.readings[name].time + ends[k] for k, p in enumerate(parts) if name in p.readings]
-            ),
-            np.concatenate([p.readings[name].value for p in parts if name in p.readings]),
-            np.concatenate([p.readings[name].truth for p in parts if name in p.readings]),
+        name: ReadingSeries(
+            np.concatenate([part[name].time + ends[k] for k, part in enumerate(news) if name in part]),
+            np.concatenate([part[name].value for part in news if name in part]),
+            np.concatenate([part[name].truth for part in news if name in part]),
             parts[0].readings[name].unit,
             parts[0].readings[name].frame,
         )
@@ -222,3 +222,16 @@ def _joined(parts: list[Run], timestep: float) -> Run:
     return replace(
         parts[0], time=time, **stacked, status=last.status, message=last.message, readings=readings
     )
+
+
+def _news(run: Run, first: bool) -> dict[str, ReadingSeries]:
+    """Return the readings of a run, without those of its start, which the run before it has already."""
+    if first:
+        return dict(run.readings)
+    told = {}
+    for name, series in run.readings.items():
+        new = series.time > 1e-9
+        if new.any():
+            values = (series.time[new], series.value[new], series.truth[new])
+            told[name] = ReadingSeries(*values, series.unit, series.frame)
+    return told

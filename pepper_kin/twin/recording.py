@@ -124,7 +124,12 @@ class Recording:
                     series = [unpack(chunk[f"{what}.{name}"]) for what in ("time", "value", "truth")]
                     parts.setdefault(name, []).append((series[0], series[1], series[2]))
         return {
-            name: ReadingSeries(*(np.concatenate([row[k] for row in rows]) for k in range(3)), *about[name])
+            name: ReadingSeries(
+                np.concatenate([row[0] for row in rows]),
+                np.concatenate([row[1] for row in rows]),
+                np.concatenate([row[2] for row in rows]),
+                *about[name],
+            )
             for name, rows in parts.items()
         }
 

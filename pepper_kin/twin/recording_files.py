@@ -94,7 +94,7 @@ def _write_mcap(recording: Recording, path: PathName) -> Path:
             "effort": run.torque[i].tolist(),
         }
         writer.write_message(STATES_TOPIC, schema, message, log_time=stamp, sequence=i)
-    array_schema = writer.register_msgdef(_ARRAY_TYPE, _ARRAY_SCHEMA) if run.readings else None
+    array_schema = writer.register_msgdef(_ARRAY_TYPE, _ARRAY_SCHEMA)
     for name, series in run.readings.items():
         if series.value[0].size > _LARGEST:
             continue

@@ -92,7 +92,7 @@ class TiltMeasurement:
     @property
     def blind(self) -> NDArray[np.bool_]:
         """Whether gravity lies along the joint's axis, to within `BLIND`, at some time, shape (k,)."""
-        return (self.visible < BLIND).any(axis=0)
+        return np.asarray((self.visible < BLIND).any(axis=0))
 
 
 def measure_by_tilt(

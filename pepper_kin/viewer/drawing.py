@@ -47,13 +47,16 @@ def link_path(link: str | None) -> tuple[str, ...]:
     return (WORLD_ROOT,) if link is None else (LINK_ROOT, link.replace("/", "_"))
 
 
-def draw_commands(drawables: Iterable[Drawable]) -> Iterator[SetObject | SetTransform]:
+def draw_commands(
+    drawables: Iterable[Drawable], root: tuple[str, ...] = ()
+) -> Iterator[SetObject | SetTransform]:
     """Turn drawables into meshcat commands: one sets the object, one its pose.
 
     Identifiers count up instead of being random, so the same input gives the same commands.
 
     Args:
         drawables: What to draw.
+        root: Scene path of the group that they all go into.
 
     Yields:
         Commands; their `lower()` is what meshcat's page takes.
@@ -67,7 +70,7 @@ def draw_commands(drawables: Iterable[Drawable]) -> Iterator[SetObject | SetTran
 
     surfaces: dict[Path, Surface] = {}
     for index, drawable in enumerate(drawables):
-        path = ScenePath((*link_path(drawable.link), f"{index} {drawable.name}".replace("/", "_")))
+        path = ScenePath((*root, *link_path(drawable.link), f"{index} {drawable.name}".replace("/", "_")))
         solid, intrinsic = _geometry(drawable, surfaces)
         body = MeshcatMesh(solid, _material(drawable.color))
         for element, kind in ((solid, "geometry"), (body.material, "material"), (body, "object")):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import html
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
@@ -19,14 +20,20 @@ from pepper_kin.model import PepperModel, Shape
 from pepper_kin.viewer.browser import CameraView, screenshot
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
-from pepper_kin.viewer.live import LivePage
 from pepper_kin.viewer.motion_frames import MotionFrames, frames_of_samples, kept_samples
 from pepper_kin.viewer.recording import write_frames_page
+from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
+from pepper_kin.viewer.target_listener import TargetListener
 from pepper_kin.viewer.video import check_video, write_video
+
+if TYPE_CHECKING:
+    from pepper_kin.viewer.server import ViewerServer
+    from pepper_kin.viewer.server.session import Session
 
 Looks = Literal["visual", "collision", "spheres"]
 
 OVER_COLOR = (0.20, 0.45, 0.90, 0.35)
+_LAYERS = {"visual": LOOKS, "collision": CAPSULES, "spheres": SPHERES}
 
 
 class Viewer:
@@ -36,7 +43,8 @@ class Viewer:
         viewer.save_html("motion.html", run)      # one file, no server
         print(viewer.play(run))                   # address of a live page
 
-    Drawing needs meshcat; pictures need a Chromium.  A live page is started by the first `show` or `play`.
+    Pictures need a Chromium.  A live page is started by the first `show`, `play` or `on_target`; in a
+    notebook, a viewer that ends a cell shows it in a frame.  The page has the panel of `pepper-kin view`.
     Use the viewer as a context manager, or call `close`, to end its server before Python ends.
 
     Args:
@@ -44,13 +52,23 @@ class Viewer:
         looks: "visual" draws what it looks like, "collision" the shapes that may not touch, "spheres" the
             sphere set.
         over: Looks drawn on top as well, half transparent, such as "collision" over "visual".
+        port: Port of the live page; None takes the first free one from 7878 on, 0 any free one.
 
     Raises:
         UnknownNameError: There are no such looks.
     """
 
-    def __init__(self, pepper: PepperModel, *, looks: Looks = "visual", over: Looks | None = None) -> None:
+    def __init__(
+        self,
+        pepper: PepperModel,
+        *,
+        looks: Looks = "visual",
+        over: Looks | None = None,
+        port: int | None = None,
+    ) -> None:
         self._pepper = pepper
+        self._port = port
+        self._layers = tuple(_LAYERS[name] for name in (looks, over) if name in _LAYERS)
         shapes = _shapes(pepper, looks)
         drawn = [Drawable.from_shape(shape) for shape in shapes]
         if over is not None:
@@ -62,9 +80,11 @@ class Viewer:
         self._robot = tuple(drawn)
         self._drawn_links = tuple(dict.fromkeys(shape.link for shape in shapes))
         self._surroundings: dict[str, Drawable] = {}
+        self._scene = Scene()
         self._targets: dict[str, Drawable] = {}
         self._motion = still(pepper, pepper.neutral())
-        self._page: LivePage | None = None
+        self._server: ViewerServer | None = None
+        self._listener: TargetListener | None = None
 
     def __enter__(self) -> Viewer:
         return self
@@ -80,7 +100,21 @@ class Viewer:
     @property
     def url(self) -> str | None:
         """Address of the live page, or None while there is none."""
-        return self._page.url if self._page else None
+        return self._server.url if self._server else None
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Joint positions that the live page shows now, shape (n,) [rad or m]; at first those of Stand."""
+        if self._server is None:
+            return self._motion.positions[0].copy()
+        return self._server.call(lambda session: session.q.copy())
+
+    def _repr_html_(self) -> str:
+        """Show the live page in a notebook."""
+        return (
+            f'<iframe src="{html.escape(self._live().url)}" title="{html.escape(self._pepper.name)}" '
+            'style="width: 100%; height: 640px; border: 0"></iframe>'
+        )
 
     def add_scene(self, scene: Scene) -> Viewer:
         """Draw a scene's objects; an object of the same name is replaced.
@@ -94,18 +128,21 @@ class Viewer:
         Raises:
             UnknownNameError: An object hangs on a frame that the robot lacks.
         """
+        for held in scene.attached.values():
+            self._pepper.frame_id(held.frame)
         for name, thing in scene.objects.items():
             self._surroundings[name] = Drawable(
                 name, None, thing.geometry, thing.transform_object_to_world, thing.color
             )
         for name, held in scene.attached.items():
-            self._pepper.frame_id(held.frame)
             self._surroundings[name] = Drawable(
                 name, held.frame, held.geometry, held.transform_object_to_frame, held.color
             )
         links = [thing.link for thing in (*self._robot, *self._surroundings.values())]
         self._drawn_links = tuple(dict.fromkeys(link for link in links if link is not None))
-        self._redraw()
+        known = self._scene if self._server is None else self._server.call(lambda session: session.scene)
+        self._scene = _joined(known, scene)
+        self._tell(lambda session: session.set_scene(self._scene))
         return self
 
     def add_target(self, name: str, position: ArrayLike, color: Color = TARGET_COLOR) -> Viewer:
@@ -123,7 +160,39 @@ class Viewer:
             InvalidValueError: `position` is not three finite numbers, or `color` is not four in [0, 1].
         """
         self._targets[name] = marker(name, position, color=color)
-        self._redraw()
+        self._tell(lambda session: session.set_markers(tuple(self._targets.values())))
+        return self
+
+    def on_target(self, callback: Callable[[str, NDArray[np.float64]], object] | None) -> Viewer:
+        """Hear where people drag the targets of the live page, which this starts.
+
+            viewer.on_target(lambda name, position: print(name, position))
+
+        The callback gets the target's name ("left hand", "right hand" or "gaze") and its position in the
+        world, shape (3,) [m].  It runs in a thread of its own; while it runs, only the newest position of
+        each target is kept for it.  It may call the viewer, for instance `show`.  The body goes on following
+        unless the page's "Follow live" is off; see `follow`.
+
+        Args:
+            callback: What to call; None to hear no more.
+
+        Returns:
+            The viewer itself, so that calls can be chained.
+        """
+        if self._listener is not None:
+            self._listener.stop()
+        self._listener = None if callback is None else TargetListener(callback)
+        heard = self._listener.hear if self._listener else (lambda name, position: None)
+        self._live().call(lambda session: setattr(session, "on_target", heard))
+        return self
+
+    def follow(self, on: bool = True) -> Viewer:
+        """Choose whether the body in the live page follows the targets that people drag.
+
+        Returns:
+            The viewer itself, so that calls can be chained.
+        """
+        self._live().call(lambda session: session.set_follow(bool(on)))
         return self
 
     def show(self, q: ArrayLike) -> str:
@@ -138,17 +207,18 @@ class Viewer:
         Raises:
             InvalidValueError: for a q of wrong shape, or with NaN or infinity.
         """
-        self._motion = still(self._pepper, q)
-        page = self._live()
-        page.pose(self._drawn_links, frame_poses(self._pepper, self._motion.positions[0], self._drawn_links))
-        return page.url
+        self._motion = motion = still(self._pepper, q)
+        server = self._live()
+        server.call(lambda session: session.set_joints(motion.positions[0]))
+        return server.url
 
-    def play(self, motion: Playable, *, fps: float = 40.0) -> str:
-        """Play a motion in the live page.
+    def play(self, motion: Playable, *, title: str = "Motion", loop: bool = False) -> str:
+        """Play a motion in the live page, with its torques and clearance; returns at once.
 
         Args:
             motion: A trajectory, a run of the twin, or a `JointMotion`.
-            fps: Most frames per second to send.
+            title: What to call it.
+            loop: Whether it starts again at its end.
 
         Returns:
             The address of the page.
@@ -156,10 +226,19 @@ class Viewer:
         Raises:
             InvalidValueError: for a motion of another robot (joint count), or with NaN or infinity.
         """
+        from pepper_kin.viewer.server.planning import show_motion
+
         self._motion = joint_motion(self._pepper, motion)
-        page = self._live()
-        page.play(self._drawn_links, self._frames(self._motion, {}, fps))
-        return page.url
+        server = self._live()
+        scene = server.call(lambda session: session.scene)
+        shown = show_motion(self._pepper, motion, scene, title)
+
+        def begin(session: Session) -> None:
+            session.load(shown, play=True)
+            session.set_loop(loop)
+
+        server.call(begin)
+        return server.url
 
     def save_html(
         self,
@@ -269,9 +348,12 @@ class Viewer:
 
     def close(self) -> None:
         """End the live page's server, if there is one."""
-        if self._page is not None:
-            self._page.close()
-            self._page = None
+        if self._listener is not None:
+            self._listener.stop()
+            self._listener = None
+        if self._server is not None:
+            self._server.close()
+            self._server = None
 
     def _frames(self, motion: JointMotion, series: Mapping[str, ArrayLike], fps: float) -> MotionFrames:
         """Compute poses at the frames alone: those of every sample would cost most of the time."""
@@ -279,17 +361,33 @@ class Viewer:
         poses = frame_poses(self._pepper, motion.positions[kept], self._drawn_links)
         return frames_of_samples(motion.times, kept, poses, len(self._drawn_links), series)
 
-    def _live(self) -> LivePage:
-        if self._page is None:
-            self._page = LivePage()
-            self._redraw()
-        return self._page
+    def _live(self) -> ViewerServer:
+        if self._server is None:
+            from pepper_kin.viewer.server import ViewerServer
 
-    def _redraw(self) -> None:
-        if self._page is not None:
-            self._page.draw((*self._robot, *self._surroundings.values(), *self._targets.values()))
-            poses = frame_poses(self._pepper, self._motion.positions[0], self._drawn_links)
-            self._page.pose(self._drawn_links, np.asarray(poses))
+            self._server = ViewerServer(self._pepper, port=self._port)
+            self._server.call(self._furnish)
+        return self._server
+
+    def _furnish(self, session: Session) -> None:
+        """Give a new session what the viewer shows already."""
+        for layer in session.available:
+            if layer == LOOKS or layer in self._layers:
+                session.show(layer, layer in self._layers)
+        session.set_scene(self._scene)
+        session.set_markers(tuple(self._targets.values()))
+        session.set_joints(self._motion.positions[0])
+
+    def _tell(self, do: Callable[[Session], None]) -> None:
+        if self._server is not None:
+            self._server.call(do)
+
+
+def _joined(known: Scene, more: Scene) -> Scene:
+    """Return one scene of two; what the second has replaces what the first has of the same name."""
+    kept = {name: thing for name, thing in known.objects.items() if name not in more.attached}
+    held = {name: thing for name, thing in known.attached.items() if name not in more.objects}
+    return Scene({**kept, **more.objects}, {**held, **more.attached}, [*known.allowed, *more.allowed])
 
 
 def _shapes(pepper: PepperModel, looks: str) -> tuple[Shape, ...]:

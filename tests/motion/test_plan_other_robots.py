@@ -19,10 +19,7 @@ STEP = 1e-3  # [m] of the fastest point
 
 
 def load(urdf, srdf):
-    try:
-        package = importlib.metadata.distribution("example-robot-data")
-    except importlib.metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
+    package = importlib.metadata.distribution("example-robot-data")
     share = Path(package.locate_file("cmeel.prefix/share"))
     robots = share / "example-robot-data" / "robots"
     return pk.load_robot(robots / urdf, robots / srdf, [share])
@@ -145,7 +142,8 @@ def test_the_improving_planner_shortens_what_the_first_path_was(case):
 
 
 def test_a_roadmap_answers_there_and_back(case):
-    problem, _, embed = problem_of(case)
+    room = problem_of(case)
+    problem, embed = room.problem, room.embed
     roadmap = planners.Roadmap(problem)
     there = roadmap.solve(problem.start, problem.goals, timeout=20.0)
     back = roadmap.solve(problem.goals[0], problem.start[None], timeout=20.0)

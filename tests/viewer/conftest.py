@@ -62,3 +62,49 @@ def content_of():
         return revive(data)
 
     return read
+
+
+@pytest.fixture(scope="module")
+def pepper():
+    import pepper_kin as pk
+
+    return pk.load_pepper()
+
+
+@pytest.fixture(scope="session")
+def until():
+    """Wait until a page meets a condition; playwright's own waiting needs eval, which pages forbid."""
+
+    def wait(page, condition, seconds=30.0):
+        for _ in range(int(seconds / 0.02)):
+            if page.evaluate(condition):
+                return
+            page.wait_for_timeout(20)
+        pytest.fail(f"the page never reached: {condition}")
+
+    return wait
+
+
+@pytest.fixture
+def open_live(browser, until):
+    """Open live pages; on leaving, see that they complained of nothing and asked nobody else for anything."""
+    complaints, strangers, pages = [], [], []
+
+    def open_page(url, width=800, height=600):
+        page = browser.new_page(viewport={"width": width, "height": height})
+        own = url.split("?")[0].rstrip("/")
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda r: None if r.url.startswith(own) else strangers.append(r.url))
+        page.goto(url)
+        until(page, READY)
+        pages.append(page)
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+    assert complaints == []
+    assert strangers == []
+
+
+READY = "window.pepperKin !== undefined && pepperKin.connected && pepperKin.parts.scene.poses !== null"

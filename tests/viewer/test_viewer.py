@@ -186,38 +186,3 @@ def test_a_picture_shows_a_white_robot_in_the_middle(chromium_path, pepper, tmp_
     assert np.ptp(edge) < 120  # floor and sky alone
     columns = np.nonzero((pixels.max(axis=2) < 40).any(axis=0))[0]  # tablet, neck, elbows, waist
     assert abs(columns.min() + columns.max() - 239) < 10  # from the front it is symmetric
-
-
-@pytest.mark.browser
-def test_a_live_page_shows_and_plays(browser, pepper, waving):
-    where = (
-        "viewer.scene_tree.find(['links', 'l_wrist']).object.getWorldPosition(new MeshCat.THREE.Vector3())"
-    )
-    read = f"() => {{ viewer.scene.updateMatrixWorld(true); const p = {where}; return [p.x, -p.z, p.y]; }}"
-
-    def hand(q):
-        return pk.kinematics.frame_pose(pepper, q, "l_wrist")[:3, 3]
-
-    def reaches(page, point):
-        for _ in range(1000):
-            if np.abs(np.array(page.evaluate(read)) - point).max() < 1e-4:
-                return True
-            page.wait_for_timeout(20)
-        return False
-
-    with Viewer(pepper) as viewer:
-        assert viewer.url is None
-        url = viewer.show(waving.positions[0])
-        assert url.startswith("http://127.0.0.1:")
-        page = browser.new_page()
-        page.goto(url)
-        assert reaches(page, hand(waving.positions[0]))
-        assert viewer.show(waving.positions[-1]) == url
-        assert reaches(page, hand(waving.positions[-1]))
-        assert viewer.play(waving) == viewer.url == url
-        page.evaluate("viewer.animator.seek(1)")
-        page.evaluate("viewer.animator.pause()")
-        page.evaluate("viewer.animator.seek(1)")
-        assert reaches(page, hand(waving.positions[200]))
-        page.close()
-    assert viewer.url is None

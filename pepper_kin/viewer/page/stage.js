@@ -116,8 +116,8 @@ const stage = (() => {
       const values = seen.map((coordinates) => coordinates[k]);
       return (Math.min(...values) + Math.max(...values)) / 2;
     });
-    const free = freeArea();
-    const slope = Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW / 2)) / window.innerHeight;
+    const { height, free } = room();
+    const slope = Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW / 2)) / height;
     const distances = seen.map(([x, y, depth]) => depth - middle[2] + Math.max(
       Math.abs(x - middle[0]) / (slope * free.width), Math.abs(y - middle[1]) / (slope * free.height),
     ));
@@ -130,6 +130,9 @@ const stage = (() => {
     viewer.controls.update();
     viewer.set_dirty();
   }
+
+  // How high the picture is, and which part of it nothing covers [pixel]; a page may put its own here.
+  let room = () => ({ height: window.innerHeight, free: freeArea() });
 
   function freeArea() {
     const rectangle = { left: 0, right: window.innerWidth, top: 0, bottom: window.innerHeight };
@@ -209,5 +212,13 @@ const stage = (() => {
     return { viewer, content };
   }
 
-  return { open, look, fitWindow, subject, VIEWS };
+  // Lights and floor around a viewer whose content comes from elsewhere, in a part of the window.
+  function furnish(viewer, ownRoom) {
+    viewer.gui.domElement.style.display = "none";
+    room = ownRoom;
+    addLights(viewer);
+    addFloor(viewer);
+  }
+
+  return { open, furnish, look, fitWindow, subject, corners, castShadows, VIEWS };
 })();

@@ -1,0 +1,160 @@
+"use strict";
+// The live page: one robot on a server, seen and moved by everybody who has the page open.
+(() => {
+  const element = (id) => document.getElementById(id);
+  const view = element("view");
+  const options = new URLSearchParams(location.hash.slice(1));
+  let parts = null; // what is made of the server's first words
+  let looked = false;
+
+  function openViewer() {
+    const { renderer, software } = Quality.makeRenderer();
+    view.append(renderer.domElement);
+    const viewer = new MeshCat.Viewer(view, true, renderer);
+    // meshcat takes the window's size; here it is that of its own pane.
+    const resize = viewer.set_3d_pane_size.bind(viewer);
+    viewer.set_3d_pane_size = () => resize(view.clientWidth, view.clientHeight);
+    new ResizeObserver(() => viewer.set_3d_pane_size()).observe(view);
+    stage.furnish(viewer, () => {
+      const covered = element("top").offsetHeight;
+      return {
+        height: view.clientHeight,
+        free: { width: view.clientWidth, height: Math.max(view.clientHeight - 2 * covered, 50) },
+      };
+    });
+    return { viewer, quality: new Quality(viewer, software) };
+  }
+
+  function open() {
+    try {
+      return openViewer();
+    } catch (error) {
+      element("failure").textContent = `This page cannot draw: ${error.message}. It needs a browser with WebGL.`;
+      element("failure").hidden = false;
+      throw error;
+    }
+  }
+
+  const { viewer, quality } = open();
+  const send = (command) => link.send(command);
+
+  function look(name) {
+    const points = parts.scene.corners("looks", parts.robot.roots.targets);
+    if (points.length) stage.look(viewer, points, name);
+  }
+
+  function handles(robot, scene, targets) {
+    const obstacleName = (object) => {
+      for (let part = object; part; part = part.parent) {
+        if (part.parent?.name === robot.roots.obstacles[0]) return part.name;
+      }
+      return null;
+    };
+    return {
+      targets: () => robot.targets.flatMap((name) => {
+        const body = `@${name}`;
+        const place = scene.place(body);
+        if (!place) return [];
+        return [{
+          place,
+          moved: (position) => {
+            scene.held.set(body, position);
+            viewer.set_dirty();
+            targets.move(name, position);
+          },
+          dropped: () => scene.held.delete(body),
+        }];
+      }),
+      obstacleRoot: () => viewer.scene_tree.find(robot.roots.obstacles).object,
+      obstacle: (object) => {
+        const path = obstacleName(object);
+        const thing = parts.things.find(({ name }) => name.replaceAll("/", "_") === path);
+        if (!thing) return null;
+        return {
+          place: thing.position,
+          moved: (position) => send({ do: "change", name: thing.name, position }),
+          dropped: () => undefined,
+        };
+      },
+    };
+  }
+
+  function hello({ robot, session }) {
+    const scene = parts?.scene ?? new LiveScene(viewer, quality, robot);
+    scene.forget([robot.roots.robot, robot.roots.obstacles, ["markers"], ["ghost"]]);
+    const targets = new TargetRows(robot, send);
+    parts = {
+      robot, session, scene, targets, things: [],
+      joints: new Joints(robot, send), layers: new Layers(robot, send), obstacles: new ObstacleRows(robot, send),
+      timeline: new Timeline(send), plots: new Plots(robot),
+      drag: parts?.drag ?? new Drag(view, viewer, handles(robot, scene, targets)),
+    };
+    parts.drag.handles = handles(robot, scene, targets);
+    element("offline").hidden = true;
+  }
+
+  // What each value of the state changes in the page.
+  const show = {
+    bodies: (names) => parts.scene.setBodies(names),
+    q: (q) => parts.joints.update(q),
+    show: (shown) => {
+      parts.layers.update(shown);
+      parts.scene.looksShown = shown[parts.robot.looks.fine];
+      viewer.set_dirty();
+    },
+    targets: (targets) => parts.targets.update(targets),
+    follow: (on) => (element("follow").checked = on),
+    obstacles: (things) => {
+      parts.things = things;
+      parts.obstacles.update(things);
+    },
+    motion: (motion) => {
+      parts.timeline.setMotion(motion);
+      parts.plots.motion = motion;
+      parts.plots.draw();
+    },
+    play: (state) => {
+      parts.timeline.update(state);
+      parts.plots.time = state?.time ?? 0;
+      parts.plots.draw();
+    },
+    mode: (mode) => (parts.plots.inMotion = mode === "motion"),
+    live: (sample) => parts.plots.add(sample),
+    message: (message) => messageLine.show(message),
+    busy: (text) => {
+      element("plan").disabled = text !== null;
+      if (text) messageLine.show({ text, kind: "info" });
+    },
+  };
+
+  const receiver = {
+    hello,
+    history: ({ samples }) => parts.plots.setHistory(samples),
+    state: ({ values }) => {
+      for (const key of Object.keys(show)) if (key in values) show[key](values[key]);
+      window.pepperKin.values = { ...window.pepperKin.values, ...values };
+    },
+    refused: ({ text }) => messageLine.show({ text, kind: "bad" }),
+    draw: (bytes) => parts.scene.draw(bytes),
+    pose: (values, stamp) => {
+      parts.scene.pose(values, stamp);
+      if (!looked) {
+        looked = true;
+        look(stage.VIEWS[options.get("view")] ? options.get("view") : "three-quarter");
+      }
+    },
+    offline: () => (element("offline").hidden = false),
+  };
+
+  document.querySelectorAll("[data-view]").forEach((button) => {
+    button.addEventListener("click", () => parts && look(button.dataset.view));
+  });
+  window.pepperKin = {
+    viewer,
+    quality,
+    values: {},
+    get parts() { return parts; },
+    get connected() { return link.connected && parts !== null; },
+  };
+  const link = new Link(receiver);
+})();

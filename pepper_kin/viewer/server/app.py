@@ -1,0 +1,168 @@
+"""The web application: one page, one socket."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from typing import TYPE_CHECKING, Any
+
+import tornado.web
+import tornado.websocket
+
+from pepper_kin.exceptions import PepperKinError
+from pepper_kin.viewer.server.access import Access
+from pepper_kin.viewer.server.body_poses import drawing_message
+from pepper_kin.viewer.server.document import Document
+from pepper_kin.viewer.server.page_text import content_policy, page_text
+from pepper_kin.viewer.server.protocol import LONGEST_TEXT, Command, parse
+
+if TYPE_CHECKING:
+    from pepper_kin.viewer.server.hub import Hub
+
+PING_SECONDS = 20.0
+
+
+def application(access: Access, hub: Hub, title: str) -> tornado.web.Application:
+    """Return the application of one server."""
+    shared = {"access": access, "hub": hub}
+    return tornado.web.Application(
+        [("/", PageHandler, {**shared, "title": title}), ("/socket", PageSocket, shared)],
+        default_handler_class=NothingHere,
+        default_handler_args=shared,
+        websocket_ping_interval=PING_SECONDS,
+        websocket_max_message_size=4 * LONGEST_TEXT,
+    )
+
+
+def _fault(access: Access, handler: tornado.web.RequestHandler) -> str | None:
+    headers, token = handler.request.headers, handler.get_query_argument("token", None)
+    origin = headers.get("Origin") or headers.get("Sec-Websocket-Origin")
+    return access.fault(headers.get("Host"), origin, token)
+
+
+class GuardedHandler(tornado.web.RequestHandler):
+    """Refuses what the rules of access refuse, before anything else."""
+
+    def initialize(self, access: Access, hub: Hub, **more: Any) -> None:
+        """Take what the application hands to every handler."""
+        self.access, self.hub, self.more = access, hub, more
+
+    def prepare(self) -> None:
+        """Refuse with a sentence, or go on."""
+        fault = _fault(self.access, self)
+        if fault is not None:
+            self.set_status(403)
+            self.finish(fault)
+
+    def set_default_headers(self) -> None:
+        """Let browsers guess no types, keep nothing and tell nobody the address."""
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("Cross-Origin-Resource-Policy", "same-origin")
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.clear_header("Server")
+
+
+class PageHandler(GuardedHandler):
+    """The page."""
+
+    def get(self) -> None:
+        """Send the page."""
+        nonce = secrets.token_urlsafe(16)
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.set_header("Content-Security-Policy", content_policy(nonce, self.request.host))
+        self.finish(page_text(self.more["title"], nonce))
+
+
+class NothingHere(GuardedHandler):
+    """Every other address."""
+
+    def prepare(self) -> None:
+        """Refuse, or say that there is nothing."""
+        super().prepare()
+        if not self._finished:
+            self.set_status(404)
+            self.finish("There is nothing here but /.")
+
+
+class PageSocket(tornado.websocket.WebSocketHandler):
+    """The socket of one page.  Texts are JSON, binary messages are drawing commands and poses."""
+
+    def initialize(self, access: Access, hub: Hub) -> None:
+        """Take what the application hands to every handler."""
+        self._access, self._hub = access, hub
+        self.seen = -1
+        self._unsent: Any = None
+        self._late_poses = False
+
+    def prepare(self) -> None:
+        """Refuse with a sentence, or go on."""
+        fault = _fault(self._access, self)
+        if fault is not None:
+            self.set_status(403)
+            self.finish(fault)
+
+    def check_origin(self, origin: str) -> bool:
+        """Whether a page may connect; `prepare` has asked the same rules already."""
+        return self._access.fault(self.request.host, origin, self._access.token) is None
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        """Send everything that a new page needs."""
+        self.set_nodelay(True)
+        self._hub.join(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        """Do what the page asks for; what cannot be done is told to this page alone."""
+        try:
+            command: Command = parse(message)
+            self._hub.handle(command)
+        except PepperKinError as error:
+            self.tell({"type": "refused", "text": str(error)})
+
+    def on_close(self) -> None:
+        """Forget the page."""
+        self._hub.leave(self)
+
+    # ---- for the hub
+
+    @property
+    def busy(self) -> bool:
+        """Whether the page has not yet taken what it was sent last."""
+        return self._unsent is not None and not self._unsent.done()
+
+    def tell(self, content: dict[str, Any]) -> None:
+        """Send JSON."""
+        self._write(json.dumps(content, separators=(",", ":"), allow_nan=False), binary=False)
+
+    def draw(self, command: bytes) -> None:
+        """Send a drawing command."""
+        self._write(drawing_message(command), binary=True)
+
+    def pose(self, poses: bytes) -> None:
+        """Send poses; a page that is still busy with older ones gets the newest later."""
+        if self.busy:
+            self._late_poses = True
+        else:
+            self._late_poses = False
+            self._write(poses, binary=True)
+
+    @property
+    def lacks_poses(self) -> bool:
+        """Whether it was busy when poses were sent last."""
+        return self._late_poses and not self.busy
+
+    def catch_up(self, document: Document) -> None:
+        """Send what changed since the page was told last."""
+        if self.seen == document.count or (self.busy and self.seen >= 0):
+            return
+        changes, self.seen = document.changes_since(self.seen), document.count
+        self.tell({"type": "state", "values": changes})
+
+    def _write(self, message: str | bytes, binary: bool) -> None:
+        try:
+            self._unsent = self.write_message(message, binary=binary)
+            # Whoever goes away while something is sent is no fault; `on_close` follows.
+            self._unsent.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
+        except tornado.websocket.WebSocketClosedError:
+            self._unsent = None

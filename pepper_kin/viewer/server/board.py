@@ -1,0 +1,61 @@
+"""What is drawn: commands for meshcat's code in the page, kept for pages that come later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.drawing import draw_commands
+
+Root = tuple[str, ...]
+
+
+class Board:
+    """Groups of drawables by their path; each is drawn, shown, hidden and erased as a whole.
+
+    Args:
+        send: Takes each packed command, for the pages that are open now.
+    """
+
+    def __init__(self, send: Callable[[bytes], None]) -> None:
+        self._send = send
+        self._drawn: dict[Root, list[bytes]] = {}
+        self._shown: dict[Root, bytes] = {}
+
+    def draw(self, root: Root, drawables: Iterable[Drawable]) -> None:
+        """Replace what a group holds."""
+        self.erase(root)
+        commands = [_packed(command.lower()) for command in draw_commands(drawables, root)]
+        if commands:
+            self._drawn[root] = commands
+            for command in (*commands, *filter(None, [self._shown.get(root)])):
+                self._send(command)
+
+    def erase(self, root: Root) -> None:
+        """Empty a group."""
+        if self._drawn.pop(root, None):
+            self._send(_packed({"type": "delete", "path": _lowered(root)}))
+
+    def show(self, root: Root, visible: bool) -> None:
+        """Show or hide a group; it stays so when it is drawn anew."""
+        self._shown[root] = _packed(
+            {"type": "set_property", "path": _lowered(root), "property": "visible", "value": visible}
+        )
+        self._send(self._shown[root])
+
+    def snapshot(self) -> Iterator[bytes]:
+        """Yield the commands that draw everything on an empty page."""
+        for commands in self._drawn.values():
+            yield from commands
+        yield from self._shown.values()
+
+
+def _lowered(root: Root) -> str:
+    return "/" + "/".join(root)
+
+
+def _packed(command: dict[str, Any]) -> bytes:
+    import umsgpack
+
+    return bytes(umsgpack.packb(command))

@@ -1,0 +1,55 @@
+"""Where everything that moves is, packed for the pages."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pepper_kin.kinematics import frame_poses
+from pepper_kin.model import PepperModel
+from pepper_kin.viewer.server.layers import MASS, MASS_BODY, ZMP, ZMP_BODY, target_body
+from pepper_kin.viewer.server.readings import balance_points
+from pepper_kin.viewer.server.targets import Targets
+
+POSES, DRAWING = 1, 2
+"""What a binary message holds: its first number, little-endian, 32 bit; the second is a stamp."""
+
+Array = NDArray[np.float64]
+
+
+def drawing_message(command: bytes) -> bytes:
+    """Return a drawing command as a message."""
+    return struct.pack("<II", DRAWING, 0) + command
+
+
+class BodyPoses:
+    """Poses of links, of the points of balance and of the targets, in that order.
+
+    Args:
+        pepper: The robot.
+        links: The links whose poses pages need.
+        targets: The targets.
+    """
+
+    def __init__(self, pepper: PepperModel, links: tuple[str, ...], targets: Targets) -> None:
+        self._pepper, self._links, self._targets = pepper, links, targets
+        self._balance = np.zeros((2, 3))
+        self.names = (*links, MASS_BODY, ZMP_BODY, *(target_body(name) for name in targets.names))
+
+    def packed(self, q: Array, v: Array, a: Array, shown: Mapping[str, bool], stamp: int) -> bytes:
+        """Return the message: its kind, the stamp, and seven float32 a body (x, y, z, quaternion xyzw)."""
+        if shown.get(MASS) or shown.get(ZMP):
+            self._balance[:] = balance_points(self._pepper, q, v, a)
+        poses = frame_poses(self._pepper, q, self._links)
+        values = np.zeros((len(self.names), 7), dtype="<f4")
+        values[:, 6] = 1.0
+        count = len(self._links)
+        values[:count, :3] = poses[:, :3, 3]
+        values[:count, 3:] = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+        values[count : count + 2, :3] = self._balance
+        values[count + 2 :, :3] = self._targets.positions()
+        return struct.pack("<II", POSES, stamp) + values.tobytes()

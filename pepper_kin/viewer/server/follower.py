@@ -1,0 +1,85 @@
+"""The servo behind the targets: the body follows while somebody drags."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import Scene
+from pepper_kin.ik import LookAt, Servo, ServoState, ServoStatus
+from pepper_kin.ik.tasks import Task
+from pepper_kin.model import PepperModel
+
+RATE = 100.0
+_STILL = 5e-3
+"""Joint speeds below this count as rest [rad/s or m/s]."""
+_REST_TICKS = 40
+_GAIN = 1e-3
+"""An error that does not shrink by this much [m or rad] in `_STALL_TICKS` ticks shrinks no more."""
+_STALL_TICKS = 60
+
+Array = NDArray[np.float64]
+
+
+def compile_servo(pepper: PepperModel) -> None:
+    """Load, or on a machine's first use compile, what the servo needs."""
+    servo = Servo(pepper, pepper.neutral(), RATE, Scene(), timeout=math.inf)
+    if "CameraTop_frame" in pepper.frame_names:
+        servo.set_target(LookAt((1.0, 0.1, 1.0)))
+    servo.step()
+
+
+class Follower:
+    """Follows tasks from where the body is.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions at rest, shape (n,).
+        scene: What to keep clear of, the robot itself included.
+    """
+
+    def __init__(self, pepper: PepperModel, q: Array, scene: Scene) -> None:
+        inside = np.clip(q, pepper.lower_limits, pepper.upper_limits)
+        self._servo = Servo(pepper, inside, RATE, scene, timeout=math.inf)
+        self._rested = 0
+        self._least, self._lost = math.inf, 0
+
+    def aim(self, tasks: list[Task]) -> None:
+        """Take the tasks as they are now."""
+        self._expect()
+        if tasks:
+            self._servo.set_target(tasks)
+        else:
+            self._servo.stop()
+
+    def set_scene(self, scene: Scene) -> None:
+        """Take the world as it is now."""
+        self._expect()
+        self._servo.set_scene(scene)
+
+    def _expect(self) -> None:
+        self._rested, self._least, self._lost = 0, math.inf, 0
+
+    @property
+    def stalled(self) -> bool:
+        """Whether it has not arrived and comes no nearer, although joints may still drift."""
+        return self._lost >= _STALL_TICKS
+
+    @property
+    def resting(self) -> bool:
+        """Whether nothing has moved for a while, so that ticks may pause."""
+        return self._rested >= _REST_TICKS
+
+    def step(self) -> tuple[ServoState, Array]:
+        """Do one tick; return the servo's state and the accelerations of the tick, shape (n,)."""
+        before = self._servo.v
+        state = self._servo.step()
+        self._rested = self._rested + 1 if float(np.abs(state.v).max()) < _STILL else 0
+        error = sum(state.errors)
+        if state.status is ServoStatus.ARRIVED or error < self._least - _GAIN:
+            self._least, self._lost = error, 0
+        else:
+            self._lost += 1
+        return state, (state.v - before) * RATE

@@ -1,0 +1,138 @@
+"""Between the session and its pages: the loop that lets time pass and tells everybody."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from pepper_kin.model import PepperModel
+from pepper_kin.viewer.server.follower import RATE
+from pepper_kin.viewer.server.protocol import Command
+from pepper_kin.viewer.server.session import Session
+from pepper_kin.viewer.server.tasks import LongTasks
+
+if TYPE_CHECKING:
+    from pepper_kin.viewer.server.app import PageSocket
+
+STATE_STEP = 0.08
+"""Time between two updates of the panels [s]; poses are sent at every tick."""
+MOST_PAGES = 32
+
+
+class Hub:
+    """Pages come and go; the session stays.
+
+    Args:
+        pepper: The robot.
+        tasks: Does what takes long.
+    """
+
+    def __init__(self, pepper: PepperModel, tasks: LongTasks) -> None:
+        self._pages: set[PageSocket] = set()
+        self.session = Session(pepper, self._draw, tasks)
+        self._name = secrets.token_hex(4)
+        self._wake = asyncio.Event()
+        self._sent_poses = b""
+        self._told_at = 0.0
+        session = self.session
+        self._doers: dict[str, Callable[..., Any]] = {
+            "joint": session.set_joint,
+            "posture": session.posture,
+            "show": session.show,
+            "follow": session.set_follow,
+            "target": session.move_target,
+            "release": session.release,
+            "add": session.add_obstacle,
+            "change": session.change_obstacle,
+            "remove": session.remove_obstacle,
+            "plan": session.plan,
+            "play": session.play,
+            "pause": session.pause,
+            "seek": session.seek,
+            "speed": session.set_speed,
+            "loop": session.set_loop,
+            "clear": session.clear,
+        }
+
+    def handle(self, command: Command) -> None:
+        """Do what a page asks for.
+
+        Raises:
+            PepperKinError: for what cannot be done.
+        """
+        self._doers[command.name](**command.fields)
+        self.wake()
+
+    def join(self, page: PageSocket) -> None:
+        """Send a new page everything: what the robot is, what is drawn, and how things are now."""
+        if len(self._pages) >= MOST_PAGES:
+            page.close(1013, "too many pages")
+            return
+        session = self.session
+        session.refresh()
+        page.tell({"type": "hello", "session": self._name, "robot": session.about()})
+        for command in session.board.snapshot():
+            page.draw(command)
+        page.tell({"type": "history", "samples": session.readings.history})
+        page.catch_up(session.document)
+        page.pose(session.poses())
+        self._pages.add(page)
+        self.wake()
+
+    def leave(self, page: PageSocket) -> None:
+        """Forget a page."""
+        self._pages.discard(page)
+
+    def wake(self) -> None:
+        """Let the loop run: something happened."""
+        self._wake.set()
+
+    def close_pages(self) -> None:
+        """End all connections."""
+        for page in tuple(self._pages):
+            page.close(1001, "the server ends")
+
+    async def run(self) -> None:
+        """Let time pass for ever: quickly while something moves, and not at all while nothing does."""
+        loop = asyncio.get_running_loop()
+        before = loop.time()
+        while True:
+            if self.session.resting and not self._behind():
+                self._wake.clear()
+                await self._wake.wait()
+                before = loop.time() - 1.0 / RATE
+            now = loop.time()
+            try:
+                self.session.tick(now - before)
+            except Exception as error:  # the pages hear of it, and the loop goes on
+                self.session.clear()
+                self.session.fail(error)
+            before = now
+            self._tell(now)
+            await asyncio.sleep(max(0.0, now + 1.0 / RATE - loop.time()))
+
+    def _behind(self) -> bool:
+        """Whether some page has not been told the latest."""
+        session = self.session
+        session.refresh()
+        return any(page.seen != session.document.count or page.lacks_poses for page in self._pages)
+
+    def _tell(self, now: float) -> None:
+        # The panel first: whoever has just been sent poses is busy with them until the next tick.
+        if now - self._told_at >= STATE_STEP:
+            self._told_at = now
+            self.session.refresh()
+            for page in self._pages:
+                page.catch_up(self.session.document)
+        poses = self.session.poses()
+        changed = poses != self._sent_poses
+        for page in self._pages:
+            if changed or page.lacks_poses:
+                page.pose(poses)
+        self._sent_poses = poses
+
+    def _draw(self, command: bytes) -> None:
+        for page in self._pages:
+            page.draw(command)

@@ -1,0 +1,141 @@
+"""What can be shown of the robot, each as a layer that is switched by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from pepper_kin.collision import ConvexMesh
+from pepper_kin.model import Box, Cylinder, PepperModel, Sphere
+from pepper_kin.trajectory.balance import support_polygon
+from pepper_kin.viewer.drawable import Color, Drawable
+from pepper_kin.viewer.server.merging import coarsened, merged
+from pepper_kin.viewer.server.targets import COLORS, RADIUS, Targets
+
+LOOKS, CAPSULES, SPHERES, FRAMES = "looks", "capsules", "spheres", "frames"
+INERTIA, MASS, ZMP = "inertia", "center_of_mass", "zero_moment_point"
+LAYERS = {
+    LOOKS: "Looks",
+    CAPSULES: "Capsules",
+    SPHERES: "Spheres",
+    FRAMES: "Frames",
+    INERTIA: "Inertia ellipsoids",
+    MASS: "Centre of mass",
+    ZMP: "Zero-moment point",
+}
+"""Layers by name, with their title."""
+TARGETS = "targets"
+COARSE, COARSE_CELL = "coarse", 0.018
+"""What is drawn in place of the looks while they move, where there is no graphics card; its grid [m]."""
+
+MASS_BODY, ZMP_BODY = "@centre of mass", "@zero-moment point"
+"""Things that move like links without being any."""
+
+_CAPSULE_COLOR: Color = (0.20, 0.45, 0.90, 0.30)
+_SPHERE_COLOR: Color = (0.16, 0.62, 0.42, 0.40)
+_INERTIA_COLOR: Color = (0.86, 0.55, 0.10, 0.45)
+_MASS_COLOR: Color = (0.95, 0.72, 0.10, 1.0)
+_ZMP_COLOR: Color = (0.10, 0.60, 0.30, 1.0)
+_WHEEL_COLOR: Color = (0.10, 0.60, 0.30, 0.75)
+_AXES: tuple[Color, ...] = ((0.85, 0.15, 0.15, 1.0), (0.15, 0.65, 0.2, 1.0), (0.15, 0.35, 0.9, 1.0))
+_AXIS_LENGTH, _AXIS_WIDTH = 0.09, 0.005
+_SENSIBLE_FRAMES = ("base_footprint", "LArm_effector", "RArm_effector", "CameraTop_frame")
+
+
+def target_body(name: str) -> str:
+    """Return the name under which a target moves."""
+    return f"@{name}"
+
+
+def layers_of(pepper: PepperModel, targets: Targets) -> dict[str, tuple[Drawable, ...]]:
+    """Return what each layer draws; every drawable hangs on a link or on one of the bodies named with @."""
+    looks = merged(pepper, pepper.visual_shapes)
+    return {
+        LOOKS: looks,
+        COARSE: coarsened(looks, COARSE_CELL),
+        CAPSULES: merged(pepper, pepper.collision_shapes, _CAPSULE_COLOR),
+        SPHERES: merged(pepper, pepper.collision_spheres, _SPHERE_COLOR),
+        FRAMES: tuple(axis for frame in _frames(pepper) for axis in _triad(frame)),
+        INERTIA: _ellipsoids(pepper),
+        MASS: (Drawable("ball", MASS_BODY, Sphere(0.03), np.eye(4), _MASS_COLOR),),
+        ZMP: _zero_moment_point(pepper),
+        TARGETS: tuple(
+            Drawable("ball", target_body(name), Sphere(RADIUS), np.eye(4), COLORS[name])
+            for name in targets.names
+        ),
+    }
+
+
+def _frames(pepper: PepperModel) -> tuple[str, ...]:
+    """Return the frames worth seeing: those that joints move, hands, camera and floor."""
+    moved = [joint.child for joint in pepper.document.joints if joint.type != "fixed" and not joint.mimic]
+    names = (*(name for name in _SENSIBLE_FRAMES if name in pepper.frame_names), *moved)
+    return tuple(dict.fromkeys(names))
+
+
+def _triad(frame: str) -> list[Drawable]:
+    axes = []
+    for k, color in enumerate(_AXES):
+        size, pose = np.full(3, _AXIS_WIDTH), np.eye(4)
+        size[k], pose[k, 3] = _AXIS_LENGTH, _AXIS_LENGTH / 2
+        axes.append(Drawable(f"axis {'xyz'[k]}", frame, Box((size[0], size[1], size[2])), pose, color))
+    return axes
+
+
+def _ellipsoids(pepper: PepperModel) -> tuple[Drawable, ...]:
+    """Return, for every body that moves by itself, the solid ellipsoid of the same mass and inertia.
+
+    With mass m and principal moments I_1, I_2, I_3 its semi-axes are
+    a_i = sqrt(5 (I_j + I_k - I_i) / (2 m)).
+    """
+    model = pepper.pinocchio_model
+    drawables = []
+    for joint, inertia in enumerate(model.inertias):
+        if inertia.mass < 1e-6:
+            continue
+        moments, axes = np.linalg.eigh(inertia.inertia)
+        semi = np.sqrt(np.maximum(5 * (moments.sum() - 2 * moments) / (2 * inertia.mass), 1e-6))
+        pose = np.eye(4)
+        pose[:3, :3] = axes * np.sign(np.linalg.det(axes))
+        pose[:3, 3] = inertia.lever
+        link, to_link = _link_of(model, joint, pepper)
+        if link is not None:
+            name = f"ellipsoid {model.names[joint]}"
+            drawables.append(Drawable(name, link, _ellipsoid(semi), to_link @ pose, _INERTIA_COLOR))
+    return tuple(drawables)
+
+
+def _link_of(
+    model: pinocchio.Model, joint: int, pepper: PepperModel
+) -> tuple[str | None, NDArray[np.float64]]:
+    """Return a link that moves with a joint of Pinocchio's, and the transform from joint to link."""
+    for name in pepper.frame_names:
+        frame = model.frames[pepper.frame_id(name)]
+        if frame.parentJoint == joint:
+            return name, np.asarray(frame.placement.inverse().homogeneous)
+    return None, np.eye(4)
+
+
+def _ellipsoid(semi: NDArray[np.float64]) -> ConvexMesh:
+    polar = np.linspace(0.0, np.pi, 9)[1:-1]
+    around = np.linspace(0.0, 2 * np.pi, 13)[:-1]
+    ring = np.stack([np.cos(around), np.sin(around)], axis=-1)
+    points = [np.column_stack([np.sin(p) * ring, np.full(len(ring), np.cos(p))]) for p in polar]
+    unit = np.concatenate([[[0.0, 0.0, 1.0]], *points, [[0.0, 0.0, -1.0]]])
+    return ConvexMesh(unit * semi)
+
+
+def _zero_moment_point(pepper: PepperModel) -> tuple[Drawable, ...]:
+    disc = Drawable("disc", ZMP_BODY, Cylinder(0.022, 0.006), np.eye(4), _ZMP_COLOR)
+    polygon = support_polygon(pepper)
+    if polygon is None:
+        return (disc,)
+    sides = []
+    for k, (corner, after) in enumerate(zip(polygon, np.roll(polygon, -1, axis=0), strict=True)):
+        along = after - corner
+        length, pose = float(np.hypot(*along)), np.eye(4)
+        pose[:2, 0], pose[:2, 1] = along / length, np.array([-along[1], along[0]]) / length
+        pose[:3, 3] = [*(corner + after) / 2, 0.003]
+        sides.append(Drawable(f"side {k}", "base_footprint", Box((length, 0.008, 0.004)), pose, _WHEEL_COLOR))
+    return (disc, *sides)

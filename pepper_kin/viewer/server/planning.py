@@ -1,0 +1,140 @@
+"""From where the body is to its targets: plan, time, and what the page shows of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import PointCloud, Scene
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.ik import LookAt
+from pepper_kin.ik.tasks import Task
+from pepper_kin.kinematics import frame_pose, frame_poses
+from pepper_kin.model import PepperModel
+from pepper_kin.motion import plan
+from pepper_kin.trajectory import retime
+from pepper_kin.viewer.drawable import Color, Drawable
+from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion
+from pepper_kin.viewer.server.readings import Curves, curves_of
+
+TIMEOUT = 5.0
+BALANCE = 0.01
+"""Distance of the zero-moment point from the edges of the wheels' triangle [m]."""
+GHOSTS = 3
+"""Bodies drawn along a motion, the last at its end."""
+
+_GHOST_COLOR: Color = (0.93, 0.36, 0.20, 0.13)
+_TRACE_COLOR: Color = (0.93, 0.36, 0.20, 1.0)
+_TRACE_POINTS, _TRACE_RADIUS = 60, 0.006
+_MOVED = 0.01  # [m] a link that moves less casts no ghost
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A motion with all that a page shows of it.
+
+    Attributes:
+        title: What it is.
+        motion: Joint positions over time.
+        curves: Its plots.
+        ghost: Its trace and some bodies along it, fixed to the world.
+    """
+
+    title: str
+    motion: JointMotion
+    curves: Curves
+    ghost: tuple[Drawable, ...]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What became of planning.
+
+    Attributes:
+        report: What the message line says.
+        shown: The motion, or None where there is none.
+    """
+
+    report: str
+    shown: Shown | None
+
+
+def compile_planning(pepper: PepperModel) -> None:
+    """Load, or on a machine's first use compile, what planning to targets needs."""
+    q = pepper.neutral()
+    found = plan(pepper, q, [LookAt((1.0, 0.3, 1.0))], Scene(), timeout=TIMEOUT)
+    if found.path is not None and len(found.path) > 1:
+        retime(pepper, found.path, balance=BALANCE)
+
+
+def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, seed: int = 0) -> Planned:
+    """Plan from joint positions q, shape (n,), to targets, and time the motion.
+
+    Args:
+        pepper: The robot.
+        q: Where it starts, shape (n,).
+        tasks: The targets.
+        scene: The world around it.
+        seed: Seed of all random choices.
+
+    Returns:
+        The motion, or a report of why there is none.
+    """
+    found = plan(pepper, q, tasks, scene, seed=seed, timeout=TIMEOUT)
+    if found.path is None:
+        return Planned(found.report(), None)
+    if len(found.path) < 2:
+        return Planned("The body is at its targets already: nothing to plan.", None)
+    try:
+        trajectory = retime(pepper, found.path, balance=BALANCE)
+    except InfeasibleError as error:
+        return Planned(f"A path was found, but no timing: {error}.", None)
+    report = (
+        f"{found.message} Its clearance is {1000 * found.clearance:.1f} mm; within every limit it takes "
+        f"{trajectory.duration:.2f} s. Found in {found.time:.2f} s: press play."
+    )
+    frames = [task.frame for task in tasks if task.unit == "m" and task.frame is not None]
+    return Planned(report, show_motion(pepper, trajectory, scene, "Planned motion", frames))
+
+
+def show_motion(
+    pepper: PepperModel, source: Playable, scene: Scene, title: str, frames: list[str] | None = None
+) -> Shown:
+    """Compute what a page shows of a motion; `frames` are those whose traces are drawn, None for none."""
+    motion = joint_motion(pepper, source)
+    return Shown(
+        title, motion, curves_of(pepper, source, motion, scene), _ghost(pepper, motion.positions, frames)
+    )
+
+
+def _ghost(pepper: PepperModel, positions: Array, frames: list[str] | None) -> tuple[Drawable, ...]:
+    if frames is None or len(positions) < 2:
+        return ()
+    kept = np.linspace(0, len(positions) - 1, _TRACE_POINTS).round().astype(int)
+    trace = [
+        Drawable(
+            f"trace of {frame}", None,
+            PointCloud(frame_pose(pepper, positions[kept], frame)[:, :3, 3], _TRACE_RADIUS),
+            np.eye(4), _TRACE_COLOR,
+        )
+        for frame in frames
+    ]  # fmt: skip
+    shapes = pepper.collision_shapes
+    links = tuple(dict.fromkeys(shape.link for shape in shapes))
+    stops = np.linspace(0, len(positions) - 1, GHOSTS + 1).round().astype(int)
+    poses = frame_poses(pepper, positions[stops], links)
+    moved = np.linalg.norm(poses[:, :, :3, 3] - poses[0, :, :3, 3], axis=-1).max(axis=0) > _MOVED
+    bodies = [
+        Drawable(
+            f"{shape.name} {stop}", None, shape.geometry,
+            poses[stop, links.index(shape.link)] @ shape.transform_shape_to_link, _GHOST_COLOR,
+        )
+        for stop in range(1, GHOSTS + 1)
+        for shape in shapes
+        if moved[links.index(shape.link)]
+    ]  # fmt: skip
+    return (*trace, *bodies)

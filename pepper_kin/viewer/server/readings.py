@@ -1,0 +1,129 @@
+"""What the plots show while the robot moves: torque, clearance and balance."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import Scene, closest_pair
+from pepper_kin.dynamics import center_of_mass, inverse_dynamics, zero_moment_point
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory import Trajectory
+from pepper_kin.viewer.joint_motion import ExecutedMotion, JointMotion, Playable
+
+KEPT = 300
+"""Samples that pages which come later still see."""
+MOST_POINTS = 240
+"""Points of a motion's curves: as many as a small plot has pixels."""
+
+Array = NDArray[np.float64]
+
+
+def torque_use(pepper: PepperModel, torque: Array) -> Array:
+    """Return torques as shares of the limits, shape (..., n); joints without a limit count as zero."""
+    limits = pepper.effort_limits
+    return np.where(np.isfinite(limits), np.abs(torque) / np.where(np.isfinite(limits), limits, 1.0), 0.0)
+
+
+class Readings:
+    """Samples of a robot that moves, the newest last.
+
+    Args:
+        pepper: The robot.
+    """
+
+    def __init__(self, pepper: PepperModel) -> None:
+        self._pepper = pepper
+        self._samples: deque[dict[str, Any]] = deque(maxlen=KEPT)
+
+    @property
+    def history(self) -> list[dict[str, Any]]:
+        """All samples that are kept, oldest first."""
+        return list(self._samples)
+
+    def take(self, time: float, q: Array, v: Array, a: Array, scene: Scene) -> dict[str, Any]:
+        """Take a sample at joint positions, velocities and accelerations, shape (n,) each."""
+        pair = closest_pair(self._pepper, q, scene)
+        sample = {
+            "time": round(time, 3),
+            "torque": np.round(torque_use(self._pepper, inverse_dynamics(self._pepper, q, v, a)), 4).tolist(),
+            "clearance": None if pair is None else round(float(pair.distance), 5),
+            "pair": [] if pair is None else list(pair.names),
+        }
+        self._samples.append(sample)
+        return sample
+
+
+def balance_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """Return the centre of mass and the zero-moment point on the floor, shape (3,) each [m]."""
+    mass = center_of_mass(pepper, q)
+    try:
+        point = zero_moment_point(pepper, q, v, a)
+    except InfeasibleError:
+        point = mass[:2]  # the floor would have to pull: there is no such point to show
+    return mass, np.array([*point, 0.004])
+
+
+@dataclass(frozen=True)
+class Curves:
+    """A motion's curves for the plots.
+
+    Attributes:
+        times: Shape (k,) [s].
+        torque: Share of the limit that each joint uses, shape (k, n).
+        clearance: Smallest distance to itself and the scene, shape (k,) [m].
+    """
+
+    times: Array
+    torque: Array
+    clearance: Array
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the curves as values for JSON."""
+        return {
+            "times": np.round(self.times, 4).tolist(),
+            "torque": np.round(self.torque, 4).tolist(),
+            "clearance": np.round(self.clearance, 5).tolist(),
+        }
+
+
+def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene: Scene) -> Curves:
+    """Compute the curves of a motion: the torques that it brings along, or those that it would take.
+
+    Args:
+        pepper: The robot.
+        source: What is played.
+        motion: The same as joint positions over time.
+        scene: The world around it.
+    """
+    from pepper_kin.collision import clearance
+
+    count = min(motion.times.size, MOST_POINTS)
+    kept = np.unique(np.linspace(0, motion.times.size - 1, count).round().astype(int))
+    times, q = motion.times[kept], motion.positions[kept]
+    torque = _torque(pepper, source, motion)[kept]
+    return Curves(times, torque_use(pepper, torque), np.atleast_1d(clearance(pepper, q, scene)))
+
+
+def _torque(pepper: PepperModel, source: Playable, motion: JointMotion) -> Array:
+    if isinstance(source, Trajectory):
+        state = source(motion.times)
+        return np.asarray(inverse_dynamics(pepper, state[0], state[1], state[2]))
+    if not isinstance(source, JointMotion | np.ndarray | list | tuple):
+        executed: ExecutedMotion = source  # type: ignore[assignment]
+        return np.asarray(executed.torque, dtype=float)
+    v, a = rates(motion)
+    return np.asarray(inverse_dynamics(pepper, motion.positions, v, a))
+
+
+def rates(motion: JointMotion) -> tuple[Array, Array]:
+    """Return velocities and accelerations of a motion by differences, shape (T, n) each."""
+    if motion.times.size < 3:
+        return np.zeros_like(motion.positions), np.zeros_like(motion.positions)
+    v = np.gradient(motion.positions, motion.times, axis=0)
+    return v, np.gradient(v, motion.times, axis=0)

@@ -1,0 +1,149 @@
+"""The server: a thread with a loop of its own, and the way into it from Python."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import errno
+import socket
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.viewer.server.access import Access
+from pepper_kin.viewer.server.hub import Hub
+from pepper_kin.viewer.server.session import Session
+from pepper_kin.viewer.server.tasks import LongTasks
+from pepper_kin.viewer.server.worker import Worker
+
+DEFAULT_PORT = 7878
+_TRIED = 20
+"""Ports that are tried after the default one, where others are at home already."""
+
+T = TypeVar("T")
+
+
+class ViewerServer:
+    """Serves one robot's live page from a thread of its own.
+
+    Args:
+        pepper: The robot.
+        access: Who may talk to it; None for this machine alone.
+        port: The port; None takes the first free one from 7878 on, 0 any free one.
+        title: The page's title; None for the robot's name.
+
+    Raises:
+        InvalidValueError: for a port that is none.
+        InfeasibleError: where the port is taken, or the host is none of this machine's.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        access: Access | None = None,
+        port: int | None = None,
+        title: str | None = None,
+    ) -> None:
+        self.access = access or Access()
+        self._sockets = _bound(self.access.host, port)
+        self.port = int(self._sockets[0].getsockname()[1])
+        self._title = title or pepper.name.title()
+        self._loop = asyncio.new_event_loop()
+        self._worker = Worker(self._deliver)
+        self._tasks = LongTasks(pepper, self._worker)
+        self._hub = Hub(pepper, self._tasks)
+        self._thread = threading.Thread(target=self._run, name="pepper-kin viewer", daemon=True)
+        self._started = threading.Event()
+        self._thread.start()
+        self._started.wait()
+
+    @property
+    def url(self) -> str:
+        """The address of the page, with its token where one is needed."""
+        token = "" if self.access.token is None else f"?token={self.access.token}"
+        return f"http://{self.access.shown_host}:{self.port}/{token}"
+
+    def call(self, do: Callable[[Session], T]) -> T:
+        """Do something with the session in the thread that owns it; return what it returns.
+
+        Raises:
+            InfeasibleError: after the server has ended.
+        """
+        outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
+
+        def work() -> None:
+            try:
+                outcome.set_result(do(self._hub.session))
+            except BaseException as error:  # it belongs to whoever called
+                outcome.set_exception(error)
+            self._hub.wake()
+
+        try:
+            self._loop.call_soon_threadsafe(work)
+        except RuntimeError as error:
+            raise InfeasibleError("live page", "its server has ended", "make a new viewer") from error
+        return outcome.result()
+
+    def warm_up(self) -> None:
+        """Begin to load what following and planning need; returns at once."""
+        self.call(self._tasks.warm_up)
+
+    def close(self) -> None:
+        """End the server; pages try to come back."""
+        if self._thread.is_alive():
+            self._worker.stop()
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join()
+
+    def _deliver(self, do: Callable[[], None]) -> None:
+        def work() -> None:
+            do()
+            self._hub.wake()
+
+        try:
+            self._loop.call_soon_threadsafe(work)
+        except RuntimeError:  # the server has ended, and nobody waits for the result
+            return
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        from tornado.httpserver import HTTPServer
+
+        from pepper_kin.viewer.server.app import application
+
+        self._stop = asyncio.Event()
+        server = HTTPServer(application(self.access, self._hub, self._title))
+        server.add_sockets(self._sockets)
+        ticking = asyncio.ensure_future(self._hub.run())
+        self._started.set()
+        await self._stop.wait()
+        ticking.cancel()
+        server.stop()
+        self._hub.close_pages()
+        await server.close_all_connections()
+
+
+def _bound(host: str, port: int | None) -> list[socket.socket]:
+    """Return sockets that listen on a port."""
+    from tornado.netutil import bind_sockets
+
+    if port is not None and (isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536):
+        raise InvalidValueError("port", port, "a whole number in 0 ... 65535")
+    wanted = [port] if port is not None else range(DEFAULT_PORT, DEFAULT_PORT + _TRIED)
+    for number in wanted:
+        try:
+            return bind_sockets(number, host)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                reason = f"{host} port {number} cannot be had: {error.strerror or error}"
+                raise InfeasibleError("live page", reason, "choose another host or port") from error
+    which = f"port {port} is" if port is not None else f"ports {wanted[0]} to {wanted[-1]} are"
+    raise InfeasibleError("live page", f"{which} in use", "choose another port, or 0 for any that is free")

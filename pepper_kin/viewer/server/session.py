@@ -1,0 +1,447 @@
+"""The state behind the pages: one robot, its targets, its world and its motion.
+
+Everything here belongs to one thread, that of the server's loop; what takes long is done by the worker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
+from pepper_kin.ik import ServoState, ServoStatus
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
+from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.server import obstacles
+from pepper_kin.viewer.server.board import Board
+from pepper_kin.viewer.server.body_poses import BodyPoses
+from pepper_kin.viewer.server.document import Document
+from pepper_kin.viewer.server.follower import RATE, Follower
+from pepper_kin.viewer.server.layers import COARSE, LAYERS, LOOKS, TARGETS, layers_of
+from pepper_kin.viewer.server.planning import Shown
+from pepper_kin.viewer.server.playback import Playback
+from pepper_kin.viewer.server.readings import Readings
+from pepper_kin.viewer.server.targets import Targets
+from pepper_kin.viewer.server.tasks import LongTasks
+
+FREE, FOLLOWING, MOTION = "free", "follow", "motion"
+READING_STEP = 0.05  # [s] between two samples of the plots
+REPORT_STEP = 0.25  # [s] between two reports of the servo
+SCENE_STEP = 0.04  # [s] between two worlds for the servo while an obstacle is dragged
+MOST_TICKS = 4
+"""Ticks made up for at once where the machine was busy; the rest is forgotten."""
+ROBOT_ROOT, OBSTACLE_ROOT, MARKER_ROOT, GHOST_ROOT = ("robot",), ("obstacles",), ("markers",), ("ghost",)
+
+Array = NDArray[np.float64]
+
+
+class Session:
+    """What all pages see and change.
+
+    Args:
+        pepper: The robot.
+        send: Takes drawing commands for the pages that are open.
+        tasks: Does what takes long.
+    """
+
+    def __init__(self, pepper: PepperModel, send: Callable[[bytes], None], tasks: LongTasks) -> None:
+        self.pepper = pepper
+        self.document = Document()
+        self.board = Board(send)
+        self.targets = Targets(pepper)
+        self.readings = Readings(pepper)
+        self.scene = Scene()
+        self.mode = FREE
+        self.stamp = 0
+        self.on_target: Callable[[str, Array], None] = lambda name, position: None
+        self._tasks = tasks
+        self._q = pepper.neutral()
+        self._v = self._a = np.zeros(pepper.n)
+        self._follow, self._servo_ready = True, False
+        self._follower: Follower | None = None
+        self._playback: Playback | None = None
+        self._now, self._owed, self._read_at, self._reported_at, self._scene_at = 0.0, 0.0, -1.0, -1.0, -1.0
+        self._scene_waits = self._unread = self._explained = False
+        self._messages = 0
+        self._draw_robot()
+        self.touch()
+
+    def _draw_robot(self) -> None:
+        layers = layers_of(self.pepper, self.targets)
+        for layer, drawables in layers.items():
+            self.board.draw((*ROBOT_ROOT, layer), drawables)
+        self.available = tuple(layer for layer in LAYERS if layers[layer])
+        bodies = {d.link for drawables in layers.values() for d in drawables if d.link is not None}
+        self._links = tuple(name for name in self.pepper.frame_names if name in bodies)
+        self._poses = BodyPoses(self.pepper, self._links, self.targets)
+        self.document.set("show", {layer: layer == LOOKS for layer in self.available})
+        for layer in (*self.available, COARSE):
+            self.board.show((*ROBOT_ROOT, layer), layer == LOOKS)
+        self.document.set("bodies", list(self._poses.names))
+        self.document.set("message", {"text": "", "kind": "info", "count": 0})
+        self.document.set("busy", None)
+        self.document.set("ready", {"servo": False, "planner": False})
+        self.document.set("motion", None)
+
+    @property
+    def q(self) -> Array:
+        """Joint positions shown now, shape (n,) [rad or m]."""
+        return self._q
+
+    def touch(self) -> None:
+        """Remember that something changed which poses and readings depend on."""
+        self.targets.keep_with(self._q)
+        self._unread = True
+
+    # ---- joints
+
+    def set_joint(self, name: str, value: float) -> None:
+        """Move one joint; the targets let go.
+
+        Raises:
+            UnknownNameError: for an unknown joint.
+            LimitError: for a value beyond the joint's limits.
+        """
+        q = self._q.copy()
+        q[self.pepper.joint_index(name)] = value
+        check_within_limits(self.pepper, q, "joint position")
+        self.set_joints(q)
+
+    def set_joints(self, q: ArrayLike) -> None:
+        """Move all joints, shape (n,) [rad or m]; the targets let go.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        positions = as_joint_vectors(self.pepper, q, "q")
+        if positions.ndim != 1:
+            raise InvalidValueError("q", f"shape {positions.shape}", f"shape ({self.pepper.n},)")
+        self.targets.release()
+        self._leave(FREE)
+        self._q, self._v, self._a = positions.copy(), np.zeros(self.pepper.n), np.zeros(self.pepper.n)
+        self.touch()
+
+    def posture(self, name: str) -> None:
+        """Take a named posture.
+
+        Raises:
+            UnknownNameError: for an unknown posture.
+        """
+        self.set_joints(self.pepper.posture(name))
+
+    # ---- what is shown
+
+    def show(self, layer: str, on: bool) -> None:
+        """Show or hide a layer.
+
+        Raises:
+            UnknownNameError: for a layer that this robot lacks.
+        """
+        if layer not in self.available:
+            raise UnknownNameError("layer", layer, self.available)
+        self.document.set("show", {**self.document["show"], layer: on})
+        self.board.show((*ROBOT_ROOT, layer), on)
+        self.touch()
+
+    def set_markers(self, markers: tuple[Drawable, ...]) -> None:
+        """Replace the balls that mark places."""
+        self.board.draw(MARKER_ROOT, markers)
+
+    def say(self, text: str, kind: str = "info") -> None:
+        """Put a text into the message line; `kind` is "info", "good" or "bad"."""
+        self._messages += 1
+        self.document.set("message", {"text": text, "kind": kind, "count": self._messages})
+
+    # ---- targets
+
+    def move_target(self, name: str, position: Array, stamp: int = 0) -> None:
+        """Put a target somewhere, shape (3,) [m]; the body follows it where following is on.
+
+        Raises:
+            UnknownNameError: for an unknown target.
+        """
+        target = self.targets[name]
+        target.position, target.on = np.array(position), True
+        if stamp:
+            self.stamp = stamp
+        self.on_target(name, target.position)
+        self._pursue()
+
+    def release(self, name: str | None = None) -> None:
+        """Let one target go, or all of them: it returns to the hand or gaze.
+
+        Raises:
+            UnknownNameError: for an unknown target.
+        """
+        if name is None:
+            self.targets.release()
+        else:
+            self.targets[name].on = False
+        self.touch()
+        if self.mode == FOLLOWING:
+            self._pursue()
+
+    def set_follow(self, on: bool) -> None:
+        """Choose whether the body follows targets at once, or waits for a plan."""
+        self._follow = on
+        if on and self.targets.any_on:
+            self._pursue()
+        elif not on and self.mode == FOLLOWING:
+            self._leave(FREE)
+
+    def servo_ready(self) -> None:
+        """Begin to follow: the servo is loaded."""
+        self._servo_ready = True
+        if self.targets.any_on:
+            self._pursue()
+
+    def _pursue(self) -> None:
+        """Let the body go after the targets as they are now."""
+        self.touch()
+        if not self._follow:
+            return
+        if not self._servo_ready:
+            self._tasks.warm_up(self)
+            return
+        if self.mode != FOLLOWING or self._follower is None:
+            self._leave(FOLLOWING)
+            self._follower = Follower(self.pepper, self._q, self.scene)
+        self._explained = False
+        self._follower.aim(self.targets.tasks())
+
+    def _leave(self, mode: str) -> None:
+        """Change to another mode: free, following targets, or a motion."""
+        if self._playback is not None:
+            self._playback.playing = False
+        if mode != FOLLOWING:
+            self._follower = None
+        self.mode = mode
+
+    # ---- the world
+
+    def set_scene(self, scene: Scene) -> None:
+        """Replace the world.
+
+        Raises:
+            UnknownNameError: where an object hangs on a frame that the robot lacks.
+        """
+        for held in scene.attached.values():
+            self.pepper.frame_id(held.frame)
+        before, self.scene = self.scene, scene
+        for name in (*before.objects, *before.attached):
+            if name not in scene.names:
+                self.board.erase((*OBSTACLE_ROOT, _as_path(name)))
+        for name, thing in scene.objects.items():
+            if before.objects.get(name) is not thing:
+                pose = thing.transform_object_to_world
+                drawable = Drawable(name, None, thing.geometry, pose, thing.color)
+                self.board.draw((*OBSTACLE_ROOT, _as_path(name)), (drawable,))
+        for name, held in scene.attached.items():
+            if before.attached.get(name) is not held:
+                self._carry(held.frame)
+                pose = held.transform_object_to_frame
+                drawable = Drawable(name, held.frame, held.geometry, pose, held.color)
+                self.board.draw((*ROBOT_ROOT, "held", _as_path(name)), (drawable,))
+        for name in before.attached.keys() - scene.attached.keys():
+            self.board.erase((*ROBOT_ROOT, "held", _as_path(name)))
+        self._scene_waits = True
+        self.touch()
+
+    def _carry(self, frame: str) -> None:
+        """Send the poses of a frame too."""
+        if frame not in self._links:
+            self._links = (*self._links, frame)
+            self._poses = BodyPoses(self.pepper, self._links, self.targets)
+            self.document.set("bodies", list(self._poses.names))
+
+    def add_obstacle(self, kind: str, position: Array | None = None, size: Array | None = None) -> str:
+        """Add an obstacle; return its name.  See `obstacles.added`."""
+        scene, name = obstacles.added(self.scene, kind, position, size)
+        self.set_scene(scene)
+        return name
+
+    def change_obstacle(self, name: str, position: Array | None = None, size: Array | None = None) -> None:
+        """Move or size an obstacle.  See `obstacles.changed`."""
+        self.set_scene(obstacles.changed(self.scene, name, position, size))
+
+    def remove_obstacle(self, name: str) -> None:
+        """Remove an obstacle, or what the robot holds.
+
+        Raises:
+            UnknownNameError: for an unknown one.
+        """
+        self.set_scene(self.scene.remove(name))
+
+    # ---- motions
+
+    def plan(self) -> None:
+        """Plan from here to the targets that are set; the outcome comes later, in the message line."""
+        tasks = self.targets.tasks()
+        if not tasks:
+            self.say("Nothing to plan to: set a target first, by dragging a coloured ball.", "bad")
+            return
+        self._tasks.plan(self, tasks)
+
+    def load(self, shown: Shown, play: bool) -> None:
+        """Show a motion, at its start, and perhaps play it."""
+        self._leave(MOTION)
+        self._playback = playback = Playback(shown.motion)
+        self.document.set(
+            "motion",
+            {
+                "title": shown.title, "start": playback.start, "end": playback.end, **shown.curves.as_dict(),
+            },
+        )  # fmt: skip
+        self.board.draw(GHOST_ROOT, shown.ghost)
+        if play:
+            playback.play()
+        self._take_motion()
+
+    def play(self) -> None:
+        """Play the motion."""
+        self._moving().play()
+
+    def pause(self) -> None:
+        """Stop playing."""
+        self._moving().playing = False
+
+    def seek(self, time: float) -> None:
+        """Go to a time of the motion [s]."""
+        self._moving().seek(time)
+
+    def set_speed(self, value: float) -> None:
+        """Set how fast the motion plays."""
+        self._moving(enter=False).set_speed(value)
+
+    def set_loop(self, on: bool) -> None:
+        """Choose whether the motion starts again at its end."""
+        self._moving(enter=False).loop = on
+
+    def clear(self) -> None:
+        """Forget the motion; the body stays where it is."""
+        self._leave(FREE)
+        self._playback = None
+        self.document.set("motion", None)
+        self.board.erase(GHOST_ROOT)
+        self.touch()
+
+    def _moving(self, enter: bool = True) -> Playback:
+        if self._playback is None:
+            raise InvalidValueError("motion", "none", "a planned or loaded motion: plan to a target first")
+        if enter and self.mode != MOTION:
+            self._leave(MOTION)
+        self._unread = True
+        return self._playback
+
+    def _take_motion(self) -> None:
+        assert self._playback is not None
+        self._q, self._v, self._a = self._playback.state()
+        self.touch()
+
+    # ---- time
+
+    @property
+    def resting(self) -> bool:
+        """Whether nothing happens until somebody does something."""
+        if self._unread or self._scene_waits:
+            return False
+        if self.mode == FOLLOWING and self._follower is not None:
+            return self._follower.resting
+        return not (self.mode == MOTION and self._playback is not None and self._playback.playing)
+
+    def tick(self, seconds: float) -> None:
+        """Let wall time pass."""
+        self._now += seconds
+        if self._scene_waits and self._now - self._scene_at >= SCENE_STEP:
+            self._scene_waits, self._scene_at = False, self._now
+            if self._follower is not None:
+                self._follower.set_scene(self.scene)
+        if self.mode == FOLLOWING and self._follower is not None:
+            self._tick_follower(self._follower, seconds)
+        elif self.mode == MOTION and self._playback is not None:
+            self._playback.advance(seconds)
+            self._take_motion()
+        if self._unread and self._now - self._read_at >= READING_STEP:
+            self._read_at, self._unread = self._now, False
+            self.document.set("live", self.readings.take(self._now, self._q, self._v, self._a, self.scene))
+
+    def _tick_follower(self, follower: Follower, seconds: float) -> None:
+        self._owed = min(self._owed + seconds * RATE, float(MOST_TICKS))
+        state: ServoState | None = None
+        while self._owed >= 1.0 and not follower.resting:
+            self._owed -= 1.0
+            state, self._a = follower.step()
+            self._q, self._v = np.array(state.q), np.array(state.v)
+        if state is None:
+            return
+        self.touch()
+        if self._explained:
+            return
+        if follower.stalled and self.targets.any_on:
+            self._explained = True
+            self._tasks.explain(self, self.targets.tasks())
+        elif follower.resting or self._now - self._reported_at >= REPORT_STEP:
+            self._reported_at = self._now
+            self.say(state.report(), "good" if state.status is ServoStatus.ARRIVED else "info")
+
+    # ---- for the pages
+
+    def refresh(self) -> None:
+        """Bring the document up to date."""
+        document = self.document
+        document.set("q", np.round(self._q, 5).tolist())
+        document.set("mode", self.mode)
+        document.set("follow", self._follow)
+        document.set("targets", self.targets.as_dict())
+        document.set("obstacles", obstacles.as_list(self.scene))
+        document.set("held", list(self.scene.attached))
+        document.set("play", None if self._playback is None else self._playback.as_dict())
+
+    def poses(self) -> bytes:
+        """Return where every body is, for the pages; see `BodyPoses`."""
+        shown = self.document["show"]
+        return self._poses.packed(self._q, self._v, self._a, shown, self.stamp)
+
+    def about(self) -> dict[str, Any]:
+        """Return what never changes: joints, limits, groups, postures, layers and targets."""
+        pepper = self.pepper
+        joints = zip(
+            pepper.joint_names, pepper.joint_units, pepper.lower_limits, pepper.upper_limits, strict=True
+        )
+        return {
+            "name": pepper.name,
+            "joints": [
+                {"name": name, "unit": unit, "lower": _bound(lower, -10), "upper": _bound(upper, 10)}
+                for name, unit, lower, upper in joints
+            ],
+            "groups": {
+                name: list(pepper.joint_group(name))
+                for name in pepper.group_names
+                if pepper.joint_group(name)
+            },
+            "postures": list(pepper.posture_names),
+            "layers": [{"name": name, "title": LAYERS[name]} for name in self.available],
+            "targets": list(self.targets.names),
+            "kinds": {kind: list(obstacles.size_names(kind)) for kind in obstacles.KINDS},
+            "roots": {"robot": list(ROBOT_ROOT), "targets": TARGETS, "obstacles": list(OBSTACLE_ROOT)},
+            "looks": {"fine": LOOKS, "coarse": COARSE},
+        }
+
+    def fail(self, error: Exception) -> None:
+        """Say what went wrong."""
+        known = isinstance(error, PepperKinError)
+        self.say(str(error) if known else f"{type(error).__name__}: {error}", "bad")
+
+
+def _as_path(name: str) -> str:
+    return name.replace("/", "_")
+
+
+def _bound(limit: float, instead: float) -> float:
+    """Return a limit, or one that a slider can have where the joint has none."""
+    return float(limit) if np.isfinite(limit) else float(instead)

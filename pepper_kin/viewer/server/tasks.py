@@ -1,0 +1,91 @@
+"""What takes long, done by the worker on behalf of a session."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pepper_kin.ik.tasks import Task
+from pepper_kin.model import PepperModel
+from pepper_kin.viewer.server.worker import Worker
+
+if TYPE_CHECKING:
+    from pepper_kin.viewer.server.session import Session
+
+_LOADING = (
+    "Loading the servo. The first time on a machine it is compiled, which takes a minute or two; sliders, "
+    "postures and obstacles work already."
+)
+
+
+class LongTasks:
+    """Loads, plans and explains.
+
+    Args:
+        pepper: The robot.
+        worker: Does it.
+    """
+
+    def __init__(self, pepper: PepperModel, worker: Worker) -> None:
+        self._pepper, self._worker = pepper, worker
+        self._begun = False
+
+    def warm_up(self, session: Session) -> None:
+        """Load what following needs, then what planning needs; once."""
+        if self._begun:
+            return
+        self._begun = True
+        from pepper_kin.viewer.server import follower, planning
+
+        def servo_is_there(result: Any, fault: Exception | None) -> None:
+            if fault is not None:
+                session.fail(fault)
+                return
+            session.servo_ready()
+            session.document.set("ready", {"servo": True, "planner": False})
+            session.say("Ready: drag a coloured ball, and the body follows.")
+
+        def planner_is_there(result: Any, fault: Exception | None) -> None:
+            if fault is None:
+                session.document.set("ready", {"servo": True, "planner": True})
+
+        session.say(_LOADING)
+        self._worker.do(lambda: follower.compile_servo(self._pepper), servo_is_there)
+        self._worker.do(lambda: planning.compile_planning(self._pepper), planner_is_there)
+
+    def plan(self, session: Session, tasks: list[Task]) -> None:
+        """Plan from where the session's body is to tasks, and load the motion into it."""
+        from pepper_kin.viewer.server.planning import plan_motion
+
+        q, scene = session.q.copy(), session.scene
+
+        def done(planned: Any, fault: Exception | None) -> None:
+            session.document.set("busy", None)
+            if fault is not None:
+                session.fail(fault)
+                return
+            session.say(planned.report, "bad" if planned.shown is None else "good")
+            if planned.shown is not None:
+                session.load(planned.shown, play=False)
+
+        self.warm_up(session)
+        waits = "" if session.document["ready"]["planner"] else " (the planner is still being loaded)"
+        session.document.set("busy", f"Planning{waits} ...")
+        self._worker.do(lambda: plan_motion(self._pepper, q, tasks, scene), done)
+
+    def explain(self, session: Session, tasks: list[Task]) -> None:
+        """Say by inverse kinematics from many starts why the body came to rest before its targets."""
+        from pepper_kin.ik import solve
+
+        q, scene, count = session.q.copy(), session.scene, session.document["message"]["count"]
+
+        def done(result: Any, fault: Exception | None) -> None:
+            # Whatever was said meanwhile is newer than the question.
+            if fault is None and session.document["message"]["count"] == count:
+                if result.success:
+                    session.say(
+                        "Something is in the way of the straight way there: plan a motion to it.", "bad"
+                    )
+                else:
+                    session.say(result.report(), "bad")
+
+        self._worker.do(lambda: solve(self._pepper, tasks, q, scene=scene, restarts=8), done)

@@ -1,0 +1,173 @@
+"""Dragging and planning in a real browser: the body follows by the servo, and goes around by the planner."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.viewer.server import ViewerServer
+
+pytestmark = pytest.mark.browser
+
+LEFT = "LArm_effector"
+TO_SCREEN = """(place) => {
+    const seen = new MeshCat.THREE.Vector3(place[0], place[2], -place[1]).project(pepperKin.viewer.camera);
+    const box = document.getElementById('view').getBoundingClientRect();
+    return [box.left + (seen.x + 1) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
+}"""
+
+
+@pytest.fixture(scope="module")
+def server(pepper):
+    """A server whose servo and planner are loaded."""
+    server = ViewerServer(pepper, port=0)
+    server.warm_up()
+    deadline = time.monotonic() + 400
+    while not server.call(lambda session: session.document["ready"]["planner"]):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def fresh(server, pepper):
+    """The server with nothing but the robot in Stand, arms a little forward."""
+    q = pepper.joint_vector({"LShoulderPitch": 0.9, "LElbowRoll": -1.0, "LShoulderRoll": 0.2})
+
+    def reset(session):
+        session.clear()
+        session.set_scene(pk.Scene())
+        session.set_follow(True)
+        session.set_joints(q)
+
+    server.call(reset)
+    return server
+
+
+def hand(server, pepper):
+    return pk.kinematics.frame_pose(pepper, server.call(lambda session: session.q), LEFT)[:3, 3]
+
+
+def near(server, pepper, place, distance):
+    """Wait until the left hand is near a place."""
+    begin = time.monotonic()
+    while np.linalg.norm(hand(server, pepper) - place) > distance and time.monotonic() < begin + 20:
+        time.sleep(0.01)
+    assert np.linalg.norm(hand(server, pepper) - place) <= distance
+
+
+def test_a_dragged_target_takes_the_hand_along(open_live, until, fresh, pepper):
+    page = open_live(fresh.url)
+    page.screenshot()  # the camera stands where it will
+    start = hand(fresh, pepper)
+    x, y = page.evaluate(TO_SCREEN, start.tolist())
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 12, y - 8, steps=3)
+    page.mouse.move(x + 24, y - 16, steps=3)
+    until(page, "pepperKin.values.targets['left hand'].on")
+    target = page.evaluate("pepperKin.parts.scene.held.get('@left hand')")
+    assert 0.02 < np.linalg.norm(np.array(target) - start) < 0.5
+    near(fresh, pepper, target, 0.005)
+    page.mouse.up()
+    # The ball stays in the plane through its old place that is parallel to the screen.
+    forward = page.evaluate("""() => {
+        const d = pepperKin.viewer.camera.getWorldDirection(new MeshCat.THREE.Vector3());
+        return [d.x, -d.z, d.y];
+    }""")
+    assert abs(np.dot(forward, np.array(target) - start)) < 1e-3
+    until(page, "/Every task is within its tolerance/.test(document.getElementById('message').textContent)")
+    drawn = page.evaluate("pepperKin.parts.scene.place('l_wrist')")
+    q = fresh.call(lambda session: session.q)
+    np.testing.assert_allclose(drawn, pk.kinematics.frame_pose(pepper, q, "l_wrist")[:3, 3], atol=2e-3)
+
+
+def test_within_half_a_second_the_hand_is_within_a_centimetre(fresh, pepper):
+    """Counted in the servo's own time, so that a busy machine does not fail it."""
+    start = hand(fresh, pepper)
+
+    def follow(session):
+        clock = session._now
+        for k in range(12):  # eight centimetres in two tenths of a second, as a hand drags
+            session.move_target("left hand", start + np.array([0.03, 0.04, 0.06]) * (k + 1) / 12)
+            session.tick(0.02)
+        for _ in range(26):
+            session.tick(0.01)
+        return session._now - clock, session.targets["left hand"].position
+
+    passed, target = fresh.call(follow)
+    assert passed <= 0.5 + 1e-9
+    assert np.linalg.norm(hand(fresh, pepper) - target) < 0.01
+
+
+def test_typed_targets_move_the_body_and_sliders_let_them_go(open_live, until, fresh, pepper):
+    page = open_live(fresh.url)
+    start = hand(fresh, pepper)
+    page.locator("#left-hand-z").fill(f"{start[2] + 0.05:.3f}")
+    page.locator("#left-hand-z").press("Enter")
+    until(page, "pepperKin.values.mode === 'follow'")
+    until(page, f"Math.abs(pepperKin.parts.scene.place('@left hand')[2] - {start[2] + 0.05}) < 2e-3")
+    near(fresh, pepper, start + np.array([0, 0, 0.05]), 2e-3)
+    page.locator("#HeadYaw").fill("0.3")
+    until(page, "pepperKin.values.mode === 'free' && !pepperKin.values.targets['left hand'].on")
+
+
+def test_a_target_out_of_reach_is_explained(open_live, until, fresh):
+    page = open_live(fresh.url)
+    page.locator("#left-hand-x").fill("2.5")
+    page.locator("#left-hand-x").press("Enter")
+    until(
+        page,
+        "/left hand stops .* short of \\(2.500/.test(document.getElementById('message').textContent)",
+        60,
+    )
+    assert page.get_attribute("#message", "class") == "bad"
+
+
+def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, pepper):
+    page = open_live(fresh.url)
+    page.click("button[name=add-box]")
+    until(page, "document.querySelector(\"[data-name='box 1']\") !== null")
+    fresh.call(
+        lambda session: session.change_obstacle(
+            "box 1", np.array([0.47, 0.05, 0.715]), np.array([0.40, 0.80, 0.03])
+        )
+    )
+    page.click("#follow")
+    until(page, "!pepperKin.values.follow")
+    q = pepper.posture("Stand")
+    fresh.call(lambda session: session.set_joints(q))
+    for axis, value in zip("xyz", ("0.38", "0.22", "0.82"), strict=True):
+        page.locator(f"#left-hand-{axis}").fill(value)
+        page.locator(f"#left-hand-{axis}").press("Enter")
+        place = f"pepperKin.values.targets['left hand'].position['xyz'.indexOf('{axis}')]"
+        until(page, f"Math.abs({place} - {value}) < 1e-3")
+    np.testing.assert_allclose(fresh.call(lambda session: session.q), q, atol=1e-12)
+    page.click("#plan")
+    until(page, "pepperKin.values.motion !== null", 60)
+    assert "Path of" in page.inner_text("#message")
+    ghost = "pepperKin.viewer.scene_tree.find(['ghost']).object.children.length"
+    assert page.evaluate(ghost) > 0
+    page.select_option("#speed", "4")
+    page.click("#play")
+    until(
+        page,
+        "!pepperKin.values.play.playing && pepperKin.values.motion.end - pepperKin.values.play.time < 1e-3",
+    )
+    scene = fresh.call(lambda session: session.scene)
+    motion = fresh.call(lambda session: session._playback.motion)
+    assert pk.collision.clearance(pepper, motion.positions[::4], scene).min() > 0
+    np.testing.assert_allclose(hand(fresh, pepper), (0.38, 0.22, 0.82), atol=0.005)
+    # The straight way between the two ends goes through the table: the plan had to go around.
+    straight = np.linspace(motion.positions[0], motion.positions[-1], 50)
+    assert pk.collision.in_collision(pepper, straight, scene).any()
+
+
+def test_without_a_target_there_is_nothing_to_plan(open_live, until, fresh):
+    page = open_live(fresh.url)
+    page.click("#plan")
+    until(page, "document.getElementById('message').textContent.startsWith('Nothing to plan to')")
