@@ -46,14 +46,13 @@ def plan(
         scene: The world around the robot.
         planner: "rrt_connect"; "rrt_star", which improves until its time is up; or a name of
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
-        joints: Joints that may move: a group name or joint names.  None: those in which start and goals
-            differ.
+        joints: Joints that may move, a group or names; None: those in which start and goals differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
         margin: Distance kept to all things [m]; less where start or goal are nearer than that.
         seed: Seed of all random choices.
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
-        compiled: Whether checks and search run as machine code, which the first use on a machine compiles for
-            a minute.  False: coal and interpreted code, hundreds of times slower; goals are solved by placo.
+        compiled: False for coal and interpreted code, hundreds of times slower, instead of machine code,
+            which the first use on a machine compiles for a minute; goals are then solved by placo.
 
     Returns:
         The plan; without a path, its status and message tell why.
@@ -83,17 +82,16 @@ def plan(
     if free.size == 0:
         return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", ik=ik)
     room = path_problem(checks, q_start, goals, free, margin)
-    result = find_path(
-        room.problem, planner, seed=seed, timeout=_left(begin, timeout), compare=ik is not None
-    )
+    time_left = _left(begin, timeout)
+    result = find_path(room.problem, planner, seed=seed, timeout=time_left, compare=ik is not None)
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
     path = waypoints_of(room, result.path, seed=seed, timeout=max(_left(begin, timeout), timeout / 20))
     if path is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, ik=ik, states_checked=result.states_checked)
-    said = f"Path of {len(path)} way-points."
-    return ended.solved(checks.exact, path, said, ik=ik, states_checked=result.states_checked)
+    count = result.states_checked
+    return ended.solved(checks.exact, path, f"Path of {len(path)} way-points.", ik=ik, states_checked=count)
 
 
 def _left(begin: float, timeout: float) -> float:
