@@ -2,36 +2,69 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin import cli_check
-from pepper_kin.exceptions import InvalidValueError, PepperKinError
+from pepper_kin import cli_check, cli_show
+from pepper_kin.cli_terminal import (
+    FAILED,
+    FORMATS,
+    INTERRUPTED,
+    MISUSED,
+    SIDES,
+    Base,
+    Hands,
+    Json,
+    Output,
+    Seed,
+    complete_gesture,
+    complete_posture,
+    one_of,
+    print_json,
+    print_written,
+    stages,
+)
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
 
 if TYPE_CHECKING:
     from pepper_kin.jobs import ReachOutcome
     from pepper_kin.model import PepperModel
 
-FAILED = 1
-MISUSED = 2
+WELCOME = """\
+See it work:      pepper-kin demo                                     then open pepper-kin-demo/motion.html
+Your own target:  pepper-kin reach --hand left --at 0.38 0.22 0.82
+Learn more:       pepper-kin COMMAND --help, and docs/start.md
+"""
 
 app = typer.Typer(
     name="pepper-kin",
     help="Kinematics, dynamics, whole-body IK, planning, timing and a twin for Pepper.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
 
 app.add_typer(cli_check.app, name="check")
+app.add_typer(cli_show.app)
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for the files; made if missing.")]
-Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
 Point = tuple[float, float, float]
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    """Kinematics, dynamics, whole-body IK, planning, timing and a twin for Pepper."""
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(f"pepper-kin {version_of('pepper_kin')}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(WELCOME)
+        print(context.get_help())
 
 
 @app.command()
@@ -44,18 +77,23 @@ def demo(output: Output = Path("pepper-kin-demo"), seed: Seed = 0, as_json: Json
     from pepper_kin.model import load_pepper
 
     pepper = load_pepper()
-    outcome = run_demo(pepper, seed=seed, on_stage=_announce(as_json))
+    with stages(as_json) as on_stage:
+        outcome = run_demo(pepper, seed=seed, on_stage=on_stage)
     _finish_reach(pepper, outcome, output, as_json)
 
 
 @app.command()
 def reach(
-    hand: Annotated[str, typer.Option(help="left or right.")],
+    hand: Annotated[str, typer.Option(help="left or right.", autocompletion=one_of(SIDES))],
     at: Annotated[Point, typer.Option(help="Where the palm should go: X Y Z [m].")],
     look_at: Annotated[Point | None, typer.Option(help="Where the camera should look: X Y Z [m].")] = None,
     avoid_box: Annotated[
         list[str] | None,
         typer.Option(help='A box "SX,SY,SZ,X,Y,Z": full lengths and centre [m]; may be repeated.'),
+    ] = None,
+    start_from: Annotated[
+        str | None,
+        typer.Option(help="Posture to start from; Stand if left out.", autocompletion=complete_posture),
     ] = None,
     output: Output = Path("pepper-kin-reach"),
     seed: Seed = 0,
@@ -71,25 +109,28 @@ def reach(
     from pepper_kin.model import load_pepper
 
     pepper = load_pepper()
-    outcome = run_reach(
-        pepper, hand, at, look_at, _scene(avoid_box or []), seed=seed, timeout=timeout,
-        on_stage=_announce(as_json),
-    )  # fmt: skip
+    begin = None if start_from is None else pepper.posture(start_from)
+    scene = _scene(avoid_box or [])
+    with stages(as_json) as on_stage:
+        outcome = run_reach(
+            pepper, hand, at, look_at, scene, start=begin, seed=seed, timeout=timeout, on_stage=on_stage
+        )
     _finish_reach(pepper, outcome, output, as_json)
 
 
 @app.command()
 def export(
-    format: Annotated[str, typer.Argument(help="urdf, srdf, sdf or mjcf.")],
+    format: Annotated[str, typer.Argument(help="urdf, srdf, sdf or mjcf.", autocompletion=one_of(FORMATS))],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write; printed if left out.")
     ] = None,
-    base: Annotated[str, typer.Option(help="fixed or planar.")] = "fixed",
-    hands: Annotated[str, typer.Option(help="locked, mimic or independent.")] = "locked",
+    base: Base = "fixed",
+    hands: Hands = "locked",
     mesh_paths: Annotated[
         str | None,
         typer.Option(help="package, absolute or relative; relative copies the meshes beside the file."),
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Write the robot for another program.
 
@@ -101,17 +142,25 @@ def export(
 
     pepper = load_pepper(base=base, hands=hands)
     if output is None:
-        print(export_text(pepper, format, mesh_paths=mesh_paths))
+        text = export_text(pepper, format, mesh_paths=mesh_paths)
+        if as_json:
+            print_json({"format": format, "text": text})
+        else:
+            print(text)
         return
-    files = write_export(pepper, format, output, mesh_paths=mesh_paths)
-    print("Written: " + ", ".join(str(path) for path in files[:3]) + (" ..." if len(files) > 3 else ""))
+    print_written(write_export(pepper, format, output, mesh_paths=mesh_paths), as_json)
 
 
 @app.command()
 def gesture(
-    name: Annotated[str, typer.Argument(help="left-arm, right-arm, head (the paper's), or wave, bow, ...")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="left-arm, right-arm, head (the paper's), or wave, bow, ...", autocompletion=complete_gesture
+        ),
+    ],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the files.")] = None,
-    side: Annotated[str, typer.Option(help="right or left.")] = "right",
+    side: Annotated[str, typer.Option(help="right or left.", autocompletion=one_of(SIDES))] = "right",
     amplitude: Annotated[float, typer.Option(help="Share of the authored way, up to 1.25.")] = 1.0,
     tempo: Annotated[float, typer.Option(help="Speed relative to the authored one, 0.25 to 4.")] = 1.0,
     as_json: Json = False,
@@ -129,34 +178,14 @@ def gesture(
         replayed = replay(pepper, name)
         if output is not None:
             write_gesture(replayed, output)
-        print(json.dumps(replayed.as_dict(), indent=2) if as_json else replayed.report())
+        _print(replayed, as_json)
         return
     made = make_gesture(pepper, name, side=side, amplitude=amplitude, tempo=tempo)
     if output is not None:
         write_library_gesture(made, output)
-    print(json.dumps(made.as_dict(), indent=2) if as_json else made.report())
+    _print(made, as_json)
     if not made.certificate.ok:
         raise typer.Exit(FAILED)
-
-
-@app.command()
-def plot(
-    file: Annotated[Path, typer.Argument(help="Trajectory: .csv, .npz, .json, .yaml, .py or .mcap.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Picture: .png, .pdf or .svg.")],
-    base: Annotated[str, typer.Option(help="fixed or planar.")] = "fixed",
-    hands: Annotated[str, typer.Option(help="locked, mimic or independent.")] = "locked",
-) -> None:
-    """Draw a trajectory against Pepper's limits, and its phase plane.
-
-    Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
-    """
-    from pepper_kin.model import load_pepper
-    from pepper_kin.trajectory import load
-    from pepper_kin.trajectory import plot as draw
-
-    pepper = load_pepper(base=base, hands=hands)
-    draw(load(file, pepper), pepper, output, title=file.name)
-    print(f"Written: {output}")
 
 
 @app.command()
@@ -176,13 +205,15 @@ def view(
     token: Annotated[
         str | None, typer.Option(help="Token in the address; drawn anew for a remote host if left out.")
     ] = None,
-    base: Annotated[str, typer.Option(help="fixed or planar.")] = "fixed",
-    hands: Annotated[str, typer.Option(help="locked, mimic or independent.")] = "locked",
+    base: Base = "fixed",
+    hands: Hands = "locked",
+    as_json: Json = False,
 ) -> None:
     """Open Pepper in the browser: sliders, targets to drag, obstacles, planning.  Ctrl-C ends it.
 
     Example: pepper-kin view demo/trajectory.csv
     """
+    import json
     import webbrowser
 
     from pepper_kin.collision import Scene
@@ -194,7 +225,7 @@ def view(
     pepper = load_pepper(base=base, hands=hands)
 
     def announce(url: str) -> None:
-        print(url, flush=True)
+        print(json.dumps({"url": url}) if as_json else url, flush=True)
         if not no_open:
             webbrowser.open(url)
 
@@ -223,9 +254,11 @@ def _scene(boxes: list[str]) -> Any:
     return scene
 
 
-def _announce(quiet: bool) -> Any:
-    """Return what is told of each stage: a line on the error stream, so that output stays clean."""
-    return (lambda stage: None) if quiet else (lambda stage: print(f"  {stage} ...", file=sys.stderr))
+def _print(found: Any, as_json: bool) -> None:
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print(found.report())
 
 
 def _finish_reach(pepper: PepperModel, outcome: ReachOutcome, output: Path, as_json: bool) -> None:
@@ -235,13 +268,13 @@ def _finish_reach(pepper: PepperModel, outcome: ReachOutcome, output: Path, as_j
 
     if outcome.run is None:
         if as_json:
-            print(json.dumps(result_files.summary(pepper, outcome), indent=2))
+            print_json(result_files.summary(pepper, outcome))
         print(outcome.message, file=sys.stderr)
         raise typer.Exit(FAILED)
     files = result_files.write_outcome(pepper, outcome, output)
     files["motion.html"] = save_reach_html(pepper, outcome, output / "motion.html")
     if as_json:
-        print(json.dumps(result_files.summary(pepper, outcome), indent=2))
+        print_json(result_files.summary(pepper, outcome))
     else:
         _print_reach(outcome)
         print("Written: " + ", ".join(str(path) for path in files.values()))
@@ -282,9 +315,17 @@ def _print_reach(outcome: ReachOutcome) -> None:
 
 
 def main() -> None:
-    """Run the command line; misuse ends with one line and exit code 2, "not found" with 1."""
+    """Run the command line.
+
+    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, told in one line; 130 Ctrl-C.
+    """
     try:
         app()
+    except InfeasibleError as error:
+        print(f"pepper-kin: {error}", file=sys.stderr)
+        sys.exit(FAILED)
     except PepperKinError as error:
         print(f"pepper-kin: {error}", file=sys.stderr)
         sys.exit(MISUSED)
+    except KeyboardInterrupt:  # while the command line was being read
+        sys.exit(INTERRUPTED)

@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-FAILED = 1
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+from pepper_kin.cli_terminal import FAILED, Json, progress
 
 app = typer.Typer(
     name="check",
-    help="Check a robot's description, dynamics or limits; exit code 1 says that something is wrong.",
+    help="Check a robot's description, dynamics or limits; exit code 1 says that something is wrong.\n\n"
+    "Example: pepper-kin check dynamics",
     no_args_is_help=True,
 )
 
@@ -34,7 +34,8 @@ def dynamics(
     from pepper_kin.model import load_pepper, load_robot
 
     pepper = load_pepper() if urdf is None else load_robot(urdf)
-    found = check_dynamics(pepper, states=states, seed=seed)
+    with progress("checking dynamics") as told:
+        found = check_dynamics(pepper, states=states, seed=seed, progress=told)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if not found.ok:
         raise typer.Exit(FAILED)
@@ -93,7 +94,8 @@ def paper(
     """
     from pepper_kin.jobs import check_paper, write_paper_check
 
-    found = check_paper(seed=seed)
+    with progress("replaying the paper's movements") as told:
+        found = check_paper(seed=seed, progress=told)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if output is not None:
         for path in write_paper_check(found, output).values():
@@ -115,7 +117,8 @@ def physics(
     from pepper_kin.atomic_file import write_bytes
     from pepper_kin.jobs import check_physics
 
-    found = check_physics(seed=seed)
+    with progress("running both engines") as told:
+        found = check_physics(seed=seed, progress=told)
     numbers = json.dumps(found.as_dict(), indent=2)
     print(numbers if as_json else found.report())
     if output is not None:

@@ -10,11 +10,13 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pepper_kin.jobs.bench import BenchResult, BenchRow, run_bench
     from pepper_kin.jobs.demo import demo_scene, run_demo
     from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
     from pepper_kin.jobs.dynamics_checking import check_dynamics
     from pepper_kin.jobs.export_files import write_export
     from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, write_library_gesture
+    from pepper_kin.jobs.motion_file import read_motion
     from pepper_kin.jobs.paper_check import PaperCheck, check_paper
     from pepper_kin.jobs.paper_files import write_paper_check
     from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.result_files import write_gesture, write_outcome
 
 _MODULES = {
+    "BenchResult": "bench",
+    "BenchRow": "bench",
     "DynamicsCheck": "dynamics_check",
     "DynamicsCheckRow": "dynamics_check",
     "MadeGesture": "gesture_job",
@@ -34,6 +38,8 @@ _MODULES = {
     "demo_scene": "demo",
     "make_gesture": "gesture_job",
     "reach": "reaching",
+    "read_motion": "motion_file",
+    "run_bench": "bench",
     "run_demo": "demo",
     "write_export": "export_files",
     "write_gesture": "result_files",
@@ -43,6 +49,8 @@ _MODULES = {
 }
 
 __all__ = [
+    "BenchResult",
+    "BenchRow",
     "DynamicsCheck",
     "DynamicsCheckRow",
     "MadeGesture",
@@ -55,6 +63,8 @@ __all__ = [
     "demo_scene",
     "make_gesture",
     "reach",
+    "read_motion",
+    "run_bench",
     "run_demo",
     "write_export",
     "write_gesture",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +40,13 @@ class _States:
     direction: Array
 
 
-def check_dynamics(pepper: PepperModel, *, states: int = 200, seed: int = 0) -> DynamicsCheck:
+def check_dynamics(
+    pepper: PepperModel,
+    *,
+    states: int = 200,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> DynamicsCheck:
     """Hold a robot's dynamics against independent computations.
 
     Inverse dynamics, forward dynamics and mass matrix against `dynamics.newton_euler`, which reads the URDF
@@ -55,6 +61,7 @@ def check_dynamics(pepper: PepperModel, *, states: int = 200, seed: int = 0) -> 
         states: Number of random states: positions within limits (and within 3 rad), velocities and
             accelerations of normal distribution with deviations 1 and 3 [rad/s, rad/s^2].
         seed: Seed of all random choices.
+        progress: Called with the number of parts done and of all.
 
     Returns:
         The errors, their limits, and whether all are within them.  What the robot cannot have (forward
@@ -68,12 +75,17 @@ def check_dynamics(pepper: PepperModel, *, states: int = 200, seed: int = 0) -> 
     rng = np.random.default_rng(seed)
     random = _random_states(pepper, states, rng)
     frame = _deepest_frame(pepper)
-    rows = [
-        *_algorithm_rows(pepper, random),
-        *_kinematic_rows(pepper, random, frame),
-        *_derivative_rows(pepper, random),
-        _energy_row(pepper, rng),
-    ]
+    parts: tuple[Callable[[], Iterable[DynamicsCheckRow]], ...] = (
+        lambda: _algorithm_rows(pepper, random),
+        lambda: _kinematic_rows(pepper, random, frame),
+        lambda: _derivative_rows(pepper, random),
+        lambda: [_energy_row(pepper, rng)],
+    )
+    rows: list[DynamicsCheckRow] = []
+    for index, part in enumerate(parts):
+        progress(index, len(parts))
+        rows += part()
+    progress(len(parts), len(parts))
     return DynamicsCheck(pepper.name, pepper.n, frame, states, seed, tuple(rows))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,7 +108,12 @@ class PaperCheck:
         }
 
 
-def check_paper(pepper: PepperModel | None = None, *, seed: int = 0) -> PaperCheck:
+def check_paper(
+    pepper: PepperModel | None = None,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> PaperCheck:
     """Make the published twin's validation again.
 
     Each of table 5's movements is made twice: in minimum time, which is the hardest to track, and in 1000
@@ -117,6 +123,7 @@ def check_paper(pepper: PepperModel | None = None, *, seed: int = 0) -> PaperChe
     Args:
         pepper: Pepper with a fixed base; `load_pepper()` if omitted.
         seed: Of the sensors' noise.
+        progress: Called with the number of movements done and of all.
 
     Returns:
         Tables, runs and measurements.
@@ -125,11 +132,13 @@ def check_paper(pepper: PepperModel | None = None, *, seed: int = 0) -> PaperChe
     """
     pepper = load_pepper() if pepper is None else pepper
     movements = []
-    for name in GESTURES:
+    for index, name in enumerate(GESTURES):
+        progress(index, len(GESTURES))
         twin = Twin(pepper, compiled=False)
         fast = replay(pepper, name, twin=twin)
         calm = replay(pepper, name, twin=twin, duration=ITERATIONS * PERIOD)
         movements.append(MovementCheck(fast, calm, _measured(pepper, calm, seed)))
+    progress(len(GESTURES), len(GESTURES))
     return PaperCheck(limits_table(), tuple(movements))
 
 

@@ -159,6 +159,7 @@ def check_physics(
     timesteps: Sequence[float] = TIMESTEPS,
     seconds: float = SECONDS,
     seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> PhysicsCheck:
     """Run a free swing, step responses, a gesture and a push in the twin and in MuJoCo.
 
@@ -171,6 +172,7 @@ def check_physics(
         timesteps: At least two, in seconds.
         seconds: Length of each scenario [s].
         seed: Of the start of the free swing.
+        progress: Called with the number of scenarios done and of all.
 
     Returns:
         Differences for each scenario and timestep.
@@ -190,11 +192,13 @@ def check_physics(
         raise InvalidValueError("timesteps", len(steps), "at least two")
     pepper = load_pepper() if pepper is None else pepper
     model = mujoco.MjModel.from_xml_string(pepper.export("mjcf"))
-    rows = tuple(
-        _compare(pepper, model, motion, steps, check_positive("seconds", seconds, "s"))
-        for motion in _motions(pepper, seed)
-    )
-    return PhysicsCheck(pepper.name, seconds, f"MuJoCo {mujoco.__version__}", rows)
+    check_positive("seconds", seconds, "s")
+    motions, rows = _motions(pepper, seed), []
+    for index, motion in enumerate(motions):
+        progress(index, len(motions))
+        rows.append(_compare(pepper, model, motion, steps, seconds))
+    progress(len(motions), len(motions))
+    return PhysicsCheck(pepper.name, seconds, f"MuJoCo {mujoco.__version__}", tuple(rows))
 
 
 def _motions(pepper: PepperModel, seed: int) -> list[Motion]:

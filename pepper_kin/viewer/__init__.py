@@ -5,6 +5,8 @@ from pepper_kin.viewer.drawable import Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion
 from pepper_kin.viewer.reach_page import save_reach_html
 from pepper_kin.viewer.recording import write_motion_page
+from pepper_kin.viewer.rendering import render_motion
+from pepper_kin.viewer.video import write_video
 from pepper_kin.viewer.viewer import Viewer
 
 __all__ = [
@@ -13,7 +15,9 @@ __all__ = [
     "Viewer",
     "find_chromium",
     "marker",
+    "render_motion",
     "save_reach_html",
     "screenshot",
     "write_motion_page",
+    "write_video",
 ]

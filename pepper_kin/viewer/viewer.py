@@ -24,6 +24,7 @@ from pepper_kin.viewer.motion_frames import MotionFrames, frames_of_samples, kep
 from pepper_kin.viewer.recording import write_frames_page
 from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
 from pepper_kin.viewer.target_listener import TargetListener
+from pepper_kin.viewer.video import check_video, write_video
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.server import ViewerServer
@@ -308,6 +309,42 @@ class Viewer:
         with tempfile.TemporaryDirectory() as folder:
             page = self.save_html(Path(folder) / "scene.html", motion, series={})
             return screenshot(page, path, size, at_time, view=view)
+
+    def save_video(
+        self,
+        path: str | Path,
+        motion: Playable | None = None,
+        *,
+        fps: float = 30.0,
+        size: tuple[int, int] = (1280, 800),
+        view: CameraView = "three-quarter",
+        on_frame: Callable[[int, int], None] = lambda done, total: None,
+    ) -> Path:
+        """Save a film (MP4 or GIF), drawn by a headless Chromium; the same input gives the same pixels.
+
+        Args:
+            path: The file to write, .mp4 or .gif; it appears when it is whole.
+            motion: As for `save_html`.
+            fps: Frames per second, in (0, 240], for .gif at most 50.
+            size: Width and height [pixel]; even numbers for .mp4.
+            view: "three-quarter", "front", "side" or "top".
+            on_frame: Called with the number of frames done and of all.
+
+        Returns:
+            The path of the file.
+
+        Raises:
+            UnknownNameError: There is no such view or suffix.
+            InvalidValueError: As for `save_html`, or an fps or size out of range.
+            MissingDependencyError: No Chromium is installed, or for .mp4 no PyAV.
+            InfeasibleError: The browser gave no picture.
+            FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
+        """
+        check_video(Path(path).suffix.lower(), fps, size, view)
+        with tempfile.TemporaryDirectory() as folder:
+            # At least as many poses as frames: what is blended between two lies on the samples' way.
+            page = self.save_html(Path(folder) / "scene.html", motion, series={}, fps=max(40.0, fps))
+            return write_video(page, path, fps=fps, size=size, view=view, on_frame=on_frame)
 
     def close(self) -> None:
         """End the live page's server, if there is one."""

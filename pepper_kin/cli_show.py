@@ -1,0 +1,122 @@
+"""The commands `pepper-kin plot`, `render` and `bench`: argument parsing and printing, nothing else."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from pepper_kin.cli_terminal import (
+    VIEWS,
+    Base,
+    Hands,
+    Json,
+    Seed,
+    one_of,
+    print_json,
+    print_written,
+    progress,
+)
+from pepper_kin.exceptions import InvalidValueError
+
+if TYPE_CHECKING:
+    from pepper_kin.viewer.browser import CameraView
+
+app = typer.Typer()
+
+MotionFile = Annotated[
+    Path,
+    typer.Argument(
+        help="Trajectory (.csv, .npz, .json, .yaml, .py, .mcap), run (.csv) or recording (folder)."
+    ),
+]
+
+
+@app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="Trajectory: .csv, .npz, .json, .yaml, .py or .mcap.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Picture: .png, .pdf or .svg.")],
+    base: Base = "fixed",
+    hands: Hands = "locked",
+    as_json: Json = False,
+) -> None:
+    """Draw a trajectory against Pepper's limits, and its phase plane.
+
+    Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
+    """
+    from pepper_kin.model import load_pepper
+    from pepper_kin.trajectory import load
+    from pepper_kin.trajectory import plot as draw
+
+    pepper = load_pepper(base=base, hands=hands)
+    draw(load(file, pepper), pepper, output, title=file.name)
+    print_written([output], as_json)
+
+
+@app.command()
+def render(
+    file: MotionFile,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Film (.mp4, .gif), picture (.png) or page (.html).")
+    ],
+    scene: Annotated[Path | None, typer.Option(help="Scene to show around the robot: JSON.")] = None,
+    fps: Annotated[float, typer.Option(help="Frames per second of a film.")] = 30.0,
+    size: Annotated[str, typer.Option(help="Width x height of a film or picture [pixel].")] = "1280x800",
+    view: Annotated[str, typer.Option(help=", ".join(VIEWS) + ".", autocompletion=one_of(VIEWS))] = VIEWS[0],
+    at_time: Annotated[float | None, typer.Option(help="Time that a picture shows [s].")] = None,
+    base: Base = "fixed",
+    hands: Hands = "locked",
+    as_json: Json = False,
+) -> None:
+    """Render a trajectory or a run as a film, a picture, or a page that plays and scrubs it.
+
+    Example: pepper-kin render demo/run.csv -o demo/movie.mp4
+    """
+    from pepper_kin.collision import Scene
+    from pepper_kin.jobs import read_motion
+    from pepper_kin.model import load_pepper
+    from pepper_kin.viewer import render_motion
+
+    pixels = _size(size)
+    pepper = load_pepper(base=base, hands=hands)
+    motion = read_motion(file, pepper)
+    around = None if scene is None else Scene.load(scene)
+    if not as_json:
+        print(f"  rendering {output} ...", file=sys.stderr, flush=True)
+    with progress("rendering") as told:
+        path = render_motion(
+            pepper, motion, output, scene=around, fps=fps, size=pixels, view=cast("CameraView", view),
+            at_time=at_time, on_frame=told,
+        )  # fmt: skip
+    print_written([path], as_json)
+
+
+@app.command()
+def bench(
+    repeats: Annotated[int, typer.Option(help="Turns of each measurement.")] = 5,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Measure IK, batches and the twin on this machine, each beside the usual way.
+
+    Example: pepper-kin bench --repeats 9
+    """
+    from pepper_kin.jobs import run_bench
+
+    if not as_json:
+        print("  measuring; what is compiled is compiled first, once on a machine ...", file=sys.stderr)
+    with progress("measuring") as told:
+        found = run_bench(repeats=repeats, seed=seed, progress=told)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print(found.report())
+
+
+def _size(text: str) -> tuple[int, int]:
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.strip().isdecimal() for part in parts):
+        raise InvalidValueError("--size", repr(text), "WIDTHxHEIGHT in pixels, such as 1280x800")
+    return int(parts[0]), int(parts[1])

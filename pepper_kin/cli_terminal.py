@@ -1,0 +1,121 @@
+"""What all commands share: options, exit codes, printing, progress and completion."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+FAILED = 1
+MISUSED = 2
+INTERRUPTED = 130
+
+STAGES = ("inverse kinematics and path", "timing", "certificate", "twin", "report")
+"""Stages of a reach, in order."""
+
+BASES = ("fixed", "planar")
+HANDS = ("locked", "mimic", "independent")
+VIEWS = ("three-quarter", "front", "side", "top")
+FORMATS = ("urdf", "srdf", "sdf", "mjcf")
+SIDES = ("left", "right")
+
+Completer = Callable[[str], list[str]]
+
+
+def one_of(names: tuple[str, ...]) -> Completer:
+    """Return what completes a word to one of a few names."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names if name.startswith(incomplete)]
+
+    return complete
+
+
+def complete_posture(incomplete: str) -> list[str]:
+    """Complete the name of a posture."""
+    from pepper_kin.model import load_pepper
+
+    return one_of(load_pepper().posture_names)(incomplete)
+
+
+def complete_gesture(incomplete: str) -> list[str]:
+    """Complete the name of a gesture, of the paper's or of the library's."""
+    from pepper_kin.motion import gesture_names
+    from pepper_kin.twin import GESTURES
+
+    return one_of((*GESTURES, *gesture_names()))(incomplete)
+
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of words and tables.")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for the files; made if missing.")]
+Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
+Base = Annotated[str, typer.Option(help="fixed or planar.", autocompletion=one_of(BASES))]
+Hands = Annotated[str, typer.Option(help="locked, mimic or independent.", autocompletion=one_of(HANDS))]
+
+
+def print_json(told: Any) -> None:
+    """Print plain values as JSON."""
+    print(json.dumps(told, indent=2))
+
+
+def print_written(paths: list[Path], as_json: bool) -> None:
+    """Tell which files were written."""
+    if as_json:
+        print_json({"written": [str(path) for path in paths]})
+        return
+    names = ", ".join(str(path) for path in paths[:3])
+    print(f"Written: {names}" + (" ..." if len(paths) > 3 else ""))
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar with the time left on the error stream, if that is a terminal, and nothing otherwise.
+
+    Yields:
+        What to call with the number of parts done and of all.
+    """
+    with _bar() as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def stages(quiet: bool) -> Iterator[Callable[[str], None]]:
+    """Tell of the stages of a reach: a bar on a terminal, a line each elsewhere, none if quiet.
+
+    Yields:
+        What to call with the name of each stage as it begins.
+    """
+    if not sys.stderr.isatty():
+        yield lambda stage: None if quiet else print(f"  {stage} ...", file=sys.stderr, flush=True)
+        return
+    with _bar() as bar:
+        task = bar.add_task("", total=len(STAGES))
+
+        def tell(stage: str) -> None:
+            bar.update(task, description=stage, completed=STAGES.index(stage) if stage in STAGES else 0)
+
+        yield tell
+
+
+def _bar() -> Any:
+    """Return a bar that is seen on terminals only; colours follow NO_COLOR."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )

@@ -1,0 +1,47 @@
+"""Motions from files, whatever wrote them: trajectories in every format, and runs of the twin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory import Trajectory, load
+from pepper_kin.twin import Run, read_recording, read_run
+
+_RUN_COLUMN = ".torque"
+
+
+def read_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
+    """Read a trajectory or a run of the twin.
+
+    Args:
+        path: A file that `pepper_kin.trajectory.save` or `Run.save` wrote (in a CSV, columns of torque tell a
+            run), or the folder of a `Recorder`.
+        pepper: The robot whose joints it must have.
+
+    Returns:
+        A trajectory or a run.
+
+    Raises:
+        UnknownNameError: for an unknown suffix.
+        MissingDependencyError: for .mcap without its package.
+        FileFormatError: naming path, line and what is wrong.
+    """
+    if Path(path).is_dir():
+        recording = read_recording(path)
+        if recording.joint_names != pepper.joint_names:
+            raise FileFormatError(path, f"is of other joints: {', '.join(recording.joint_names)}")
+        return recording.run()
+    if Path(path).suffix.lower() == ".csv" and _RUN_COLUMN in _first_line(path):
+        return read_run(path, pepper)
+    return load(path, pepper)
+
+
+def _first_line(path: str | Path) -> str:
+    """Return the head of a table; empty where it cannot be read, which the reader proper will report."""
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return file.readline()
+    except OSError:
+        return ""

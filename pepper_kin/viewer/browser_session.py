@@ -1,0 +1,175 @@
+"""One headless Chromium that draws many pictures of one page, steered through a pair of pipes."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import select
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
+from pepper_kin.viewer.browser import CHROMIUM_FLAGS, find_chromium
+
+_ADVICE = "open the page by hand to see why"
+# Drawn and read in one go, so that no frame of the browser's own comes between: same time, same pixels.
+_CAPTURE = """(() => {
+  pepperKin.pause();
+  pepperKin.seek(%r);
+  const viewer = pepperKin.viewer;
+  viewer.scene.updateMatrixWorld(true);
+  viewer.render();
+  return viewer.renderer.domElement.toDataURL("image/png");
+})()"""
+
+
+class BrowserSession:
+    """A browser with one page open, for as long as the `with` block lasts.
+
+        with BrowserSession("motion.html", (640, 480)) as session:
+            png = session.picture(0.5)
+
+    The browser is spoken to in the Chrome DevTools Protocol over two pipes: no port is opened.
+
+    Args:
+        html_path: A page as written by `write_motion_page`.
+        size: Width and height of the pictures [pixel].
+        view: "three-quarter", "front", "side" or "top".
+        timeout: Longest wait for any one answer [s].
+
+    Raises:
+        MissingDependencyError: No Chromium is installed.
+        InfeasibleError: The browser does not start, does not answer, or the page fails.
+    """
+
+    def __init__(
+        self,
+        html_path: str | Path,
+        size: tuple[int, int],
+        *,
+        view: str = "three-quarter",
+        timeout: float = 60.0,
+    ) -> None:
+        self._address = f"{Path(html_path).resolve().as_uri()}#panel=0&view={view}"
+        self._size, self._timeout = size, timeout
+        self._count, self._received, self._session = 0, b"", ""
+
+    def __enter__(self) -> BrowserSession:
+        chromium = find_chromium()
+        if chromium is None:
+            raise MissingDependencyError("chromium", "apt-get install chromium", "a picture of a page")
+        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        self._start(chromium)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def picture(self, at_time: float) -> bytes:
+        """Return the page's picture at a time of its motion [s], as PNG."""
+        found = self._evaluate(_CAPTURE % float(at_time))
+        return base64.b64decode(str(found).partition(",")[2])
+
+    def span(self) -> tuple[float, float]:
+        """Return the times of the motion's first and last frame [s]."""
+        start, duration = self._evaluate("pepperKin.seek(-1e9), [pepperKin.time, pepperKin.duration]")
+        return float(start), float(start) + float(duration)
+
+    def close(self) -> None:
+        """End the browser."""
+        self._browser.kill()
+        self._browser.wait()
+        for pipe in (self._browser.stdin, self._browser.stdout):
+            if pipe is not None:
+                pipe.close()
+        self._profile.cleanup()
+
+    def _start(self, chromium: str) -> None:
+        """Start the browser; it reads commands from its descriptor 3 and answers on its descriptor 4."""
+        # The shell only moves our two pipes from 0 and 1 to where the browser wants them.
+        moved = 'exec "$@" 3<&0 4>&1 </dev/null >/dev/null'
+        flags = (*CHROMIUM_FLAGS, "--remote-debugging-pipe", f"--user-data-dir={self._profile.name}")
+        self._browser = subprocess.Popen(
+            ["sh", "-c", moved, "sh", chromium, *flags, f"--window-size={self._size[0]},{self._size[1]}"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            start_new_session=True,  # Ctrl-C is ours to hear; we end the browser
+        )
+        pipes = (self._browser.stdin, self._browser.stdout)
+        self._to_browser, self._from_browser = (pipe.fileno() for pipe in pipes if pipe is not None)
+
+    def _open(self) -> None:
+        target = self._ask("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        width, height = self._size
+        self._ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self._ask("Page.navigate", url=self._address)
+        deadline = time.monotonic() + self._timeout
+        while not self._evaluate("document.readyState === 'complete' && typeof pepperKin === 'object'"):
+            if time.monotonic() > deadline:
+                raise InfeasibleError("picture", f"the page was not ready in {self._timeout:g} s", _ADVICE)
+            time.sleep(0.02)
+
+    def _evaluate(self, expression: str) -> Any:
+        answer = self._ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        if "exceptionDetails" in answer:
+            told = answer["exceptionDetails"].get("exception", {}).get("description", "no message")
+            raise InfeasibleError("picture", f"the page failed: {told.splitlines()[0]}", _ADVICE)
+        return answer["result"].get("value")
+
+    def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Send a command and wait for its answer; what the browser tells in between is dropped."""
+        self._count += 1
+        command = {"id": self._count, "method": method, "params": parameters}
+        if self._session:
+            command["sessionId"] = self._session
+        try:
+            os.write(self._to_browser, json.dumps(command).encode() + b"\0")
+        except BrokenPipeError as error:
+            raise InfeasibleError("picture", "the browser has ended", _ADVICE) from error
+        deadline = time.monotonic() + self._timeout
+        while True:
+            message = json.loads(self._next_message(deadline))
+            if message.get("id") != self._count:
+                continue
+            if "error" in message:
+                raise InfeasibleError(
+                    "picture", f"the browser refused: {message['error']['message']}", _ADVICE
+                )
+            answer: dict[str, Any] = message["result"]
+            return answer
+
+    def _next_message(self, deadline: float) -> bytes:
+        parts = [self._received]
+        while b"\0" not in parts[-1]:
+            left = deadline - time.monotonic()
+            if left <= 0 or not select.select([self._from_browser], [], [], left)[0]:
+                raise InfeasibleError(
+                    "picture", f"the browser did not answer in {self._timeout:g} s", "pass a larger timeout"
+                )
+            part = os.read(self._from_browser, 1 << 20)
+            if not part:
+                raise InfeasibleError("picture", "the browser has ended", _ADVICE)
+            parts.append(part)
+        message, _, self._received = b"".join(parts).partition(b"\0")
+        return message

@@ -1,0 +1,157 @@
+"""Motions as films: MP4 and GIF, frame by frame from the page that a browser draws."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import atomic_file
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.viewer.browser import CameraView
+from pepper_kin.viewer.browser_session import BrowserSession
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+VIDEO_SUFFIXES = (".mp4", ".gif")
+_QUALITY = 20  # x264's constant rate factor: 0 keeps every bit, 51 is the worst
+_TIME_BASE = 1000  # frames per second are rounded to a thousandth
+_GIF_TICK = 0.01  # [s] a GIF counts time in hundredths of a second
+_COLORS = 256
+
+
+def write_video(
+    html_path: str | Path,
+    video_path: str | Path,
+    *,
+    fps: float = 30.0,
+    size: tuple[int, int] = (1280, 800),
+    view: CameraView = "three-quarter",
+    on_frame: Callable[[int, int], None] = lambda done, total: None,
+    timeout: float = 60.0,
+) -> Path:
+    """Film a motion page, from its first frame to its last.
+
+    One browser draws all pictures; it is told the time of each, so that slow machines film the same motion.
+
+    Args:
+        html_path: A page as written by `write_motion_page`.
+        video_path: The film to write, .mp4 (H.264) or .gif; it appears when it is whole.
+        fps: Frames per second, in (0, 240]; a GIF has 50 at most and rounds each to a hundredth of a second.
+        size: Width and height [pixel]; even numbers for .mp4.
+        view: "three-quarter", "front", "side" or "top".
+        on_frame: Called with the number of frames done and of all.
+        timeout: Longest wait for one picture [s].
+
+    Returns:
+        The path of the film.
+
+    Raises:
+        UnknownNameError: for another suffix or view.
+        InvalidValueError: for fps or a size out of range, or a page that does not exist.
+        MissingDependencyError: No Chromium is installed, or for .mp4 no PyAV.
+        InfeasibleError: The browser gives no picture.
+        FileFormatError: The film cannot be written.
+    """
+    suffix = Path(video_path).suffix.lower()
+    check_video(suffix, fps, size, view)
+    if not Path(html_path).is_file():
+        raise InvalidValueError("html_path", html_path, "an existing page")
+    with BrowserSession(html_path, size, view=view, timeout=timeout) as session:
+        pictures = _pictures(session, frame_times(*session.span(), fps), on_frame)
+        content = _encode_gif(pictures, fps) if suffix == ".gif" else _encode_mp4(pictures, fps, size)
+    return atomic_file.write_bytes(video_path, content)
+
+
+def check_video(suffix: str, fps: float, size: tuple[int, int], view: str) -> None:
+    """Refuse what no film can be made of, before anything is drawn; see `write_video`."""
+    if suffix not in VIDEO_SUFFIXES:
+        raise UnknownNameError("video suffix", suffix, VIDEO_SUFFIXES)
+    most = 1 / (2 * _GIF_TICK) if suffix == ".gif" else 240.0
+    if not (math.isfinite(fps) and 0 < fps <= most):
+        raise InvalidValueError("fps", fps, f"frames per second above 0, at most {most:g} for {suffix}")
+    step = 2 if suffix == ".mp4" else 1
+    fits = len(size) == 2 and all(isinstance(n, int) and 2 <= n <= 4096 and n % step == 0 for n in size)
+    if not fits:
+        even = "even " if step == 2 else ""
+        raise InvalidValueError("size", size, f"width and height in pixels, {even}numbers in 2 ... 4096")
+    if view not in get_args(CameraView):
+        raise UnknownNameError("camera view", view, get_args(CameraView))
+    if suffix == ".mp4":
+        _av()
+
+
+def frame_times(start: float, end: float, fps: float) -> NDArray[np.float64]:
+    """Return the times of a film's frames [s], `fps` a second; the last one shows the end, shape (F,)."""
+    count = math.ceil((end - start) * fps - 1e-6) + 1
+    return np.minimum(start + np.arange(count) / fps, end)
+
+
+def _pictures(
+    session: BrowserSession, times: NDArray[np.float64], on_frame: Callable[[int, int], None]
+) -> Iterator[Image.Image]:
+    from PIL import Image
+
+    for index, instant in enumerate(times):
+        yield Image.open(io.BytesIO(session.picture(instant))).convert("RGB")
+        on_frame(index + 1, times.size)
+
+
+def _av() -> Any:
+    try:
+        import av
+    except ImportError as error:
+        raise MissingDependencyError("av", 'pip install "pepper_kin[video]"', "an MP4 film") from error
+    return av
+
+
+def _encode_mp4(pictures: Iterable[Image.Image], fps: float, size: tuple[int, int]) -> bytes:
+    """Encode as H.264 in one thread: the same pictures give the same bytes."""
+    av = _av()
+    rate = Fraction(round(fps * _TIME_BASE), _TIME_BASE)
+    film = io.BytesIO()
+    with av.open(film, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=rate)
+        stream.width, stream.height = size
+        stream.pix_fmt = "yuv420p"  # what every player and browser reads
+        stream.options = {"crf": str(_QUALITY), "preset": "medium", "threads": "1"}
+        for picture in pictures:
+            for packet in stream.encode(av.VideoFrame.from_image(picture)):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    return film.getvalue()
+
+
+def _encode_gif(pictures: Iterable[Image.Image], fps: float) -> bytes:
+    """Encode as an endless GIF in the colours of the first frame: what stands still costs nothing."""
+    from PIL import Image
+
+    frames: list[Image.Image] = []
+    for picture in pictures:
+        if frames:
+            frames.append(picture.quantize(palette=frames[0], dither=Image.Dither.NONE))
+        else:
+            frames.append(
+                picture.quantize(_COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+            )
+    # Sums of whole ticks, so that rounding does not add up over the film.
+    ticks = np.diff(np.round(np.arange(len(frames) + 1) / (fps * _GIF_TICK)))
+    film = io.BytesIO()
+    frames[0].save(
+        film,
+        format="GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=[int(1000 * _GIF_TICK * count) for count in ticks],
+        loop=0,
+        disposal=1,
+    )
+    return film.getvalue()
