@@ -73,14 +73,44 @@ def unpack(packed: NDArray[np.uint8]) -> NDArray:
         body = zlib.decompress(data[begin + int(size) :])
         if kind == _DIFFERENCES:
             return _summed(body, shape)
-        dtype = np.dtype(kind.decode())
-        return (
-            _summed_twice(body, shape)
-            if dtype == np.float64
-            else np.frombuffer(body, dtype).reshape(shape).copy()
-        )
+        return np.frombuffer(body, np.dtype(kind.decode())).reshape(shape).copy()
     except (ValueError, TypeError, UnicodeDecodeError, zlib.error) as error:
         raise InvalidValueError("packed series", f"{len(data)} bytes", f"whole ones ({error})") from error
+
+
+def pack_moved(
+    position: NDArray[np.float64], velocity: NDArray[np.float64], start: NDArray[np.float64], h: float
+) -> NDArray[np.uint8]:
+    """Pack positions that follow from velocities, q = q before + h v, by what is left of that: rounding.
+
+    Args:
+        position: Shape (T, n).
+        velocity: Shape (T, n).
+        start: Position before the first, shape (n,).
+        h: Timestep [s].
+
+    Returns:
+        Bytes that `unpack_moved` reads, given the same velocities, start and h.
+    """
+    before = np.concatenate([start[np.newaxis], position[:-1]])
+    expected = np.ascontiguousarray(before + h * velocity)
+    left = np.ascontiguousarray(position).view(np.int64) - expected.view(np.int64)
+    return pack(left.view(np.float64))
+
+
+def unpack_moved(
+    packed: NDArray[np.uint8], velocity: NDArray[np.float64], start: NDArray[np.float64], h: float
+) -> NDArray[np.float64]:
+    """Return the positions that `pack_moved` packed, to the last bit.
+
+    Raises:
+        InvalidValueError: where the bytes are damaged.
+    """
+    left, position, now = unpack(packed).view(np.int64), np.empty_like(velocity), start
+    for k in range(len(velocity)):
+        now = ((now + h * velocity[k]).view(np.int64) + left[k]).view(np.float64)
+        position[k] = now
+    return position
 
 
 def _summed(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -92,14 +122,6 @@ def _summed(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:
     for order in range(1, int(orders.max(initial=0)) + 1):
         part = orders >= order
         words[:, part] = np.cumsum(words[:, part], axis=0, dtype=np.uint64)
-    return np.ascontiguousarray(words).view(np.float64).reshape(shape)
-
-
-def _summed_twice(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return what older recordings hold: second differences, whatever the series."""
-    words = _words(body, int(np.prod(shape[1:], dtype=int)), shape[0])
-    for _ in range(2):
-        words = np.cumsum(words, axis=0, dtype=np.uint64)
     return np.ascontiguousarray(words).view(np.float64).reshape(shape)
 
 

@@ -16,7 +16,7 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.table_file import PathName
 from pepper_kin.trajectory.trajectory import Trajectory
-from pepper_kin.twin.packing import pack
+from pepper_kin.twin.packing import pack, pack_moved
 from pepper_kin.twin.recording import HEADER, INPUTS, STATES, Recording, chunk_path, read_recording
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
@@ -135,7 +135,8 @@ class Recorder:
         done = round(self.time / self.twin.timestep)
         kept = done if done and self._is_begin_of(rows.position[1 : done + 1]) else 0
         position, velocity, acceleration = (values[1 + kept :] for values in rows)
-        return self.follow(position, velocity, acceleration=acceleration)
+        used = acceleration if self.twin.feedforward == "inverse_dynamics" else None
+        return self.follow(position, velocity, acceleration=used)
 
     def follow(
         self,
@@ -181,7 +182,9 @@ class Recorder:
     def _write(self, given: dict[str, Array], run: Run, pushes: Any) -> None:
         rows = len(run) - 1
         arrays: dict[str, Any] = {f"in.{name}": pack(array[:rows]) for name, array in given.items()}
-        arrays |= {f"out.{name}": pack(getattr(run, name)[1:]) for name in STATES}
+        arrays |= {f"out.{name}": pack(getattr(run, name)[1:]) for name in STATES[1:]}
+        moved = (run.position[1:], run.velocity[1:], run.position[0], self.twin.timestep)
+        arrays["out.position"] = pack_moved(*moved)
         if pushes:
             told = [[p.start, p.duration, *p.force, *p.point] for p in pushes]
             arrays["pushes"], arrays["push_frames"] = np.array(told), np.array([p.frame for p in pushes])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.trajectory.table_file import PathName
-from pepper_kin.twin.packing import unpack
+from pepper_kin.twin.packing import unpack, unpack_moved
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
 from pepper_kin.twin.sensors.recording import ReadingSeries
@@ -88,8 +88,8 @@ class Recording:
         told: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
         message = ""
         for chunk in self._read():
-            for name in STATES:
-                rows[name].append(unpack(chunk[f"out.{name}"]))
+            for name, values in self._states(chunk, rows["position"][-1][-1]).items():
+                rows[name].append(values)
             count = len(rows["position"][-1])
             for name, store in told.items():
                 key = f"in.{name}"
@@ -156,14 +156,14 @@ class Recording:
         start = self.header["start"]
         twin.clear_pushes()
         twin.reset(*(np.array([float.fromhex(x) for x in start[name]]) for name in STATES[:2]))
-        step = 0
+        step, before = 0, np.array(twin.state.position)
         for chunk, given in zip(self._read(), self.inputs(), strict=True):
             _push(twin, chunk)
             run = twin.follow(**given)
-            for name in STATES:
-                recorded = unpack(chunk[f"out.{name}"])
-                _compare(name, getattr(run, name)[1:], recorded, step, self.timestep, self.joint_names)
-            step += len(run) - 1
+            recorded = self._states(chunk, before)
+            for name, values in recorded.items():
+                _compare(name, getattr(run, name)[1:], values, step, self.timestep, self.joint_names)
+            step, before = step + len(run) - 1, recorded["position"][-1]
 
     def save(self, path: PathName) -> Path:
         """Write it for other programs: .npz (all arrays), .csv (states) or .mcap (states and sensors).
@@ -178,6 +178,12 @@ class Recording:
         from pepper_kin.twin.recording_files import save_recording
 
         return save_recording(self, path)
+
+    def _states(self, chunk: dict[str, Any], before: Array) -> dict[str, Array]:
+        """Return what came of a chunk's steps, given the position before them."""
+        velocity, torque = unpack(chunk["out.velocity"]), unpack(chunk["out.torque"])
+        position = unpack_moved(chunk["out.position"], velocity, before, self.timestep)
+        return {"position": position, "velocity": velocity, "torque": torque}
 
     def _read(self) -> Iterator[dict[str, Any]]:
         for index in range(self.chunks):

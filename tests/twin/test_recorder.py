@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.twin import Recorder, read_recording
-from pepper_kin.twin.packing import pack, unpack
+from pepper_kin.twin.packing import pack, pack_moved, unpack, unpack_moved
 from pepper_kin.twin.sensors import SensorSuite
 
 PEPPER = pk.load_pepper()
@@ -46,6 +46,16 @@ def test_packing_keeps_every_bit(values):
     again = unpack(pack(values))
     assert again.shape == values.shape
     assert np.array_equal(again.view(np.uint64), values.view(np.uint64))
+
+
+def test_positions_follow_from_velocities_to_the_last_bit():
+    run = twin(sensors=False).follow(wave(0.4))
+    steps = (run.velocity[1:], run.position[0], 0.002)
+    packed = pack_moved(run.position[1:], *steps)
+    assert np.array_equal(unpack_moved(packed, *steps).view(np.uint64), run.position[1:].view(np.uint64))
+    assert len(packed) < 0.05 * run.position.nbytes
+    other = np.random.default_rng(0).normal(size=(30, 3)) * 10.0 ** np.arange(-3, 0)
+    assert np.array_equal(unpack_moved(pack_moved(other, other, other[0], 0.1), other, other[0], 0.1), other)
 
 
 def test_packing_keeps_other_kinds_and_refuses_damage():
