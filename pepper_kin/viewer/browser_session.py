@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 import select
+import signal
 import subprocess
 import tempfile
 import time
@@ -89,7 +91,8 @@ class BrowserSession:
 
     def close(self) -> None:
         """End the browser."""
-        self._browser.kill()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._browser.pid, signal.SIGKILL)  # its helpers too, which would go on writing files
         self._browser.wait()
         for pipe in (self._browser.stdin, self._browser.stdout):
             if pipe is not None:
@@ -107,6 +110,7 @@ class BrowserSession:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             bufsize=0,
+            env={**os.environ, "TMPDIR": self._profile.name},  # what it leaves goes with the profile
             start_new_session=True,  # Ctrl-C is ours to hear; we end the browser
         )
         pipes = (self._browser.stdin, self._browser.stdout)
