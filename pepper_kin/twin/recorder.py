@@ -135,8 +135,7 @@ class Recorder:
         done = round(self.time / self.twin.timestep)
         kept = done if done and self._is_begin_of(rows.position[1 : done + 1]) else 0
         position, velocity, acceleration = (values[1 + kept :] for values in rows)
-        used = acceleration if self.twin.feedforward == "inverse_dynamics" else None
-        return self.follow(position, velocity, acceleration=used)
+        return self.follow(position, velocity, acceleration=acceleration)
 
     def follow(
         self,
@@ -162,6 +161,8 @@ class Recorder:
             raise InvalidValueError("position", "no rows", "one or more")
         values = dict(zip(INPUTS, (position, velocity, acceleration, effort, load), strict=True))
         given = {k: as_finite(v, k, (rows, n)) for k, v in values.items() if v is not None}
+        if self.twin.feedforward != "inverse_dynamics":
+            given.pop("acceleration", None)  # without effect
         parts, first = [], 0
         while first < rows:
             done = round(self.time / self.twin.timestep)
