@@ -95,14 +95,15 @@ class Recording:
                 key = f"in.{name}"
                 store.append(unpack(chunk[key]) if key in chunk else np.zeros((count, n)))
             message = str(chunk["message"])
-        values = {name: np.concatenate(parts) for name, parts in rows.items()}
+        whole = {name: np.concatenate(parts) for name, parts in rows.items()}
+        time: Array = self.timestep * np.arange(len(whole["position"]), dtype=float)
         return Run(
             self.joint_names,
             tuple(self.header["units"]),
-            self.timestep * np.arange(len(values["position"]), dtype=float),
-            values["position"],
-            values["velocity"],
-            values["torque"],
+            time,
+            whole["position"],
+            whole["velocity"],
+            whole["torque"],
             np.concatenate(told["position"]),
             np.concatenate(told["velocity"]),
             np.full(n, math.inf) if torque_limit is None else torque_limit,
