@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPRequest
@@ -15,6 +16,12 @@ from pepper_kin.viewer.server import Access, ViewerServer
 TOKEN = "0123456789abcdef"
 
 
+def in_a_loop_of_its_own(question):
+    """Run a coroutine in another thread: the session's browser may keep a loop running in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, question).result()
+
+
 def answer(url, **headers):
     """Status and text of a plain request."""
 
@@ -22,7 +29,7 @@ def answer(url, **headers):
         got = await AsyncHTTPClient().fetch(HTTPRequest(url, headers=headers), raise_error=False)
         return got.code, got.body.decode(), got.headers
 
-    return asyncio.run(ask())
+    return in_a_loop_of_its_own(ask())
 
 
 def first_word(url, **headers):
@@ -37,7 +44,7 @@ def first_word(url, **headers):
         connection.close()
         return text
 
-    return asyncio.run(ask())
+    return in_a_loop_of_its_own(ask())
 
 
 @pytest.fixture(scope="module")
