@@ -133,6 +133,7 @@ class _InPython:
         self._pepper, self._tasks, self._frozen, self._free = pepper, tasks, frozen, free
 
     def whole(self, states: Array) -> Array:
+        """Return whole configurations, shape (m, n), for states of the free joints, shape (m, k)."""
         q = np.tile(self._frozen, (len(states), 1))
         q[:, self._free] = states
         return q

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 
 import numpy as np
@@ -39,7 +40,7 @@ def pack(values: ArrayLike) -> NDArray[np.uint8]:
 
 def _differences(array: NDArray[np.float64]) -> bytes:
     """Return the order of each column, and all bytes of the differences, the lowest first."""
-    words = array.reshape(len(array), -1).view(np.int64)
+    words = array.reshape(len(array), math.prod(array.shape[1:])).view(np.int64)
     best, orders = words, np.zeros(words.shape[1], dtype=np.uint8)
     least = _bits(words)
     for order in range(1, _MOST_DIFFERENCES + 1):
@@ -49,7 +50,7 @@ def _differences(array: NDArray[np.float64]) -> bytes:
         best, orders[fewer] = np.where(fewer, words, best), order
         least = np.where(fewer, bits, least)
     unsigned = ((best << 1) ^ (best >> 63)).view(np.uint64)
-    planes = np.ascontiguousarray(unsigned.T).view(np.uint8).reshape(-1, 8).T
+    planes = np.ascontiguousarray(unsigned.T).view(np.uint8).reshape(unsigned.size, 8).T
     return orders.tobytes() + planes.tobytes()
 
 
@@ -115,7 +116,7 @@ def unpack_moved(
 
 def _summed(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return what `_differences` was made of."""
-    count = int(np.prod(shape[1:], dtype=int))
+    count = math.prod(shape[1:])
     orders = np.frombuffer(body[:count], np.uint8)
     unsigned = _words(body[count:], count, shape[0])
     words = (unsigned >> np.uint64(1)) ^ (np.uint64(0) - (unsigned & np.uint64(1)))
@@ -127,5 +128,5 @@ def _summed(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 def _words(planes: bytes, columns: int, rows: int) -> NDArray[np.uint64]:
     """Put the bytes of words together again, shape (rows, columns)."""
-    bytes_of_words = np.frombuffer(planes, np.uint8).reshape(8, -1).T.copy()
+    bytes_of_words = np.frombuffer(planes, np.uint8).reshape(8, rows * columns).T.copy()
     return np.ascontiguousarray(bytes_of_words.view(np.uint64).reshape(columns, rows).T)

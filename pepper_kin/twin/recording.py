@@ -164,7 +164,8 @@ class Recording:
             recorded = self._states(chunk, before)
             for name, values in recorded.items():
                 _compare(name, getattr(run, name)[1:], values, step, self.timestep, self.joint_names)
-            step, before = step + len(run) - 1, recorded["position"][-1]
+            # A run that stops at the first step of a chunk leaves a chunk without rows.
+            step, before = step + len(run) - 1, np.concatenate([[before], recorded["position"]])[-1]
 
     def save(self, path: PathName) -> Path:
         """Write it for other programs: .npz (all arrays), .csv (states) or .mcap (states and sensors).

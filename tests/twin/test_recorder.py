@@ -38,7 +38,7 @@ def wave(seconds=1.3, timestep=0.002):
 @given(
     hnp.arrays(
         np.float64,
-        hnp.array_shapes(min_dims=1, max_dims=3, max_side=9),
+        hnp.array_shapes(min_dims=1, max_dims=3, min_side=0, max_side=9),
         elements=st.floats(allow_nan=True, width=64),
     )
 )
@@ -204,3 +204,19 @@ def test_a_minute_of_gestures_with_sensors_takes_less_than_20_megabytes(tmp_path
     recorder = Recorder(small, tmp_path / "r")
     run = recorder.execute(wave_once)
     assert recorder.recording.size * 60 / run.duration < 20e6
+
+
+def test_a_run_that_stops_at_once_is_recorded_with_its_reason(tmp_path):
+    wild = pk.twin.actuator_parameters(PEPPER).changed(
+        mode="torque", torque_limit=np.inf, stop_stiffness=0.0, stop_damping=0.0
+    )
+    thrown = twin(sensors=False, actuators=wild)
+    thrown.reset(v=np.full(PEPPER.n, 900.0))
+    recorder = Recorder(thrown, tmp_path / "r", chunk=0.002)
+    run = recorder.follow(np.tile(PEPPER.neutral(), (300, 1)))
+    assert not run.success
+    found = recorder.recording.run()
+    assert found.status == "stopped"
+    assert found.message == run.message
+    assert len(found) == len(run)
+    recorder.recording.replay(twin(sensors=False, actuators=wild))
