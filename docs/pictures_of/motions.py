@@ -39,11 +39,12 @@ def draw_10_gestures() -> None:
         plots[0].plot(times, state.position[:, head], color=COLORS[color], label=name)
         plots[1].plot(times, state.acceleration[:, head] / limit, color=COLORS[color], label=name)
     plots[0].set(xlabel="s", ylabel="HeadYaw [rad]", title="shake-head", xlim=(0, calm.duration))
+    plots[0].set_ylim(-1.05, 0.65)
     plots[0].legend(fontsize=9, loc="lower right", bbox_to_anchor=(1.04, -0.03))
     plots[1].axhspan(1, 1.3, color=COLORS["grey"], alpha=0.2, linewidth=0)
     plots[1].axhspan(-1.3, -1, color=COLORS["grey"], alpha=0.2, linewidth=0)
     plots[1].set(xlabel="s", ylim=(-1.3, 1.3), xlim=(0, calm.duration), ylabel="share of its limit")
-    plots[1].set_title("its acceleration: slower only where it must be")
+    plots[1].set_title("acceleration: slower where it must be")
     sheet.save("example_10.png")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import tempfile
 import time
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import numpy as np
 from PIL import Image
 
 import pepper_kin as pk
-from pepper_kin.jobs import run_demo
+from pepper_kin.jobs import demo_scene
+from pepper_kin.jobs.demo import GAZE, TARGET
 from pepper_kin.kinematics.reach_map import reach_map
 from pepper_kin.kinematics.reach_picture import save_reach_picture
-from pepper_kin.model import Box
+from pepper_kin.model import Box, PepperModel
+from pepper_kin.trajectory import Trajectory
 from pepper_kin.viewer import JointMotion, find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
 from pepper_kin.viewer.video import write_video
@@ -29,25 +32,31 @@ from .stage import aim
 TABLE = [[x, y, 0.7] for x in (0.3, 0.67) for y in (-0.3, 0.4)]
 
 
+@cache
+def demo_motion() -> tuple[PepperModel, pk.Scene, Trajectory]:
+    """Return the demo's motion, with time enough for the planner on a machine that is busy."""
+    pepper, scene = pk.load_pepper(), demo_scene()
+    tasks = [pk.ik.HandPosition("left", TARGET), pk.ik.LookAt(GAZE)]
+    plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0, timeout=60.0)
+    return pepper, scene, pk.retime(pepper, plan.path, balance=0.01)
+
+
 def draw_demo() -> None:
     """The demo at its end."""
-    pepper = pk.load_pepper()
-    outcome = run_demo(pepper)
-    viewer = pk.Viewer(pepper).add_scene(outcome.scene).add_target("hand", outcome.target)
-    viewer.save_image(FOLDER / "demo.png", outcome.run, at_time=outcome.trajectory.duration, size=(1280, 720))
+    pepper, scene, trajectory = demo_motion()
+    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET)
+    viewer.save_image(FOLDER / "demo.png", trajectory, at_time=trajectory.duration, size=(1280, 720))
 
 
 def draw_film() -> None:
     """The demo to and fro, as an endless film."""
-    pepper = pk.load_pepper()
-    outcome = run_demo(pepper)
-    trajectory = outcome.trajectory
+    pepper, scene, trajectory = demo_motion()
     there = trajectory(np.linspace(0.0, trajectory.duration, round(40 * trajectory.duration) + 1)).position
     stay, wait = np.repeat(there[-1:], 40, axis=0), np.repeat(there[:1], 20, axis=0)
     positions = np.concatenate([wait, there, stay, there[::-1]])
     motion = JointMotion(np.arange(len(positions)) / 40, positions, {})
     size = (640, 460)
-    viewer = pk.Viewer(pepper).add_scene(outcome.scene).add_target("hand", outcome.target)
+    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET)
     with tempfile.TemporaryDirectory() as folder:
         page = viewer.save_html(Path(folder) / "film.html", motion, series={})
         aim(page, framing([*BODY, *TABLE], size, 42, 12, margin=0.98))
@@ -98,11 +107,10 @@ def draw_gestures() -> None:
 
 def draw_timing() -> None:
     """A timed motion against its limits, as `pepper-kin plot` draws it."""
-    pepper = pk.load_pepper()
-    outcome = run_demo(pepper)
+    pepper, _, trajectory = demo_motion()
     with tempfile.TemporaryDirectory() as folder:
         drawn = Path(folder) / "timing.png"
-        outcome.trajectory.plot(pepper, drawn)
+        trajectory.plot(pepper, drawn)
         image = Image.open(drawn).convert("RGB")
     width = 900
     save_small(image.resize((width, round(image.height * width / image.width)), Image.LANCZOS), "timing.png")
@@ -125,7 +133,7 @@ def draw_live_page() -> None:
 
 
 def _photographed(address: str) -> Image.Image:
-    """Let a browser open the live page, press Plan, wait for the motion and go to its end."""
+    """Let a browser open the live page, press Plan, wait for the motion and scrub to its middle."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -136,8 +144,9 @@ def _photographed(address: str) -> Image.Image:
         page.goto(address)
         _until(page, "window.pepperKin !== undefined && pepperKin.connected")
         page.locator("#plan").click()
-        _until(page, "pepperKin.values.play !== null && pepperKin.values.play.duration > 0")
-        time.sleep(12.0)  # until the motion has been played and the picture is drawn finely
+        _until(page, "pepperKin.values.play !== null")
+        page.locator("#scrub").evaluate("e => { e.value = 0.6 * e.max; e.dispatchEvent(new Event('input')); }")
+        time.sleep(6.0)  # a picture that stands still is drawn finely
         drawn = page.screenshot(timeout=300_000)
         browser.close()
     return Image.open(io.BytesIO(drawn)).convert("RGB")

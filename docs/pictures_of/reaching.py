@@ -90,7 +90,7 @@ def draw_06_servo() -> None:
     stage.ball(told["point_on_circle"](6.0), BLUE, 0.014)
     camera = framing([*UPPER, *hands], size, 40, 10, margin=1.0)
     sheet = Sheet().image(stage.picture(camera))
-    sheet.label(camera, hands[330], "the hand's way", (-20, 55))
+    sheet.label(camera, hands[330], "the hand's way", (-105, 75))
     times = 0.01 * np.arange(1, len(told["misses"]) + 1)
     off = sheet.axes(500, 50, 275, 165)
     off.semilogy(times, 1000 * np.array(told["misses"]), color=COLORS["orange"])
@@ -102,7 +102,7 @@ def draw_06_servo() -> None:
     hard.plot(0.01 * np.arange(1, len(path) - 1), use.max(axis=1), color=COLORS["blue"], linewidth=0.9)
     hard.axvline(8.0, color=COLORS["grey"], linewidth=1, linestyle="--")
     hard.text(7.9, 0.93, "no more commands", ha="right", va="top", fontsize=9, color=COLORS["grey"])
-    hard.set(title="acceleration: hardest joint, of its limit", xlabel="s", xlim=(0, None), ylim=(0, 1.05))
+    hard.set(title="acceleration, share of its limit", xlabel="s", xlim=(0, None), ylim=(0, 1.05))
     sheet.save("example_06.png")
 
 
