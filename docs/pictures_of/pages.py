@@ -29,6 +29,7 @@ from .reaching import BODY
 from .sheet import FOLDER, Sheet, save_small
 from .stage import aim
 
+SCRUB = "e => { e.value = 0.6 * e.max; e.dispatchEvent(new Event('input')); }"
 TABLE = [[x, y, 0.7] for x in (0.3, 0.67) for y in (-0.3, 0.4)]
 
 
@@ -145,8 +146,9 @@ def _photographed(address: str) -> Image.Image:
         _until(page, "window.pepperKin !== undefined && pepperKin.connected")
         page.locator("#plan").click()
         _until(page, "pepperKin.values.play !== null")
-        page.locator("#scrub").evaluate("e => { e.value = 0.6 * e.max; e.dispatchEvent(new Event('input')); }")
-        time.sleep(6.0)  # a picture that stands still is drawn finely
+        page.locator("#scrub").evaluate(SCRUB)
+        time.sleep(1.0)  # until the page has been told
+        _until(page, "pepperKin.quality.settled && !pepperKin.viewer.needs_render")  # drawn finely
         drawn = page.screenshot(timeout=300_000)
         browser.close()
     return Image.open(io.BytesIO(drawn)).convert("RGB")

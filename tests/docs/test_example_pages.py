@@ -52,6 +52,16 @@ def test_an_example_ends_with_a_check_of_its_own(script):
     assert any(isinstance(node, ast.Assert) for node in ast.walk(last))
 
 
+def test_every_picture_that_a_page_shows_is_there():
+    shown = {
+        (page.name, target)
+        for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+        for target in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+        if not (page.parent / target).is_file()
+    }
+    assert shown == set()
+
+
 def test_no_picture_lies_about_unused():
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
