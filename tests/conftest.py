@@ -19,6 +19,11 @@ from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put tests in a browser first: one process then has them all, and no two browsers draw at once."""
+    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A cache of kernels for this run: apart from the user's, empty at first, shared by all processes."""
