@@ -1,7 +1,7 @@
 """Wall time of `pepper-kin demo`: a new process each time, imports included.
 
-The first run has empty folders for machine code, both of kernels and of numba, as on a machine that has never seen
-the library; the others find there what it left.
+The first run has empty folders for machine code, both of kernels and of numba, as on a machine that has
+never seen the library; the others find there what it left.
 
 python benchmarks/demo_time.py [runs]
 """
