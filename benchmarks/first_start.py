@@ -1,4 +1,4 @@
-"""A newcomer's first quarter of an hour, timed: clone, environment, install, demonstration, the README's Python.
+"""A newcomer's first quarter of an hour, timed: clone, environment, install, demonstration, README.
 
 Everything is new: the clone, the environment, the folders for machine code.  Packages come from where pip
 finds them, its download cache included.  Prints Markdown.
@@ -19,6 +19,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
