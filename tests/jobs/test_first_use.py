@@ -25,4 +25,4 @@ def test_the_demo_compiles_no_loop_of_numba(tmp_path):
     assert done.stdout.startswith("True"), done.stdout
     assert list((tmp_path / "kernels").glob("*.kernel")), "the folders are not where it looks"
     assert not list((tmp_path / "numba").rglob("*.nbi"))
-    assert "compiled" not in done.stderr
+    assert "once on this machine" not in done.stderr
