@@ -33,6 +33,10 @@ class SingleRobot:
         law: Parameters of the joints, shape (rows, n).
         constant: What does not change in the step kernel's input.
         room: The arrays, of one lane.
+
+    Attributes:
+        timestep: h [s].
+        arrays: h, addresses of the kernels, law and room: what compiled loops need to take the same steps.
     """
 
     def __init__(
@@ -47,6 +51,7 @@ class SingleRobot:
         self._strength = law[STRENGTH].copy()
         room.given[6 * n :] = constant
         self._known = False
+        self.timestep, self.arrays = timestep, (timestep, addresses, law, room)
 
     def step(self, q: Array, v: Array, command: Command, load: Array) -> Series:
         """Advance by one step; see `Integrator.run`.
