@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -235,7 +236,9 @@ class Twin:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
+        position, velocity, acceleration = sampled(
+            self.pepper, trajectory, settle, self.timestep, compiled=self.compiled
+        )
         if not from_present:
             self.reset(position[0], velocity[0])
         given = self._given(position, velocity, acceleration, np.zeros(self.pepper.n))
@@ -287,12 +290,12 @@ class Twin:
 
     def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
         """Return what the actuators are told besides positions and velocities, shape (..., n)."""
-        forward = np.zeros_like(q)
+        forward = np.zeros(q.shape)
         if self.feedforward == "inverse_dynamics":
             from pepper_kin import dynamics
 
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
-        return np.where(self._torque_mode, effort, forward)
+        return np.where(self._torque_mode, effort, forward) if self._torque_mode.any() else forward
 
     def _follow(self, command: Command, load: Array | None = None) -> Run:
         """Follow commands, of which the first stands for the present state."""
@@ -302,9 +305,10 @@ class Twin:
         outer = np.zeros((1, self.pepper.n)) if load is None else load
         series, failed = self._advance(command.part(slice(1, None)), outer)
         logged = [
-            np.concatenate([row[np.newaxis], rows])
-            for row, rows in zip(start, (series.position, series.velocity, series.torque), strict=True)
+            np.concatenate([row[np.newaxis], rows]) for row, rows in zip(start, series[:3], strict=True)
         ]
+        for rows in (time, *logged):
+            rows.setflags(write=False)
         count, status, message = series.good + 1, COMPLETED, ""
         if count < len(time):
             step = first + count
@@ -316,14 +320,13 @@ class Twin:
                 after = (logged[0][count], logged[1][count], logged[2][count])
                 wanted = self._integrator.wanted_torque(self._q, *command.row(count))
                 message = str(diverged(self.pepper.joint_names, step, at, before, after, wanted))
+            time, *logged = (rows[:count] for rows in (time, *logged))
         part = slice(count)
         return Run(
             self.pepper.joint_names,
             self.pepper.joint_units,
-            time[part],
-            logged[0][part],
-            logged[1][part],
-            logged[2][part],
+            time,
+            *logged,
             command.position[part],
             command.velocity[part],
             self.actuators.torque_limit,
@@ -339,23 +342,30 @@ class Twin:
             What came of it, and why the world stopped, if it did.
         """
         due = self._delay.through(command)
-        total = len(due.position)
-        rows = np.empty((3, total, self.pepper.n))
-        done = 0
+        total, done = len(due.position), 0
+        parts: list[Series] = []
         while done < total:
             part = slice(done, done + max(self._steps_alone(total - done), 1))
             outer = load if len(load) == 1 else load[part]
             try:
                 series = self._piece(due.part(part), outer)
             except ContactError as error:
-                return Series(rows[0], rows[1], rows[2], done), error
+                return self._joined(parts, done), error
             good = series.good
-            rows[:, done : done + len(series.position)] = series[:3]
+            parts.append(series)
             self._take(series, good)
             done += good
             if good < len(series.position):
                 break
-        return Series(rows[0], rows[1], rows[2], done), None
+        return self._joined(parts, done), None
+
+    def _joined(self, parts: Sequence[Series], good: int) -> Series:
+        """Return series that follow one another as one."""
+        if len(parts) == 1:
+            return parts[0]
+        none = np.empty((0, self.pepper.n))
+        rows = [np.concatenate([none, *(part[k] for part in parts)]) for k in range(3)]  # type: ignore[misc]
+        return Series(*rows, good)
 
     def _piece(self, command: Command, load: Array) -> Series:
         """Return what follows from the present state, at least one step and as many as can be had at once."""

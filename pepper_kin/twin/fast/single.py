@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from pepper_kin.kernels import Kernel
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.fast.law import STRENGTH
+from pepper_kin.twin.fast.loop import roll_alone
 from pepper_kin.twin.fast.once import step_once
 from pepper_kin.twin.fast.settle import Room
 from pepper_kin.twin.integrator import Forecast, Series
@@ -70,6 +73,21 @@ class SingleRobot:
         series = self._stepped(q, v, command, load, mass_hat, force)
         return Forecast(series, mass_hat, force)
 
+    def follow(self, q: Array, v: Array, command: Command, load: Array) -> Series:
+        """Advance by a step for each of some commands; see `Integrator.run`.
+
+        Args:
+            q: Position [rad or m], shape (n,).
+            v: Velocity, shape (n,).
+            command: For the end of each step, shape (T, n) each.
+            load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
+        """
+        told = [_told(values) for values in (*command, load)]
+        log = np.empty((3, len(told[0]) + 1, self._n))
+        log[0, 0], log[1, 0] = q, v
+        good = self._timed(lambda: roll_alone(*self.arrays, *told, log), roll_alone, 1e-5 * len(told[0]))
+        return Series(*log[:, 1:], int(good))
+
     def _stepped(
         self, q: Array, v: Array, command: Command, load: Array, mass_hat: Array, force: Array
     ) -> Series:
@@ -83,10 +101,21 @@ class SingleRobot:
 
     def _first(self, mass_hat: Array, force: Array) -> bool:
         """Take the first step, which may have to wait for the machine code."""
-        begin, known = time.perf_counter(), len(step_once.signatures)
-        good: bool = step_once(*self._fixed, mass_hat, force)
-        duration = time.perf_counter() - begin
-        if len(step_once.signatures) > known and duration > _SLOW:
-            _logger.warning("compiled a step of the twin, once on this machine, in %.1f s", duration)
+        good: bool = self._timed(lambda: step_once(*self._fixed, mass_hat, force), step_once)
         self._known = True
         return good
+
+    def _timed(self, job: Callable[[], Any], function: Any, expected: float = 0.0) -> Any:
+        """Return what a job does, and say so if it had to wait for the machine code of a function."""
+        begin, known = time.perf_counter(), len(function.signatures)
+        done = job()
+        duration = time.perf_counter() - begin
+        if len(function.signatures) > known and duration > _SLOW + expected:
+            _logger.warning("compiled the twin's steps, once on this machine, in %.1f s", duration)
+        return done
+
+
+def _told(values: Array) -> Array:
+    """Return values in one piece that can be written to: compiled code is made for such."""
+    array = np.ascontiguousarray(values, dtype=float)
+    return array if array.flags.writeable else array.copy()
