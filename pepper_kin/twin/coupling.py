@@ -12,7 +12,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.hooks import WorldHook
-from pepper_kin.twin.integrator import Forecast, Integrator, Series
+from pepper_kin.twin.integrator import Forecast, Integrator, Series, nothing_done
 from pepper_kin.twin.push import Push
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class Coupling:
         march = getattr(world, "march", None)
         if march is None or not self._compiled or self._substeps > 1 or self._waits > 0:
             self._waits -= 1
-            return Series(*np.empty((3, 0, len(q))), 0)
+            return nothing_done(len(q))
         part = slice(0, LONGEST_MARCH)
         series: Series = march(self._engine.single, q, v, command.part(part), load[part])
         # Where a step was for Python, so is probably the next: ask again after 1, 2, 4, ... steps.

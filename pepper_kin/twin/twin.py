@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.contact_error import ContactError
 from pepper_kin.twin.coupling import Coupling
 from pepper_kin.twin.hooks import SensorsHook, WorldHook, due_time, readings_since
-from pepper_kin.twin.integrator import Integrator, Series
+from pepper_kin.twin.integrator import Integrator, Series, nothing_done
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Commander, Timing, serve
 from pepper_kin.twin.reference import sampled
@@ -326,7 +325,9 @@ class Twin:
             self.pepper.joint_names,
             self.pepper.joint_units,
             time,
-            *logged,
+            logged[0],
+            logged[1],
+            logged[2],
             command.position[part],
             command.velocity[part],
             self.actuators.torque_limit,
@@ -359,13 +360,17 @@ class Twin:
                 break
         return self._joined(parts, done), None
 
-    def _joined(self, parts: Sequence[Series], good: int) -> Series:
+    def _joined(self, parts: list[Series], good: int) -> Series:
         """Return series that follow one another as one."""
         if len(parts) == 1:
             return parts[0]
-        none = np.empty((0, self.pepper.n))
-        rows = [np.concatenate([none, *(part[k] for part in parts)]) for k in range(3)]  # type: ignore[misc]
-        return Series(*rows, good)
+        parts = [nothing_done(self.pepper.n), *parts]
+        return Series(
+            np.concatenate([part.position for part in parts]),
+            np.concatenate([part.velocity for part in parts]),
+            np.concatenate([part.torque for part in parts]),
+            good,
+        )
 
     def _piece(self, command: Command, load: Array) -> Series:
         """Return what follows from the present state, at least one step and as many as can be had at once."""

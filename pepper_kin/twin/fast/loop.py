@@ -106,8 +106,7 @@ def roll(
                 left = _survey(b, k, every, lanes, room, log)
                 if left == 0:
                     break
-            for e in range(2 * m):
-                given[e] = result[e]
+            _copy(result[: 2 * m], given[: 2 * m])
             if (k + 1) % every == 0:
                 _write(b, (k + 1) // every, lanes, room, log)
         for e in range(m):
@@ -134,13 +133,19 @@ def _tell(b: int, k: int, lanes: int, law: Array, given: Array, inputs: Inputs) 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _copy(source: Array, target: Array) -> None:
+    """Copy an array; known lengths and no offset let the compiler use vectors."""
+    for e in range(source.size):
+        target[e] = source[e]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _spread(b: int, k: int, lanes: int, values: Array, given: Array, place: int) -> None:
     """Write one step's values of a block's robots in the order of elements."""
     robots, steps, n = values.shape
     row = min(k, steps - 1)
     if robots == 1:
-        for e in range(n):
-            given[place + e] = values[0, row, e]
+        _copy(values[0, row], given[place : place + n])
         return
     for lane in range(lanes):
         robot = min(b * lanes + lane, robots - 1)

@@ -82,11 +82,16 @@ class SingleRobot:
             command: For the end of each step, shape (T, n) each.
             load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
         """
-        told = [_told(values) for values in (*command, load)]
-        log = np.empty((3, len(told[0]) + 1, self._n))
+        position, velocity, more, outer = (_told(values) for values in (*command, load))
+        steps, (h, addresses, law, room) = len(position), self.arrays
+        log = np.empty((3, steps + 1, self._n))
         log[0, 0], log[1, 0] = q, v
-        good = self._timed(lambda: roll_alone(*self.arrays, *told, log), roll_alone, 1e-5 * len(told[0]))
-        return Series(*log[:, 1:], int(good))
+
+        def job() -> int:
+            return int(roll_alone(h, addresses, law, room, position, velocity, more, outer, log))
+
+        good = self._timed(job, roll_alone, 1e-5 * steps)
+        return Series(log[0, 1:], log[1, 1:], log[2, 1:], good)
 
     def _stepped(
         self, q: Array, v: Array, command: Command, load: Array, mass_hat: Array, force: Array

@@ -76,7 +76,7 @@ class Shapes(NamedTuple):
     kind: Indices
     size: Array
     mover: Indices
-    index: Indices
+    owner: Indices
     own_rotation: Array
     own_position: Array
     ball: Array
@@ -238,7 +238,7 @@ def _touch(
         t.at_rotation, t.at_position, t.at_axis, t.linear, t.angular,
     )  # fmt: skip
     place_shapes(
-        s.mover, s.index, s.own_rotation, s.own_position, s.ball, t.at_rotation, t.at_position, t.linear,
+        s.mover, s.owner, s.own_rotation, s.own_position, s.ball, t.at_rotation, t.at_position, t.linear,
         t.angular, b.rotation, b.position, b.velocity, s.rotation, s.position, s.middle, s.speed,
     )  # fmt: skip
     count, undecided = find(
@@ -255,7 +255,7 @@ def _touch(
     points = touch.rows[:count]
     mass, free, start, jacobian, response, soft, drop, friction, tangents, columns, sound = assemble(
         (count, points, touch.shapes[:count]),
-        (s.mover, s.index, s.rough),
+        (s.mover, s.owner, s.rough),
         (t.parent, t.slides, t.driver, t.ratio, t.at_position, t.at_axis),
         (b.position, b.rotation, b.velocity, b.mass, b.inertia),
         (v, mass_hat, force),

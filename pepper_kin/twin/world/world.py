@@ -18,7 +18,7 @@ from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_ch
 from pepper_kin.model.shapes import read_only, transform
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.contact_error import ContactError
-from pepper_kin.twin.integrator import Series
+from pepper_kin.twin.integrator import Series, nothing_done
 from pepper_kin.twin.world.colliders import FREE, Colliders, colliders, place_shapes
 from pepper_kin.twin.world.free_body import FreeBody, fly, principal_inertia
 from pepper_kin.twin.world.march import March
@@ -311,7 +311,7 @@ class World:
         """
         overridden = getattr(self.advance, "__func__", None) is not World.advance
         if self.solver != "compiled" or overridden or not 0.0 < robot.timestep <= LONGEST_STEP:
-            return Series(*np.empty((3, 0, len(q))), 0)
+            return nothing_done(len(q))
         series, steps = self._march.run(robot, q, v, command, load)
         self._step += steps
         if steps:
