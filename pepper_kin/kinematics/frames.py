@@ -58,6 +58,12 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
     """
     model, data = pepper.pinocchio_model, pepper.pinocchio_data
     ids = [pepper.frame_id(name) for name in frames]
+    if is_plain_state(pepper, q):
+        poses = np.empty((len(ids), 4, 4))
+        pinocchio.forwardKinematics(model, data, q)
+        for place, frame_id in enumerate(ids):
+            poses[place] = pinocchio.updateFramePlacement(model, data, frame_id).homogeneous
+        return poses
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         result = np.empty((len(ids), 4, 4))

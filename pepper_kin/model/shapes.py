@@ -128,6 +128,18 @@ def read_only(array: ArrayLike) -> NDArray[np.float64]:
     return copy
 
 
+def kept_read_only(array: ArrayLike) -> NDArray[np.float64]:
+    """Return an array itself where it is of floats, its own and not to be written to, else such a copy."""
+    if (
+        type(array) is np.ndarray
+        and array.dtype == np.float64
+        and array.base is None
+        and not array.flags.writeable
+    ):
+        return array
+    return read_only(array)
+
+
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
     """Return Rz(yaw) Ry(pitch) Rx(roll), the rotation of URDF's rpy [rad], shape (3, 3)."""
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)

@@ -12,13 +12,16 @@ from pepper_kin.model import PepperModel
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.hooks import WorldHook
-from pepper_kin.twin.integrator import Forecast, Integrator, Series
+from pepper_kin.twin.integrator import Forecast, Integrator, Series, nothing_done
 from pepper_kin.twin.push import Push
 
 if TYPE_CHECKING:
     from pepper_kin.twin.fast.engine import Engine
 
 Array = NDArray[np.float64]
+
+LONGEST_MARCH = 500  # steps, after which the interpreter has a say: an interrupt, for one
+LONGEST_PATIENCE = 15  # steps taken one by one before machine code is asked again
 
 
 class Coupling:
@@ -50,6 +53,7 @@ class Coupling:
         self._pepper, self._actuators = pepper, actuators
         self._gravity, self._substeps, self._compiled = gravity, substeps, compiled
         self._made: Engine | None = None
+        self._patience = self._waits = 0
 
     def quiet(self, q: Array, v: Array, command: Command, load: Array) -> Series:
         """Advance by some timesteps in which nobody else has a say.
@@ -71,6 +75,27 @@ class Coupling:
         if failed or whole < len(ends):
             ends[whole] = series.good  # the state that diverged
         return Series(series.position[ends], series.velocity[ends], series.torque[ends], whole)
+
+    def march(self, q: Array, v: Array, command: Command, load: Array, world: WorldHook) -> Series:
+        """Advance with a world by as many of some timesteps as machine code can, which may be none.
+
+        Args:
+            q: Position at the start [rad or m], shape (n,).
+            v: Velocity, shape (n,).
+            command: For each timestep, shape (T, n) each.
+            load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
+            world: What the robot may touch.
+        """
+        march = getattr(world, "march", None)
+        if march is None or not self._compiled or self._substeps > 1 or self._waits > 0:
+            self._waits -= 1
+            return nothing_done(len(q))
+        part = slice(0, LONGEST_MARCH)
+        series: Series = march(self._engine.single, q, v, command.part(part), load[part])
+        # Where a step was for Python, so is probably the next: ask again after 1, 2, 4, ... steps.
+        self._patience = 0 if len(series.position) else min(2 * self._patience + 1, LONGEST_PATIENCE)
+        self._waits = self._patience
+        return series
 
     def step(
         self,

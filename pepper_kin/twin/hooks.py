@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from pepper_kin.twin.state import TwinState
 
 if TYPE_CHECKING:
+    from pepper_kin.twin.command import Command
+    from pepper_kin.twin.fast.single import SingleRobot
+    from pepper_kin.twin.integrator import Series
     from pepper_kin.twin.sensors.recording import ReadingSeries
 
 Array = NDArray[np.float64]
@@ -36,11 +40,31 @@ class WorldHook(Protocol):
         """
 
 
+class MarchingWorld(WorldHook, Protocol):
+    """A world that, besides, can take many steps with a robot in machine code."""
+
+    def march(self, robot: SingleRobot, q: Array, v: Array, command: Command, load: Array) -> Series:
+        """Advance together with a robot by a step for each command, as far as machine code alone goes.
+
+        Returns:
+            The states after the steps taken: fewer rows than commands, or none, where the next step needs
+            `advance`.
+        """
+
+
 class SensorsHook(Protocol):
-    """Something that looks."""
+    """Something that looks.
+
+    Where it has a number `due`, states before that time [s] may be kept from it.
+    """
 
     def observe(self, state: TwinState) -> None:
         """Take note of a state: the first after a reset, then the one at the end of every timestep."""
+
+
+def due_time(sensors: SensorsHook | None, otherwise: float) -> float:
+    """Return when sensors want to see a state next [s]; `otherwise` where they do not say."""
+    return math.inf if sensors is None else float(getattr(sensors, "due", otherwise))
 
 
 def readings_since(sensors: SensorsHook | None, start: float) -> dict[str, ReadingSeries]:

@@ -39,6 +39,11 @@ class Series(NamedTuple):
     good: int
 
 
+def nothing_done(n: int) -> Series:
+    """Return a series of no steps."""
+    return Series(np.empty((0, n)), np.empty((0, n)), np.empty((0, n)), 0)
+
+
 class Forecast(NamedTuple):
     """A step, and the linear equation mass_hat a = force that it solves; see `Integrator.linearised`.
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import zlib
+from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,6 +115,44 @@ def unpack_moved(
         now = ((now + h * velocity[k]).view(np.int64) + left[k]).view(np.float64)
         position[k] = now
     return position
+
+
+def pack_together(series: Mapping[str, tuple[list[str], list[NDArray[np.uint8]]]]) -> NDArray[np.uint8]:
+    """Pack many packed series into one: members of an archive would each take some hundred bytes more.
+
+    Args:
+        series: Name -> what is to be told about it, and what `pack` made of its parts.
+
+    Returns:
+        Bytes that `unpack_together` reads.
+    """
+    index = {name: [about, [len(part) for part in parts]] for name, (about, parts) in series.items()}
+    body = b"".join(part.tobytes() for _, parts in series.values() for part in parts)
+    told = json.dumps(index, separators=(",", ":")).encode() + b"\n" + body
+    return np.frombuffer(zlib.compress(told, _LEVEL), dtype=np.uint8)
+
+
+def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], list[NDArray[np.uint8]]]]:
+    """Return what `pack_together` was given.
+
+    Raises:
+        InvalidValueError: where the bytes are damaged.
+    """
+    found: dict[str, tuple[list[str], list[NDArray[np.uint8]]]] = {}
+    try:
+        line, _, body = zlib.decompress(np.asarray(packed, dtype=np.uint8).tobytes()).partition(b"\n")
+        start = 0
+        for name, (about, sizes) in json.loads(line).items():
+            ends = (start + np.cumsum([0, *sizes])).tolist()
+            parts = [np.frombuffer(body[a:b], np.uint8) for a, b in pairwise(ends)]
+            found[name], start = (about, parts), ends[-1]
+    except (ValueError, TypeError, AttributeError, zlib.error) as error:
+        raise InvalidValueError(
+            "packed series", f"{np.size(packed)} bytes", f"whole ones ({error})"
+        ) from error
+    if start != len(body):
+        raise InvalidValueError("packed series", f"{len(body)} bytes", f"{start} bytes")
+    return found
 
 
 def _summed(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.table_file import PathName
 from pepper_kin.trajectory.trajectory import Trajectory
-from pepper_kin.twin.packing import pack, pack_moved
+from pepper_kin.twin.packing import pack, pack_moved, pack_together
 from pepper_kin.twin.recording import HEADER, INPUTS, STATES, Recording, chunk_path, read_recording
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
@@ -190,10 +190,15 @@ class Recorder:
             told = [[p.start, p.duration, *p.force, *p.point] for p in pushes]
             arrays["pushes"], arrays["push_frames"] = np.array(told), np.array([p.frame for p in pushes])
         offset = self.time - run.duration
-        for name, series in _news(run, self._count == 0).items():
-            arrays[f"time.{name}"] = pack(series.time + offset)
-            arrays[f"value.{name}"], arrays[f"truth.{name}"] = pack(series.value), pack(series.truth)
-            arrays[f"about.{name}"] = np.array([series.unit, series.frame])
+        told_by = {
+            name: (
+                [series.unit, series.frame],
+                [pack(series.time + offset), pack(series.value), pack(series.truth)],
+            )
+            for name, series in _news(run, self._count == 0).items()
+        }
+        if told_by:
+            arrays["readings"] = pack_together(told_by)
         arrays["message"] = np.array(run.message)
         content = io.BytesIO()
         np.savez(content, **arrays)

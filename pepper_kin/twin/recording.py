@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.trajectory.table_file import PathName
-from pepper_kin.twin.packing import unpack, unpack_moved
+from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
 from pepper_kin.twin.sensors.recording import ReadingSeries
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 HEADER = "recording.json"
 INPUTS = ("position", "velocity", "acceleration", "effort", "load")
 STATES = ("position", "velocity", "torque")
+_PARTS = ("time", "value", "truth")
+_NONE = pack_together({})
 _NEEDED = ("robot", "joints", "units", "timestep", "chunk_steps", "start", "feedforward", "substeps")
 
 
@@ -122,7 +124,7 @@ class Recording:
                 if kind == "about":
                     unit, frame = chunk[key]
                     about[name] = (str(unit), str(frame))
-                    series = [unpack(chunk[f"{what}.{name}"]) for what in ("time", "value", "truth")]
+                    series = [unpack(chunk[f"{what}.{name}"]) for what in _PARTS]
                     parts.setdefault(name, []).append((series[0], series[1], series[2]))
         return {
             name: ReadingSeries(
@@ -192,8 +194,12 @@ class Recording:
             path = chunk_path(self.folder, index)
             try:
                 with np.load(path, allow_pickle=False) as data:
-                    yield {name: data[name] for name in data.files}
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+                    chunk = {name: data[name] for name in data.files}
+                for name, (about, parts) in unpack_together(chunk.pop("readings", _NONE)).items():
+                    chunk[f"about.{name}"] = about
+                    chunk |= {f"{what}.{name}": part for what, part in zip(_PARTS, parts, strict=True)}
+                yield chunk
+            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, InvalidValueError) as error:
                 raise FileFormatError(path, f"not a chunk of a recording: {error}") from error
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
+from pepper_kin.model.shapes import kept_read_only
 from pepper_kin.trajectory.table_file import TIME, PathName, read_table, write_table
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Run:
 
     def __post_init__(self) -> None:
         for name in ("time", *_QUANTITIES.values(), "torque_limit"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            object.__setattr__(self, name, kept_read_only(getattr(self, name)))
         shape = (self.time.size, len(self.joint_names))
         for name in _QUANTITIES.values():
             if getattr(self, name).shape != shape:

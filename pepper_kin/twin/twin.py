@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.contact_error import ContactError
 from pepper_kin.twin.coupling import Coupling
-from pepper_kin.twin.hooks import SensorsHook, WorldHook, readings_since
-from pepper_kin.twin.integrator import Integrator, Series
+from pepper_kin.twin.hooks import SensorsHook, WorldHook, due_time, readings_since
+from pepper_kin.twin.integrator import Integrator, Series, nothing_done
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Commander, Timing, serve
 from pepper_kin.twin.reference import sampled
@@ -234,7 +235,9 @@ class Twin:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
+        position, velocity, acceleration = sampled(
+            self.pepper, trajectory, settle, self.timestep, compiled=self.compiled
+        )
         if not from_present:
             self.reset(position[0], velocity[0])
         given = self._given(position, velocity, acceleration, np.zeros(self.pepper.n))
@@ -286,12 +289,12 @@ class Twin:
 
     def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
         """Return what the actuators are told besides positions and velocities, shape (..., n)."""
-        forward = np.zeros_like(q)
+        forward = np.zeros(q.shape)
         if self.feedforward == "inverse_dynamics":
             from pepper_kin import dynamics
 
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
-        return np.where(self._torque_mode, effort, forward)
+        return np.where(self._torque_mode, effort, forward) if self._torque_mode.any() else forward
 
     def _follow(self, command: Command, load: Array | None = None) -> Run:
         """Follow commands, of which the first stands for the present state."""
@@ -301,9 +304,10 @@ class Twin:
         outer = np.zeros((1, self.pepper.n)) if load is None else load
         series, failed = self._advance(command.part(slice(1, None)), outer)
         logged = [
-            np.concatenate([row[np.newaxis], rows])
-            for row, rows in zip(start, (series.position, series.velocity, series.torque), strict=True)
+            np.concatenate([row[np.newaxis], rows]) for row, rows in zip(start, series[:3], strict=True)
         ]
+        for rows in (time, *logged):
+            rows.setflags(write=False)
         count, status, message = series.good + 1, COMPLETED, ""
         if count < len(time):
             step = first + count
@@ -315,14 +319,15 @@ class Twin:
                 after = (logged[0][count], logged[1][count], logged[2][count])
                 wanted = self._integrator.wanted_torque(self._q, *command.row(count))
                 message = str(diverged(self.pepper.joint_names, step, at, before, after, wanted))
+            time, *logged = (rows[:count] for rows in (time, *logged))
         part = slice(count)
         return Run(
             self.pepper.joint_names,
             self.pepper.joint_units,
-            time[part],
-            logged[0][part],
-            logged[1][part],
-            logged[2][part],
+            time,
+            logged[0],
+            logged[1],
+            logged[2],
             command.position[part],
             command.velocity[part],
             self.actuators.torque_limit,
@@ -338,43 +343,63 @@ class Twin:
             What came of it, and why the world stopped, if it did.
         """
         due = self._delay.through(command)
-        total = len(due.position)
-        rows = np.empty((3, total, self.pepper.n))
-        done = 0
+        total, done = len(due.position), 0
+        parts: list[Series] = []
         while done < total:
-            count = self._quiet_steps(total - done)
-            part = slice(done, done + max(count, 1))
+            part = slice(done, done + max(self._steps_alone(total - done), 1))
             outer = load if len(load) == 1 else load[part]
             try:
-                series = self._piece(due.part(part), outer, quiet=count > 0)
+                series = self._piece(due.part(part), outer)
             except ContactError as error:
-                return Series(rows[0], rows[1], rows[2], done), error
+                return self._joined(parts, done), error
             good = series.good
-            rows[0, part], rows[1, part], rows[2, part] = series[:3]
+            parts.append(series)
             self._take(series, good)
             done += good
             if good < len(series.position):
                 break
-        return Series(rows[0], rows[1], rows[2], done), None
+        return self._joined(parts, done), None
 
-    def _piece(self, command: Command, load: Array, *, quiet: bool) -> Series:
-        """Return what follows from the present state."""
-        if quiet:
-            return self._coupling.quiet(self._q, self._v, command, load)
-        time = self._step * self.timestep
-        return self._coupling.step(
-            self._q, self._v, command, load[0], time=time, pushes=self._pushes, world=self.world
+    def _joined(self, parts: list[Series], good: int) -> Series:
+        """Return series that follow one another as one."""
+        if len(parts) == 1:
+            return parts[0]
+        parts = [nothing_done(self.pepper.n), *parts]
+        return Series(
+            np.concatenate([part.position for part in parts]),
+            np.concatenate([part.velocity for part in parts]),
+            np.concatenate([part.torque for part in parts]),
+            good,
         )
 
-    def _quiet_steps(self, most: int) -> int:
-        """Return how many steps nobody else has a say in, 0 if somebody has one in the next."""
-        if self.world is not None:
-            return 0
+    def _piece(self, command: Command, load: Array) -> Series:
+        """Return what follows from the present state, at least one step and as many as can be had at once."""
+        alone = self._steps_alone(len(command.position))
+        if self.world is None and alone:
+            return self._coupling.quiet(self._q, self._v, command, load)
+        if self.world is not None and alone:
+            series = self._coupling.march(self._q, self._v, command, load, self.world)
+            if len(series.position):
+                return series
+        time, now = self._step * self.timestep, command.part(slice(0, 1))
+        return self._coupling.step(
+            self._q, self._v, now, load[0], time=time, pushes=self._pushes, world=self.world
+        )
+
+    def _steps_alone(self, most: int) -> int:
+        """Return how many steps no push has a say in, nor sensors that look at a world; 0 for none."""
         now, h = self._step * self.timestep, self.timestep
         if any(push.acts_within(now, now + h) for push in self._pushes):
             return 0
         ahead = [push.start - now for push in self._pushes if push.start > now]
-        return min([most, *(max(int(time / h), 1) for time in ahead)])
+        count = min([most, *(max(int(time / h), 1) for time in ahead)])
+        if self.world is None or self.sensors is None:
+            return count
+        due = max(due_time(self.sensors, now), now)
+        k = max(int(min((due - now) / h, count)) - 1, 1)
+        while k < count and (self._step + k) * h < due:
+            k += 1
+        return min(k, count)
 
     def _take(self, series: Series, good: int) -> None:
         """Make the last good state the present one, and show all of them to the sensors."""
@@ -387,18 +412,22 @@ class Twin:
         self._torque = series.torque[good - 1].copy()
         self._a = (self._v - before) / self.timestep
         self._step += good
-        if self.sensors is not None:
+        if self.sensors is not None and self._step * self.timestep >= due_time(self.sensors, -math.inf):
             self.sensors.observe(self.state)
 
     def _show(self, series: Series, count: int) -> None:
         """Show the sensors the first states of a series."""
-        before = self._v
+        due = due_time(self.sensors, -math.inf)
         for k in range(count):
             time = (self._step + k + 1) * self.timestep
-            acceleration = (series.velocity[k] - before) / self.timestep
-            before = series.velocity[k]
-            state = TwinState(time, series.position[k], before, series.torque[k], acceleration)
+            if time < due:
+                continue
+            before = series.velocity[k - 1] if k else self._v
+            velocity = series.velocity[k]
+            acceleration = (velocity - before) / self.timestep
+            state = TwinState(time, series.position[k], velocity, series.torque[k], acceleration)
             self.sensors.observe(state)  # type: ignore[union-attr]
+            due = due_time(self.sensors, -math.inf)
 
     def _vector(self, value: ArrayLike, quantity: str) -> Array:
         array = as_joint_vectors(self.pepper, value, quantity)

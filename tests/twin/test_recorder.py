@@ -16,7 +16,14 @@ from hypothesis.extra import numpy as hnp
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.twin import Recorder, read_recording
-from pepper_kin.twin.packing import pack, pack_moved, unpack, unpack_moved
+from pepper_kin.twin.packing import (
+    pack,
+    pack_moved,
+    pack_together,
+    unpack,
+    unpack_moved,
+    unpack_together,
+)
 from pepper_kin.twin.sensors import SensorSuite
 
 PEPPER = pk.load_pepper()
@@ -65,6 +72,32 @@ def test_packing_keeps_other_kinds_and_refuses_damage():
     assert len(pack(smooth)) < 0.7 * smooth.nbytes
     with pytest.raises(InvalidValueError, match="packed series"):
         unpack(pack(smooth)[:-5])
+    many = {"b": (["m", "line\nbreak"], [pack(smooth), pack(picture)]), "a": ([], [pack(smooth[:0])])}
+    for name, (about, parts) in unpack_together(pack_together(many)).items():
+        assert about == many[name][0]
+        assert all(np.array_equal(x, y) for x, y in zip(parts, many[name][1], strict=True))
+    assert unpack_together(pack_together({})) == {}
+    with pytest.raises(InvalidValueError, match="packed series"):
+        unpack_together(pack_together(many)[:-5])
+
+
+def test_readings_that_are_members_of_their_own_are_still_read(tmp_path):
+    """As recordings were written before their readings were packed together."""
+    recorder = Recorder(twin(), tmp_path / "r")
+    recorder.follow(wave(0.3))
+    now, path = recorder.recording.readings(), tmp_path / "r" / "000000.npz"
+    with np.load(path) as data:
+        members = {name: data[name] for name in data.files}
+    for name, (about, parts) in unpack_together(members.pop("readings")).items():
+        members[f"about.{name}"] = np.array(about)
+        members |= {f"{what}.{name}": x for what, x in zip(("time", "value", "truth"), parts, strict=True)}
+    np.savez(path, **members)
+    before = recorder.recording.readings()
+    assert before.keys() == now.keys()
+    assert len(now) == 2
+    for name, series in before.items():
+        assert np.array_equal(series.value, now[name].value)
+        assert (series.unit, series.frame) == (now[name].unit, now[name].frame)
 
 
 def test_a_recording_holds_what_the_run_was(tmp_path):

@@ -106,11 +106,7 @@ class Engine:
         steps = len(command.position)
         if steps == 1:
             return self.single.step(q, v, command.row(0), load[0])
-        told = (*command, load)
-        inputs = Inputs(*(values[np.newaxis] for values in told))
-        rolled = self.run(q[np.newaxis], v[np.newaxis], inputs, steps)
-        position, velocity, torque = (x[0, 1:] for x in (rolled.position, rolled.velocity, rolled.torque))
-        return Series(position, velocity, torque, int(rolled.good[0]))
+        return self.single.follow(q, v, command, load)
 
     @cached_property
     def single(self) -> SingleRobot:

@@ -106,8 +106,7 @@ def roll(
                 left = _survey(b, k, every, lanes, room, log)
                 if left == 0:
                     break
-            for e in range(2 * m):
-                given[e] = result[e]
+            _copy(result[: 2 * m], given[: 2 * m])
             if (k + 1) % every == 0:
                 _write(b, (k + 1) // every, lanes, room, log)
         for e in range(m):
@@ -134,13 +133,19 @@ def _tell(b: int, k: int, lanes: int, law: Array, given: Array, inputs: Inputs) 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _copy(source: Array, target: Array) -> None:
+    """Copy an array; known lengths and no offset let the compiler use vectors."""
+    for e in range(source.size):
+        target[e] = source[e]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _spread(b: int, k: int, lanes: int, values: Array, given: Array, place: int) -> None:
     """Write one step's values of a block's robots in the order of elements."""
     robots, steps, n = values.shape
     row = min(k, steps - 1)
     if robots == 1:
-        for e in range(n):
-            given[place + e] = values[0, row, e]
+        _copy(values[0, row], given[place : place + n])
         return
     for lane in range(lanes):
         robot = min(b * lanes + lane, robots - 1)
@@ -186,3 +191,65 @@ def _write_lane(robot: int, lane: int, row: int, lanes: int, room: Room, log: Lo
         log.position[robot, row, j] = room.result[e]
         log.velocity[robot, row, j] = room.result[NEXT_V * m + e]
         log.torque[robot, row, j] = room.result[TORQUE * m + e]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def roll_alone(
+    h: float,
+    addresses: np.ndarray,
+    law: Array,
+    room: Room,
+    position: Array,
+    velocity: Array,
+    more: Array,
+    load: Array,
+    log: Array,
+) -> int:
+    """Advance one robot, W = 1, by a step for each row of its log but the first: `roll` without its lanes.
+
+    Args:
+        h: Timestep [s].
+        addresses: Of the kernels of a step and of a solution.
+        law: Parameters of the joints, shape (rows, n).
+        room: Arrays to write to; what does not change in the step kernel's input is there already.
+        position: Reference for the end of each step, shape (T, n).
+        velocity: Reference, shape (T, n).
+        more: Feed-forward or effort, shape (T, n).
+        load: From outside, shape (T, n) or (1, n).
+        log: Position, velocity and torque, shape (3, 1 + T, n); the first row is the start.
+
+    Returns:
+        Number of good steps; the row after them, if any, is the state that diverged.
+    """
+    given, result = room.given, room.result
+    n = law.shape[1]
+    for e in range(n):
+        given[e], given[n + e] = log[0, 0, e], log[1, 0, e]
+    for k in range(position.shape[0]):
+        row = min(k, load.shape[0] - 1)
+        for e in range(n):
+            given[Q_REF * n + e] = position[k, e]
+        for e in range(n):
+            given[V_REF * n + e] = velocity[k, e]
+        for e in range(n):
+            given[GIVEN * n + e] = more[k, e] * law[STRENGTH, e]
+        for e in range(n):
+            given[LOAD * n + e] = load[row, e]
+        call_kernel(addresses[0], given.ctypes.data, result.ctypes.data, room.work.ctypes.data)
+        calm = result[result.size - 1] <= 0.0  # what is strange; False for NaN
+        if not calm:
+            settle(h, addresses[1], 1, law, room)
+        for e in range(n):
+            log[0, k + 1, e] = result[e]
+        for e in range(n):
+            log[1, k + 1, e] = result[NEXT_V * n + e]
+        for e in range(n):
+            log[2, k + 1, e] = result[TORQUE * n + e]
+        if not calm:
+            for e in range(n):
+                w, torque = result[NEXT_V * n + e], result[TORQUE * n + e]
+                if not (abs(w) < RUNAWAY and abs(torque) < np.inf):
+                    return k
+        for e in range(2 * n):
+            given[e] = result[e]
+    return position.shape[0]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.kinematics import frame_acceleration, frame_pose, frame_velocity
+from pepper_kin.kinematics import frame_acceleration, frame_velocity
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.sensor import Sensor
 
@@ -22,7 +22,7 @@ class Accelerometer(Sensor):
         frame = self.specification.frame
         acceleration = frame_acceleration(self.pepper, state.q, state.v, state.a, frame)[:3]
         gravity = np.asarray(self.pepper.pinocchio_model.gravity.linear)
-        rotation = frame_pose(self.pepper, state.q, frame)[:3, :3]
+        rotation = state.pose(frame)[:3, :3]
         return np.asarray(rotation.T @ (acceleration - gravity))
 
     def limited(self, value: NDArray[Any]) -> NDArray[Any]:
@@ -36,7 +36,7 @@ class Gyroscope(Sensor):
     def truth(self, state: SensedState) -> Array:
         """Return the angular velocity in the frame's axes [rad/s], shape (3,)."""
         frame = self.specification.frame
-        rotation = frame_pose(self.pepper, state.q, frame)[:3, :3]
+        rotation = state.pose(frame)[:3, :3]
         return np.asarray(rotation.T @ frame_velocity(self.pepper, state.q, state.v, frame)[3:])
 
     def limited(self, value: NDArray[Any]) -> NDArray[Any]:
@@ -54,7 +54,7 @@ class Orientation(Sensor):
         """Return the quaternion x, y, z, w, shape (4,)."""
         from pinocchio import Quaternion
 
-        rotation = frame_pose(self.pepper, state.q, self.specification.frame)[:3, :3]
+        rotation = state.pose(self.specification.frame)[:3, :3]
         return _upper(Quaternion(np.array(rotation)).coeffs())
 
     def measured(self, truth: NDArray[Any], sample: int) -> Array:

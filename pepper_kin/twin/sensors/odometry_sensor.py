@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.kinematics import frame_pose, frame_velocity
+from pepper_kin.kinematics import frame_velocity
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.base import OmniBase, arc_between, arc_moved
 from pepper_kin.twin.sensors.reading import SensedState
@@ -42,7 +42,7 @@ class WheelOdometry(Sensor):
     def truth(self, state: SensedState) -> Array:
         """Return x, y [m], yaw [rad] of the base in the world, and its twist in its own axes, shape (6,)."""
         frame = self.specification.frame
-        pose = frame_pose(self.pepper, state.q, frame)
+        pose = state.pose(frame)
         velocity = frame_velocity(self.pepper, state.q, state.v, frame)
         yaw = np.arctan2(pose[1, 0], pose[0, 0])
         if self._yaw is not None:  # the turn nearest to the last one

@@ -34,10 +34,10 @@ class _RangeSensor(Sensor):
         self._directions, self._height = np.empty((0, 3)), 0.0
 
     def _distances(self, state: SensedState) -> Array:
-        pose = frame_pose(self.pepper, state.q, self.specification.frame)
+        pose = state.pose(self.specification.frame)
         start = pose[:3, 3] + self._height * pose[:3, 2]
         directions = self._directions @ pose[:3, :3].T
-        return self._rays.distances(state.q, state.scene, start, directions)
+        return self._rays.distances_checked(state.q, state.scene, start, directions)
 
     def limited(self, value: NDArray[Any]) -> Array:
         """Return distances with -inf below the range and inf above it."""

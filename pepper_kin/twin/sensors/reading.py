@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
+from pepper_kin.kinematics import frame_pose, frame_poses
 from pepper_kin.model import PepperModel
 
 
@@ -58,6 +60,7 @@ class SensedState:
         torque: Of the servos [N m or N], shape (n,).
         scene: The world around the robot.
         contacts: Where the robot is touched; see `SensorSuite.read`.
+        frames: Frames whose poses will be asked for, which are found all at once.
     """
 
     pepper: PepperModel
@@ -68,3 +71,32 @@ class SensedState:
     torque: NDArray[np.float64]
     scene: Scene
     contacts: Sequence[Any]
+    frames: Sequence[str] = ()
+
+    def pose(self, frame: str) -> NDArray[np.float64]:
+        """Return transform_frame_to_world of a frame, shape (4, 4)."""
+        found = self._poses.get(frame)
+        return frame_pose(self.pepper, self.q, frame) if found is None else found
+
+    @cached_property
+    def _poses(self) -> dict[str, NDArray[np.float64]]:
+        return dict(zip(self.frames, frame_poses(self.pepper, self.q, self.frames), strict=True))
+
+    @cached_property
+    def touches(self) -> list[tuple[str | None, NDArray[np.float64]]]:
+        """Links and objects that are touched, each with the point."""
+        return [touch for contact in self.contacts for touch in touched(contact)]
+
+
+def touched(contact: Any) -> list[tuple[str | None, NDArray[np.float64]]]:
+    """Return what a contact touches, and where: two links or objects with their points.
+
+    Args:
+        contact: With `links` and `points`, as `pepper_kin.collision.Contact` has (points may be None, where
+            it is not known where), or with `names`, one `point` and a `force`, as a twin's world has.
+    """
+    if hasattr(contact, "links"):
+        return [] if contact.points is None else list(zip(contact.links, contact.points, strict=True))
+    if not np.any(contact.force):
+        return []
+    return [(name, contact.point) for name in contact.names]

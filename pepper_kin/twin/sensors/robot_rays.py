@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import is_
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import AttachedObject, HalfSpace, Scene, SceneObject
+from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice
@@ -17,6 +19,7 @@ Array = NDArray[np.float64]
 
 LOOKS = ("visual", "collision")
 _FLOOR_COLORS = ((0.78, 0.78, 0.76), (0.66, 0.66, 0.65))
+_FLOOR = HalfSpace(0.0)
 _TILE = 0.5  # [m] of the floor's pattern
 _EMPTY = Scene()
 
@@ -73,6 +76,7 @@ class RobotRays:
         self._robot = RayCaster([shape.geometry for shape in shapes], unplaced)
         self._q: Array | None = None
         self._scene: Scene | None = None
+        self._shapes: list[SceneGeometry] = []
         self._world = RayCaster([], np.empty((0, 4, 4)))
         self._world_colors = np.empty((0, 3))
 
@@ -110,6 +114,23 @@ class RobotRays:
         own = self._robot.distances_checked(rays._replace(most=other))
         return np.minimum(own, other).reshape(rays.shape)
 
+    def distances_checked(self, q: Array, scene: Scene, origin: Array, directions: Array) -> Array:
+        """Return what `distances` does for rays from one point.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,), finite.
+            scene: The world.
+            origin: In the world [m], shape (3,), finite.
+            directions: Unit vectors in the world, shape (m, 3), finite.
+        """
+        self._place(q, scene)
+        count = len(directions)
+        start, most = np.empty((count, 3)), np.full(count, np.inf)
+        start[:] = origin
+        rays = Rays(start, directions, most, (count,))
+        other = self._world.distances_checked(rays)
+        return np.minimum(self._robot.distances_checked(rays._replace(most=other)), other)
+
     def _place(self, q: Array, scene: Scene) -> None:
         moved = self._q is None or not np.array_equal(q, self._q)
         if moved and self._links:
@@ -117,9 +138,12 @@ class RobotRays:
             self._robot.place(poses[self._rows] @ self._local)
         if scene is not self._scene:
             items: list[SceneObject | AttachedObject] = [*scene.objects.values(), *scene.attached.values()]
-            ground = (HalfSpace(0.0),) if self.floor else ()
+            ground = (_FLOOR,) if self.floor else ()
             shapes = [item.geometry for item in items] + list(ground)
-            self._world = RayCaster(shapes, self._world_poses(q, scene))
+            if len(shapes) == len(self._shapes) and all(map(is_, shapes, self._shapes)):
+                self._world.place(self._world_poses(q, scene))
+            else:
+                self._world, self._shapes = RayCaster(shapes, self._world_poses(q, scene)), shapes
             colors = [item.color[:3] for item in items] + [_FLOOR_COLORS[0]] * len(ground)
             self._world_colors = np.array(colors).reshape(-1, 3)
         elif moved and scene.attached:

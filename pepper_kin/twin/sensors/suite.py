@@ -124,12 +124,19 @@ class SensorSuite:
         self._rays: dict[tuple[str, int], RobotRays] = {}
         made = {name: self._made(known[name], int(seed)) for name in names}
         self.sensors = MappingProxyType(made)
+        frames = dict.fromkeys(sensor.specification.frame for sensor in made.values())
+        self._frames = tuple(frame for frame in frames if frame)
         self.reset()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the sensors."""
         return tuple(self.sensors)
+
+    @property
+    def due(self) -> float:
+        """Time before which nothing is read [s]: states up to there need not be shown to `observe`."""
+        return self._next
 
     def reset(self) -> None:
         """Begin anew: every sensor is due at the next reading, and what was recorded is forgotten."""
@@ -238,6 +245,7 @@ class SensorSuite:
             self._vector("torque", torque),
             world,
             () if contacts is None else contacts,
+            self._frames,
         )
 
     def _vector(self, quantity: str, value: ArrayLike | None) -> NDArray[np.float64]:

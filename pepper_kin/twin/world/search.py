@@ -52,7 +52,7 @@ class ContactSearch:
             How many points there are; -1 if more than there is room for.
         """
         table = self._table
-        found, undecided = _find(
+        found, undecided = find(
             table.pairs, table.kind, table.size, table.rotation, table.position, table.middle, table.ball,
             table.speed, h, self.rows, self.shapes, self._undecided,
         )  # fmt: skip
@@ -113,7 +113,7 @@ def _above(kind: int, size: Array, rotation: Array, centre: Array, middle: Array
     "int64[:, ::1])",
     **OPTIONS,
 )
-def _find(
+def find(
     pairs: Indices,
     kind: Indices,
     size: Array,

@@ -105,7 +105,7 @@ class TreeState:
 
 def place(tree: Tree, state: TreeState, q: Array, v: Array) -> None:
     """Write where all joints are at q [rad or m] and how fast at v, shape (n,)."""
-    _place(
+    place_joints(
         tree.parent, tree.rotation, tree.position, tree.axis, tree.slides, tree.driver, tree.ratio,
         tree.offset, q, v, state.rotation, state.position, state.axis, state.linear, state.angular,
     )  # fmt: skip
@@ -128,7 +128,7 @@ def rodrigues(axis: Array, angle: float, turn: Array) -> None:
     "float64[:, ::1], float64[:, ::1], float64[:, ::1])",
     **OPTIONS,
 )
-def _place(
+def place_joints(
     parent: Indices,
     rotation: Array,
     position: Array,
@@ -145,6 +145,7 @@ def _place(
     linear: Array,
     angular: Array,
 ) -> None:
+    """Write poses and velocities of all joints; see `Tree` and `TreeState`."""
     turn = np.empty((3, 3))
     base = np.empty((3, 3))
     for j in range(1, len(parent)):

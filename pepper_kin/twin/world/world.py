@@ -5,25 +5,33 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision import Scene
+from pepper_kin.collision import Scene, SceneObject
 from pepper_kin.collision.bodies import check_names
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.model.shapes import read_only, transform
+from pepper_kin.twin.command import Command
 from pepper_kin.twin.contact_error import ContactError
+from pepper_kin.twin.integrator import Series, nothing_done
 from pepper_kin.twin.world.colliders import FREE, Colliders, colliders, place_shapes
 from pepper_kin.twin.world.free_body import FreeBody, fly, principal_inertia
+from pepper_kin.twin.world.march import March
+from pepper_kin.twin.world.march_loop import Bodies
 from pepper_kin.twin.world.outcome import apply, fall
 from pepper_kin.twin.world.problem import ContactProblem, assemble
 from pepper_kin.twin.world.programme import ImpulseProgramme
 from pepper_kin.twin.world.search import MOST_POINTS, ContactSearch
 from pepper_kin.twin.world.step import SOLVERS, StepSolution, solve_step
 from pepper_kin.twin.world.tree import Tree, TreeState, place
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.fast.single import SingleRobot
 
 Array = NDArray[np.float64]
 
@@ -52,7 +60,8 @@ class WorldContact:
 
     def __post_init__(self) -> None:
         for name in ("point", "normal", "force"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            if getattr(self, name).flags.writeable:
+                object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 class World:
@@ -81,6 +90,7 @@ class World:
     _rough: Array
     _table: Colliders
     _search: ContactSearch
+    _march: March
     _rows: Array
     _pairs_now: NDArray[np.int64]
     _forces: Array
@@ -132,9 +142,10 @@ class World:
     @property
     def contacts(self) -> tuple[WorldContact, ...]:
         """Points of the last step, those that do not push included."""
+        rows, forces = read_only(self._rows), read_only(self._forces)
         return tuple(
             WorldContact(names, row[:3], row[3:6], float(row[6]), force)
-            for names, row, force in zip(self._touching(), self._rows, self._forces, strict=True)
+            for names, row, force in zip(self._touching(), rows, forces, strict=True)
         )
 
     @property
@@ -228,14 +239,12 @@ class World:
 
     def snapshot(self) -> Scene:
         """Return the scene with the free bodies where they are now, as obstacles."""
-        scene = self.scene
-        for body in self.bodies.values():
-            rotation = body.pose[:3, :3]
-            pitch = float(np.arcsin(np.clip(-rotation[2, 0], -1.0, 1.0)))
-            roll = float(np.arctan2(rotation[2, 1], rotation[2, 2]))
-            yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-            scene = scene.add(body.name, body.geometry, body.position, (roll, pitch, yaw))
-        return scene
+        objects = dict(self.scene.objects)
+        for row, body in enumerate(self._initial.values()):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = self._rotation[row], self._position[row]
+            objects[body.name] = SceneObject(body.name, body.geometry, pose)
+        return Scene(objects, self.scene.attached, self.scene.allowed)
 
     def advance(self, q: Array, v: Array, mass_hat: Array, force: Array, h: float) -> Array:
         """Advance the free bodies by h and return what contacts do to the robot.
@@ -284,6 +293,31 @@ class World:
                 raise InvalidValueError("q", f"shape {posture.shape}", f"shape ({self.pepper.n},)")
         self._advance(np.array(posture), self._still, h)
 
+    def march(self, robot: SingleRobot, q: Array, v: Array, command: Command, load: Array) -> Series:
+        """Advance together with a robot by a step for each command, as far as machine code alone goes.
+
+        This is what a twin asks for before it asks for `advance`; the numbers are the same.
+
+        Args:
+            robot: The robot's step in machine code.
+            q: Position at the start [rad or m], shape (n,).
+            v: Velocity then, shape (n,).
+            command: For each step, shape (T, n) each.
+            load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
+
+        Returns:
+            The states after the steps taken: fewer rows than commands, or none, where the next step needs
+            `advance`.
+        """
+        overridden = getattr(self.advance, "__func__", None) is not World.advance
+        if self.solver != "compiled" or overridden or not 0.0 < robot.timestep <= LONGEST_STEP:
+            return nothing_done(len(q))
+        series, steps = self._march.run(robot, q, v, command, load)
+        self._step += steps
+        if steps:
+            self._rows, self._pairs_now, self._forces, self._solution = self._march.found()
+        return series
+
     def _advance(self, q: Array, robot: tuple[Array, Array, Array], h: float) -> Array:
         if not 0.0 < h <= LONGEST_STEP:
             raise InvalidValueError("h", f"{h} s", f"a number in (0, {LONGEST_STEP}] s")
@@ -304,7 +338,7 @@ class World:
         before = self._velocity.copy()
         finite = self._contact(robot, h, load) if count else fall(self._velocity, self._weight, h)
         if not finite:
-            self._velocity = before
+            self._velocity[:] = before
             raise ContactError(self._step, self._touching(), "velocities became infinite or NaN")
         fly(self._position, self._rotation, self._velocity, self._inertia, h)
         return load
@@ -377,6 +411,10 @@ class World:
         self._rough = np.full(len(self._table.names), self.friction)
         self._rough[self._table.mover == FREE] = own
         self._search = ContactSearch(self._table)
+        bodies = Bodies(
+            self._position, self._rotation, self._velocity, self._mass, self._inertia, self._weight
+        )
+        self._march = March(self._tree, self._state, self._table, self._rough, bodies)
         self._rows, self._forces = np.zeros((0, 7)), np.zeros((0, 3))
         self._pairs_now = np.zeros((0, 2), np.int64)
         self._solution = None
