@@ -13,20 +13,34 @@ def random_q(pepper, count, seed=0):
     return np.random.default_rng(seed).uniform(pepper.lower_limits, pepper.upper_limits, (count, pepper.n))
 
 
-@pytest.mark.parametrize("name", ["Stand", "StandInit", "StandZero"])
-def test_named_postures_are_free(name):
+def test_named_postures_keep_3_mm():
     pepper = pk.load_pepper()
-    assert not pk.collision.in_collision(pepper, pepper.posture(name))
-    assert pk.collision.clearance(pepper, pepper.posture(name)) > 0.003
+    for name in pepper.posture_names:
+        assert pk.collision.clearance(pepper, pepper.posture(name)) > 0.003, name
 
 
+@pytest.mark.parametrize("base", ["fixed", "planar"])
 @pytest.mark.parametrize("hands", ["locked", "mimic", "independent"])
-def test_named_postures_are_free_however_the_hands_are_loaded(hands):
-    pepper = pk.load_pepper(hands=hands)
-    # Capsules of thumb and pelvis overlap by 3 mm in Crouch, though the measured surfaces do not touch.
-    for name in set(pepper.posture_names) - {"Crouch"}:
+def test_every_named_posture_is_free_however_the_robot_is_loaded(base, hands):
+    pepper = pk.load_pepper(base=base, hands=hands)
+    assert set(pepper.posture_names) == {"Stand", "StandInit", "StandZero", "Crouch", "Rest"}
+    for name in pepper.posture_names:
         q = pepper.posture(name)
         assert not pk.collision.in_collision(pepper, q), (name, pk.collision.closest_pair(pepper, q))
+
+
+@pytest.mark.parametrize("hands", ["locked", "mimic"])
+def test_an_open_hand_passes_the_pelvis_in_crouch(hands):
+    """At every opening, and the nearest pair of hand and pelvis keeps 3 mm."""
+    pepper = pk.load_pepper(hands=hands)
+    for opening in np.linspace(0.02, 0.98, 9) if hands == "mimic" else (None,):
+        q = np.array(pepper.posture("Crouch"))
+        if opening is not None:
+            q[[pepper.joint_index("LHand"), pepper.joint_index("RHand")]] = opening
+        near = pk.collision.contacts(pepper, q, within=0.05)
+        distances = [c.distance for c in near if "Pelvis" in c.links]
+        assert distances
+        assert min(distances) > 0.003, opening
 
 
 def point_segment_distance(p, a, b):
