@@ -17,7 +17,7 @@ from pepper_kin.motion.metric import joint_reaches
 
 Array = NDArray[np.float64]
 
-RESOLUTION = 0.01  # [m], in the metric of `joint_reaches`
+RESOLUTION = 0.02
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
 
 
