@@ -130,9 +130,7 @@ def _valid(
     """Return whether a polyline is valid, its first point included, which may be any place on an edge."""
     for k in range(count - 1):
         steps = steps_of(lengths[k + 1] - lengths[k], world.resolution)
-        if not edge_valid(
-            world.address, world.memory, piece[k], piece[k + 1], steps, rows, counters, k == 0
-        ):
+        if not edge_valid(world.address, world.memory, piece[k], piece[k + 1], steps, rows, counters, k == 0):
             return False
     return True
 
