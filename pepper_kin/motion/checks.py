@@ -30,10 +30,11 @@ class Checks:
 
     Attributes:
         exact: Coal's checker without margins.
+        quick: Whether coal is asked about nothing but ties, so that many questions cost little.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene | None, compiled: bool) -> None:
-        self.pepper, self.scene, self.compiled = pepper, scene, compiled
+        self.pepper, self.scene, self.compiled, self.quick = pepper, scene, compiled, False
         self.exact: CollisionChecker = checker_for(pepper, scene)
         if compiled:
             # What will be needed is loaded, or compiled, before any clock starts.
@@ -43,7 +44,8 @@ class Checks:
             import pepper_kin.planners.native_rejoin  # noqa: F401
             from pepper_kin.collision.fast import fast_checker_for
 
-            self.compiled = fast_checker_for(pepper, scene).supported
+            fast = fast_checker_for(pepper, scene)
+            self.compiled, self.quick = fast.supported, fast.alone
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""

@@ -34,7 +34,8 @@ ROUNDS_BEFORE_CARE = 3
 """Rounds after which a way clear of collisions is looked for, which is slow."""
 
 DRAWS = 4
-"""Postures drawn for each start of the later rounds, of which those that touch nothing are taken."""
+"""Postures drawn for each start of the later rounds, of which those that touch nothing are taken, if machine
+code can tell."""
 
 CAREFUL_STARTS = 2
 """Further starts of a search that keeps clear all the way, which is slow."""
@@ -134,7 +135,7 @@ class _Search:
         return different(self.look(np.array([found, *more])), 1 + FURTHER)
 
     def wide(self, number: int, count: int) -> Array:
-        """Return goals from `count` postures at most that touch nothing, drawn from all there are.
+        """Return goals from `count` postures at most, drawn from all that touch nothing where that is cheap.
 
         All joints are drawn: the arm that is not asked for anything may stand in the way of what is.
         """
@@ -144,10 +145,11 @@ class _Search:
         low = np.maximum(pepper.lower_limits, self.start - np.pi)
         high = np.minimum(pepper.upper_limits, self.start + np.pi)
         rng = np.random.default_rng(self.seed + _SEEDS_APART * number)
-        starts = rng.uniform(low, high, (DRAWS * count, pepper.n))
+        quick = self.checks.quick
+        starts = rng.uniform(low, high, (DRAWS * count if quick else count, pepper.n))
         if movable is not None:
             starts[:, ~movable] = self.start[~movable]
-        starts = starts[self.checks.free(starts)][:count]
+        starts = starts[self.checks.surely_free(starts, 0.0, 0.0)][:count] if quick else starts
         self.spent += len(starts)
         found = solutions_from(pepper, self.parts, self.start, movable, starts, STEPS) if len(starts) else []
         good = self.look(np.array(found)) if found else np.empty((0, pepper.n))

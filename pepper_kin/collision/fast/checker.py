@@ -72,6 +72,11 @@ class FastChecker:
         """Whether the compiled check knows the robot's shapes; if not, all is left to coal."""
         return self._supported
 
+    @property
+    def alone(self) -> bool:
+        """Whether nothing but ties is left to coal: all shapes are convex solids."""
+        return self._decided
+
     def in_collision(self, q: ArrayLike, *, threads: int = 1) -> NDArray[np.bool_]:
         """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m].
 
