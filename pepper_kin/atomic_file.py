@@ -25,6 +25,20 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Check that a folder is there or can be made, before long work whose results go into it.
+
+    Raises:
+        FileFormatError: naming the path and what is in the way.
+    """
+    folder = Path(path).absolute()
+    there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
+    if not there.is_dir():
+        raise FileFormatError(path, f"cannot be made a folder: {there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise FileFormatError(path, f"cannot be written: no permission in {there}")
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a text as UTF-8, its line ends as they are; see `write_bytes`."""
     return write_bytes(path, text.encode("utf-8"))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pepper_kin import cli_check, cli_show
+from pepper_kin.atomic_file import check_folder
 from pepper_kin.cli_terminal import (
     FAILED,
     FORMATS,
@@ -76,6 +77,7 @@ def demo(output: Output = Path("pepper-kin-demo"), seed: Seed = 0, as_json: Json
     from pepper_kin.jobs import run_demo
     from pepper_kin.model import load_pepper
 
+    check_folder(output)
     pepper = load_pepper()
     with stages(as_json) as on_stage:
         outcome = run_demo(pepper, seed=seed, on_stage=on_stage)
@@ -85,11 +87,13 @@ def demo(output: Output = Path("pepper-kin-demo"), seed: Seed = 0, as_json: Json
 @app.command()
 def reach(
     hand: Annotated[str, typer.Option(help="left or right.", autocompletion=one_of(SIDES))],
-    at: Annotated[Point, typer.Option(help="Where the palm should go: X Y Z [m].")],
-    look_at: Annotated[Point | None, typer.Option(help="Where the camera should look: X Y Z [m].")] = None,
+    at: Annotated[Point, typer.Option(help="Where the palm should go: X Y Z, in metres.")],
+    look_at: Annotated[
+        Point | None, typer.Option(help="Where the camera should look: X Y Z, in metres.")
+    ] = None,
     avoid_box: Annotated[
         list[str] | None,
-        typer.Option(help='A box "SX,SY,SZ,X,Y,Z": full lengths and centre [m]; may be repeated.'),
+        typer.Option(help='A box "SX,SY,SZ,X,Y,Z": full lengths and centre, in metres; may be repeated.'),
     ] = None,
     start_from: Annotated[
         str | None,
@@ -97,17 +101,17 @@ def reach(
     ] = None,
     output: Output = Path("pepper-kin-reach"),
     seed: Seed = 0,
-    timeout: Annotated[float, typer.Option(help="Time budget of IK and planning [s].")] = 10.0,
+    timeout: Annotated[float, typer.Option(help="Time budget of IK and planning, in seconds.")] = 10.0,
     as_json: Json = False,
 ) -> None:
     """Reach with a hand, look at a point, and do it safely.
 
-    Example: pepper-kin reach --hand left --at 0.38 0.22 0.82 --look-at 0.5 0.1 0.8
-    --avoid-box 0.4,0.8,0.03,0.47,0.05,0.715 -o out
+    Example: pepper-kin reach --hand left --at 0.38 0.22 0.82 -o out
     """
     from pepper_kin.jobs import reach as run_reach
     from pepper_kin.model import load_pepper
 
+    check_folder(output)
     pepper = load_pepper()
     begin = None if start_from is None else pepper.posture(start_from)
     scene = _scene(avoid_box or [])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from pepper_kin.atomic_file import make_folder
 from pepper_kin.cli_terminal import (
     VIEWS,
     Base,
@@ -51,7 +52,9 @@ def plot(
     from pepper_kin.trajectory import plot as draw
 
     pepper = load_pepper(base=base, hands=hands)
-    draw(load(file, pepper), pepper, output, title=file.name)
+    trajectory = load(file, pepper)
+    make_folder(output.parent)
+    draw(trajectory, pepper, output, title=file.name)
     print_written([output], as_json)
 
 
@@ -63,9 +66,9 @@ def render(
     ],
     scene: Annotated[Path | None, typer.Option(help="Scene to show around the robot: JSON.")] = None,
     fps: Annotated[float, typer.Option(help="Frames per second of a film.")] = 30.0,
-    size: Annotated[str, typer.Option(help="Width x height of a film or picture [pixel].")] = "1280x800",
+    size: Annotated[str, typer.Option(help="Width x height of a film or picture, in pixels.")] = "1280x800",
     view: Annotated[str, typer.Option(help=", ".join(VIEWS) + ".", autocompletion=one_of(VIEWS))] = VIEWS[0],
-    at_time: Annotated[float | None, typer.Option(help="Time that a picture shows [s].")] = None,
+    at_time: Annotated[float | None, typer.Option(help="Time that a picture shows, in seconds.")] = None,
     base: Base = "fixed",
     hands: Hands = "locked",
     as_json: Json = False,
@@ -83,6 +86,7 @@ def render(
     pepper = load_pepper(base=base, hands=hands)
     motion = read_motion(file, pepper)
     around = None if scene is None else Scene.load(scene)
+    make_folder(output.parent)
     if not as_json:
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)
     with progress("rendering") as told:

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.fast import alternatives
 from pepper_kin.ik.search import Budget, torque_ratios
 from pepper_kin.ik.tasks.task import Array, Task
 
@@ -34,6 +33,8 @@ def find_clear(
         collisions: What may not touch.
         budget: Its restarts bound the first round, and further rounds follow only after a full one.
     """
+    from pepper_kin.ik.fast import alternatives  # compiles the fast solver where that is not done yet
+
     spent = 0
     for number, count in enumerate(ROUNDS):
         count = min(count, budget.restarts) if number == 0 else count

@@ -11,6 +11,9 @@ from pepper_kin.model import PepperModel
 TARGET = (0.38, 0.22, 0.82)
 GAZE = (0.47, 0.12, 0.79)
 
+TIMEOUT = 60.0
+"""A slow or busy machine shall show the demonstration too [s]; on an idle one it takes two."""
+
 
 def demo_scene() -> Scene:
     """Return the table, with a cup on it, that stands between the hanging hand and its target."""
@@ -25,4 +28,4 @@ def run_demo(
     pepper: PepperModel, *, seed: int = 0, on_stage: Callable[[str], None] = lambda stage: None
 ) -> ReachOutcome:
     """Run the main job with the built-in targets; see `reach`."""
-    return reach(pepper, "left", TARGET, GAZE, demo_scene(), seed=seed, on_stage=on_stage)
+    return reach(pepper, "left", TARGET, GAZE, demo_scene(), seed=seed, timeout=TIMEOUT, on_stage=on_stage)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.trajectory.balance import WHEELS, support_polygon
@@ -187,9 +188,14 @@ def _pieces(pepper: PepperModel, path: PathLike, solver: str) -> tuple[Array, Ar
 
 def _fast(pepper: PepperModel, pieces: tuple[Array, Array], limits: Limits, intervals: int) -> Trajectory:
     """Time a path in machine code; where there is no solution, let toppra try, then say why."""
-    from pepper_kin.trajectory.fast_solver import fast_time_law
+    from pepper_kin.trajectory.fast_solver import fast_time_law, search
 
-    found = fast_time_law(pepper, *pieces, intervals, limits)
+    first = None if search.signatures else Compilation("the timing of paths")
+    try:
+        found = fast_time_law(pepper, *pieces, intervals, limits)
+    finally:
+        if first is not None:
+            first.end(compiled=bool(search.stats.cache_misses))
     if found.breaks is None or found.coefficients is None:
         return _by_toppra(pepper, pieces, limits, intervals)
     return known_trajectory(pepper.joint_names, pepper.joint_units, found.breaks, found.coefficients)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from typing import Any
 
 import numpy as np
@@ -51,9 +50,10 @@ from pepper_kin.collision.fast.settle import settle
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.tables import violations
 from pepper_kin.collision.fast.world import WORDS, check_world
+from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.kernels.native import call_kernel
 
-_logger = logging.getLogger(__name__)
+_compilation = Compilation("the fast collision check")
 
 FIRST_ROOM = 2 * LANES
 """States of an edge that are checked before the rest: edges in collision mostly are so early."""
@@ -285,7 +285,4 @@ def valid_prefix(a: Any, b: Any, steps: int, memory: Any) -> int:
     return count_valid(whole, carray(a, (count,)), carray(b, (count,)), steps)
 
 
-if count_valid.stats.cache_misses:
-    _logger.warning(
-        "compiled the fast collision check, once on this machine; from now on it is loaded from disk"
-    )
+_compilation.end(compiled=bool(count_valid.stats.cache_misses))

@@ -6,7 +6,6 @@ changes, but not when only `descent.py` or `box.py` do: after work on those, rem
 
 from __future__ import annotations
 
-import logging
 import math
 from typing import NamedTuple
 
@@ -29,9 +28,10 @@ from pepper_kin.ik.fast.lean import lean_alone
 from pepper_kin.ik.restarts import REACH, is_chosen
 from pepper_kin.ik.search import AGREEING_STARTS, AGREEMENT
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.kernels.native import call_kernel
 
-_logger = logging.getLogger(__name__)
+_compilation = Compilation("the fast IK solver")
 
 NEAR, FAR = REACH
 NEAR_STARTS = len(REACH)
@@ -349,5 +349,4 @@ def descend_row(
     return iterations
 
 
-if descend_row.stats.cache_misses:
-    _logger.warning("compiled the fast IK solver, once on this machine; from now on it is loaded from disk")
+_compilation.end(compiled=bool(descend_row.stats.cache_misses))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import time
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -12,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.kernels import Kernel
+from pepper_kin.kernels.compilation import PATIENCE, Compilation
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.actuators import ActuatorParameters
@@ -25,8 +24,6 @@ from pepper_kin.twin.joint_law import LawTable, law_table
 
 Array = NDArray[np.float64]
 
-_logger = logging.getLogger(__name__)
-_SLOW = 2.0  # [s]; loading from Numba's cache takes a tenth of that
 _WEIGHT = 512  # rows that a robot counts as when work is shared among threads
 
 
@@ -149,11 +146,10 @@ class Engine:
             span = (steps, every, self._lanes, start // weight, -(-stop // weight))
             roll(span, self._h, self._addresses, self._law, self._constant, self._room(), told, state, log)
 
-        begin, known = time.perf_counter(), len(roll.signatures)
+        first = None if roll.signatures else Compilation("the twin", PATIENCE + 1e-5 * steps * self.robots)
         run_in_pieces(state.shape[1] * weight, threads, weight, work)
-        if len(roll.signatures) > known and time.perf_counter() - begin > _SLOW + 1e-5 * steps:
-            duration = time.perf_counter() - begin
-            _logger.warning("compiled the twin, once on this machine, in %.1f s", duration)
+        if first is not None:
+            first.end(compiled=bool(roll.stats.cache_misses))
         return Rolled(position, velocity, torque, log.good, *(self._robots(x) for x in state))
 
     def _spread(self, values: Array) -> Array:

@@ -1,0 +1,71 @@
+"""What a newcomer meets: units in the help, folders that are missing or cannot be written."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import typer
+
+import pepper_kin as pk
+from pepper_kin.atomic_file import check_folder
+from pepper_kin.cli import app
+from pepper_kin.exceptions import FileFormatError
+
+PROGRAM = [sys.executable, "-c", "from pepper_kin.cli import main; main()"]
+
+
+def run(*arguments, cwd):
+    return subprocess.run(
+        [*PROGRAM, *arguments], capture_output=True, text=True, cwd=cwd, check=False, timeout=300,
+        env={**os.environ, "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+def leaves(command):
+    inner = getattr(command, "commands", None)
+    return [command] if inner is None else [leaf for child in inner.values() for leaf in leaves(child)]
+
+
+@pytest.mark.parametrize("command", leaves(typer.main.get_command(app)), ids=lambda command: command.name)
+def test_help_writes_units_in_words(command):
+    """Units in square brackets are taken for marks of colour, and vanish."""
+    for parameter in command.params:
+        assert "[" not in (getattr(parameter, "help", None) or ""), parameter.name
+
+
+def test_help_of_reach_names_its_units(tmp_path):
+    told = run("reach", "--help", cwd=tmp_path).stdout
+    assert "Where the palm should go: X Y Z, in metres." in told
+    assert "Time budget of IK and planning, in seconds." in told
+
+
+@pytest.mark.parametrize("command", [("demo",), ("reach", "--hand", "left", "--at", "0.38", "0.22", "0.82")])
+def test_a_file_in_the_way_is_found_before_the_work(tmp_path, command):
+    (tmp_path / "taken").write_text("mine")
+    done = run(*command, "-o", "taken/out", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == f"pepper-kin: taken/out: cannot be made a folder: {tmp_path / 'taken'} is a file\n"
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_found_before_the_work(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(FileFormatError, match="no permission in"):
+        check_folder(tmp_path / "out")
+
+
+def test_folders_that_are_there_or_can_be_made_are_fine(tmp_path):
+    check_folder(tmp_path)
+    check_folder(tmp_path / "a" / "b")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_goes_to_a_new_folder(tmp_path):
+    pepper = pk.load_pepper()
+    path = [pepper.posture("Stand"), pepper.joint_vector({"HeadYaw": 0.5})]
+    pk.trajectory.save(pk.retime(pepper, path), tmp_path / "way.csv")
+    done = run("render", "way.csv", "-o", "new/folder/way.html", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "new" / "folder" / "way.html").stat().st_size > 100_000

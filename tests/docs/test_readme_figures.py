@@ -1,0 +1,15 @@
+"""What the README's table says was measured stands in the benchmarks, which scripts print."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FIGURE = re.compile(r"\d+(?:\.\d+)?")
+
+
+def test_measured_figures_stand_in_the_benchmarks():
+    rows = re.findall(r"^\| measured: [^|]*\|(.*)$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
+    told = set(FIGURE.findall((ROOT / "docs" / "benchmarks.md").read_text("utf-8")))
+    figures = [figure for row in rows for figure in FIGURE.findall(row)]
+    assert len(figures) >= 6
+    assert set(figures) <= told
