@@ -19,6 +19,7 @@ from .ompl_planner import OMPL_PLANNERS, available_ompl_planners, ompl_plan
 from .oracle import Advance, Oracle, StateValidity
 from .path import Path
 from .problem import Problem
+from .rejoin import rejoin
 from .result import Improvement, Result, Status
 from .roadmap import Roadmap
 from .rrt_connect import rrt_connect
@@ -54,6 +55,7 @@ __all__ = [
     "improve",
     "ompl_plan",
     "project",
+    "rejoin",
     "rrt_connect",
     "rrt_star",
     "shortcut",

@@ -49,6 +49,7 @@ def edge_valid(
     steps: int,
     rows: FloatArray,
     counters: np.ndarray,
+    with_start: bool = False,
 ) -> bool:
     """Return whether all states of an edge but its start are valid: coarsely first, then halfway between.
 
@@ -57,17 +58,23 @@ def edge_valid(
     Args:
         address: Of the validity function.
         memory: Its memory.
-        a: Start of the edge, shape (n,), taken to be valid.
+        a: Start of the edge, shape (n,), taken to be valid unless `with_start`.
         b: End of the edge, shape (n,).
         steps: Least number of states.
         rows: Room, shape (2, n); a and b must not lie in it.
         counters: See `prefix`.
+        with_start: Whether the start is checked too, up to its rounding, together with the first states.
     """
     doublings = 0
     while (steps >> doublings) > _FIRST_STEPS:
         doublings += 1
     count = (steps + (1 << doublings) - 1) >> doublings
-    if prefix(address, memory, a, b, count, counters) < count:
+    if with_start:
+        for i in range(a.size):
+            rows[0, i] = a[i] - (b[i] - a[i]) / count
+        if prefix(address, memory, rows[0], b, count + 1, counters) <= count:
+            return False
+    elif prefix(address, memory, a, b, count, counters) < count:
         return False
     for _ in range(doublings):
         back = 0.5 / count

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit, types
 
 from .native import seconds_now, uniform
-from .native_edge import prefix
-from .native_world import INDICES, MATRIX, WORLD, World, is_free
+from .native_edge import edge_valid, steps_of
+from .native_world import INDICES, MATRIX, WORLD, World
 from .vectors import FloatArray
 
 # How a call ends.
@@ -128,10 +128,9 @@ def _valid(
     world: World, piece: FloatArray, count: int, lengths: FloatArray, rows: FloatArray, counters: np.ndarray
 ) -> bool:
     """Return whether a polyline is valid, its first point included, which may be any place on an edge."""
-    if prefix(world.address, world.memory, piece[0], piece[0], 1, counters) == 0:
-        return False
     for k in range(count - 1):
-        if not is_free(world, piece[k], piece[k + 1], lengths[k + 1] - lengths[k], rows, counters):
+        steps = steps_of(lengths[k + 1] - lengths[k], world.resolution)
+        if not edge_valid(world.address, world.memory, piece[k], piece[k + 1], steps, rows, counters, k == 0):
             return False
     return True
 

@@ -126,6 +126,14 @@ class Problem:
         _require_oracle(oracle, self.n)
         return self._with(oracle=oracle)
 
+    def resolved(self, resolution: float) -> Problem:
+        """Return the same problem at another resolution.
+
+        Raises:
+            InvalidValueError: The resolution is not allowed.
+        """
+        return self._with(resolution=_checked_resolution(resolution, self.diagonal))
+
     def _with(self, **fields: Any) -> Problem:
         """Return a copy with other fields that are known to be sound."""
         made = object.__new__(Problem)

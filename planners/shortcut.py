@@ -73,6 +73,8 @@ def shortcut(
     seed, iterations = whole_number("seed", seed), whole_number("iterations", iterations)
     if not 0.0 <= least_gain < 1.0:
         raise InvalidValueError("least_gain", least_gain, "a number from 0 to below 1")
+    if len(path) < 3:
+        return path
     if resolution is None:
         resolution = max(problem.spacing / _FINER, FINEST_RESOLUTION * problem.diagonal)
     oracle = problem.counting_oracle(deadline, resolution)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
+from pepper_kin.batch import kernel
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.validity import TORQUE_SHARE, holds, validity
@@ -28,19 +30,22 @@ class Checks:
 
     Attributes:
         exact: Coal's checker without margins.
+        quick: Whether coal is asked about nothing but ties, so that many questions cost little.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene | None, compiled: bool) -> None:
-        self.pepper, self.scene, self.compiled = pepper, scene, compiled
+        self.pepper, self.scene, self.compiled, self.quick = pepper, scene, compiled, False
         self.exact: CollisionChecker = checker_for(pepper, scene)
         if compiled:
             # What will be needed is loaded, or compiled, before any clock starts.
             import pepper_kin.collision.fast.loop
             import pepper_kin.ik.fast
-            import pepper_kin.motion.native_curve  # noqa: F401
+            import pepper_kin.motion.native_curve
+            import pepper_kin.planners.native_rejoin  # noqa: F401
             from pepper_kin.collision.fast import fast_checker_for
 
-            self.compiled = fast_checker_for(pepper, scene).supported
+            fast = fast_checker_for(pepper, scene)
+            self.compiled, self.quick = fast.supported, fast.alone
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
@@ -50,9 +55,23 @@ class Checks:
             return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
         return ~checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
 
+    def surely_free(self, q: Array, margin: float, self_margin: float) -> NDArray[np.bool_]:
+        """Return what `free` does, but never wait for coal: what machine code cannot tell counts as near.
+
+        See `FastChecker.surely_free`.
+        """
+        if not self.compiled:
+            return self.free(q, margin, self_margin)
+        from pepper_kin.collision.fast import fast_checker_for
+
+        return fast_checker_for(self.pepper, self.scene, margin, self_margin).surely_free(q)
+
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""
-        return holds(self.pepper, q)
+        if not self.compiled:
+            return holds(self.pepper, q)
+        torque = kernel(self.pepper, "gravity_torque")(q)
+        return np.asarray((np.abs(torque) <= TORQUE_SHARE * self.pepper.effort_limits).all(axis=-1))
 
     def oracle(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float], *, for_edges: bool
@@ -74,7 +93,15 @@ class Checks:
         if not for_edges:
             return validity(checker, frozen, free)
         made = checker.compiled(frozen, free, TORQUE_SHARE * self.pepper.effort_limits)
-        return planners.CompiledValidity(made.address, int(free.size), made.new_memory, keep_alive=made)
+        kept = threading.local()
+
+        def memory() -> Array:
+            """Return this thread's block: no search of a path calls another of the same problem."""
+            if not hasattr(kept, "block"):
+                kept.block = made.new_memory()
+            return np.asarray(kept.block)
+
+        return planners.CompiledValidity(made.address, int(free.size), memory, keep_alive=made)
 
     def margins(self, start: Array, goals: Array, margin: float) -> tuple[float, float]:
         """Return the margins kept to the scene and to the robot itself [m], as far as the ends allow.

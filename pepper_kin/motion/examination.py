@@ -41,12 +41,13 @@ def is_clear(
         states = middles(coefficients, piece, begin, width)
         if step == STEPS[0] and not checks.holds(states).all():
             return False
-        half = step / 2 if shorter is not None else 0.0
-        far = max(margins[0], half), max(margins[1], half)
-        near = ~checks.free(states, *far)
+        if shorter is None:
+            return bool(checks.free(states, *margins).all())
+        far = max(margins[0], step / 2), max(margins[1], step / 2)
+        near = ~checks.surely_free(states, *far)
         if not near.any():
             return True
-        if shorter is None or far == margins or not checks.free(states[near], *margins).all():
+        if not checks.free(states[near], *margins).all():
             return False
         parts = round(step / shorter)
         piece, width = np.repeat(piece[near], parts), np.repeat(width[near] / parts, parts)

@@ -30,6 +30,13 @@ ROUNDS = (16, 48, 160, 512)
 ROUNDS_FOR_MARGIN = 2
 """Rounds after which a solution nearer to something than the margin will do."""
 
+ROUNDS_BEFORE_CARE = 3
+"""Rounds after which a way clear of collisions is looked for, which is slow."""
+
+DRAWS = 4
+"""Postures drawn for each start of the later rounds, of which those that touch nothing are taken, if machine
+code can tell."""
+
 CAREFUL_STARTS = 2
 """Further starts of a search that keeps clear all the way, which is slow."""
 
@@ -73,14 +80,14 @@ def clear_goals(
     if not first.success:
         return None
     sought = _Search(checks, start, tasks, joints, margin, seed)
-    good = sought.look(first.q[None])
-    for number, count in enumerate(ROUNDS):
-        if number == ROUNDS_FOR_MARGIN and not len(good):
-            good = sought.carefully(begin + timeout)
-        if not len(good) or number == 0:
-            good = sought.round(number, count, good)
+    good = sought.first(first.q)
+    for number, count in enumerate(ROUNDS[1:], start=1):
         if len(good) or time.perf_counter() - begin > timeout:
             break
+        if number == ROUNDS_BEFORE_CARE:
+            good = sought.carefully(begin + timeout)
+        if not len(good):
+            good = sought.wide(number, count)
     if not len(good):
         return None
     q = read_only(good[0].copy())
@@ -115,16 +122,37 @@ class _Search:
             self.spare = np.concatenate([self.spare, candidates[self.checks.free(candidates)]])
         return candidates[wide]
 
-    def round(self, number: int, count: int, before: Array) -> Array:
-        """Return goals from `count` further starts and from those found before."""
+    def first(self, found: Array) -> Array:
+        """Return goals from starts ever farther away and a solution, shape (n,), that was found before.
+
+        Joints on which no task depends stay where they are.
+        """
         from pepper_kin.ik.fast import alternatives
 
-        seed = self.seed + _SEEDS_APART * number
-        found = alternatives(self.checks.pepper, self.parts, self.start, self.movable, seed, count, STEPS)
+        count = ROUNDS[0]
+        more = alternatives(self.checks.pepper, self.parts, self.start, self.movable, self.seed, count, STEPS)
         self.spent += count
-        good = before
-        if found:
-            good = np.concatenate([before, self.look(np.array(found))])
+        return different(self.look(np.array([found, *more])), 1 + FURTHER)
+
+    def wide(self, number: int, count: int) -> Array:
+        """Return goals from `count` postures at most, drawn from all that touch nothing where that is cheap.
+
+        All joints are drawn: the arm that is not asked for anything may stand in the way of what is.
+        """
+        from pepper_kin.ik.fast import solutions_from
+
+        pepper, movable = self.checks.pepper, self.movable
+        low = np.maximum(pepper.lower_limits, self.start - np.pi)
+        high = np.minimum(pepper.upper_limits, self.start + np.pi)
+        rng = np.random.default_rng(self.seed + _SEEDS_APART * number)
+        quick = self.checks.quick
+        starts = rng.uniform(low, high, (DRAWS * count if quick else count, pepper.n))
+        if movable is not None:
+            starts[:, ~movable] = self.start[~movable]
+        starts = starts[self.checks.surely_free(starts, 0.0, 0.0)][:count] if quick else starts
+        self.spent += len(starts)
+        found = solutions_from(pepper, self.parts, self.start, movable, starts, STEPS) if len(starts) else []
+        good = self.look(np.array(found)) if found else np.empty((0, pepper.n))
         if not len(good) and number + 1 >= ROUNDS_FOR_MARGIN:
             good = self.spare
         return different(good, 1 + FURTHER)

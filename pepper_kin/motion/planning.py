@@ -6,7 +6,8 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
@@ -15,9 +16,10 @@ from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.ends import fault_of_start, free_joints, goals_of
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import checked_start, path_problem
-from pepper_kin.motion.search import check_planner, find_path
+from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
+from pepper_kin.motion.search import PLANNERS, check_planner, find_path
 from pepper_kin.motion.waypoints import waypoints_of
+from pepper_kin.planners import Result
 
 NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
@@ -81,17 +83,34 @@ def plan(
     free = free_joints(pepper, joints, q_start, goals)
     if free.size == 0:
         return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", ik=ik)
-    room = path_problem(checks, q_start, goals, free, margin)
-    time_left = _left(begin, timeout)
-    result = find_path(room.problem, planner, seed=seed, timeout=time_left, compare=ik is not None)
+    coarse = checks.compiled and planner == PLANNERS[0]
+    room = path_problem(checks, q_start, goals, free, margin, COARSE if coarse else RESOLUTION)
+    result, path = _searched(room, planner, seed, begin, timeout, ik is not None, coarse)
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
-    path = waypoints_of(room, result.path, seed=seed, timeout=max(_left(begin, timeout), timeout / 20))
-    if path is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, ik=ik, states_checked=result.states_checked)
     count = result.states_checked
-    return ended.solved(checks.exact, path, f"Path of {len(path)} way-points.", ik=ik, states_checked=count)
+    if path is None:
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, ik=ik, states_checked=count)
+    message = f"Path of {len(path)} way-points."
+    return ended.solved(checks.exact, path, message, ik=ik, states_checked=count)
+
+
+def _searched(
+    room: PathProblem, planner: str, seed: int, begin: float, timeout: float, compare: bool, coarse: bool
+) -> tuple[Result, NDArray[np.float64] | None]:
+    """Return what a search found, and way-points of it, shape (m, n); None where no spline is clear.
+
+    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
+    """
+    result = find_path(room.problem, planner, seed=seed, timeout=_left(begin, timeout), compare=compare)
+    if result.path is None:
+        return result, None
+    time_left = max(_left(begin, timeout), timeout / 20)
+    path = waypoints_of(room, result.path, seed=seed, timeout=time_left)
+    if path is None and coarse:
+        return _searched(room.finer(), planner, seed, begin, timeout, compare, False)
+    return result, path
 
 
 def _left(begin: float, timeout: float) -> float:

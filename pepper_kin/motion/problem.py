@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,8 @@ from pepper_kin.motion.metric import joint_reaches
 Array = NDArray[np.float64]
 
 RESOLUTION = 0.01  # [m], in the metric of `joint_reaches`
+COARSE = 0.02
+"""The same where the examination of the spline, which is far closer, tells whether that was close enough."""
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
 
 
@@ -46,6 +48,10 @@ class PathProblem:
         """Half the margins: a curve that rounds the corners of a path along a margin's edge needs room."""
         return self.margins[0] / 2, self.margins[1] / 2
 
+    def finer(self) -> PathProblem:
+        """Return the problem at the resolution that paths have where nothing examines them more closely."""
+        return replace(self, problem=self.problem.resolved(RESOLUTION))
+
     @cached_property
     def relaxed(self) -> planners.Problem:
         """The problem with half the margins, for many states at once."""
@@ -61,7 +67,12 @@ class PathProblem:
 
 
 def path_problem(
-    checks: Checks, start: Array, goals: Array, free: NDArray[np.int64], margin: float
+    checks: Checks,
+    start: Array,
+    goals: Array,
+    free: NDArray[np.int64],
+    margin: float,
+    resolution: float = RESOLUTION,
 ) -> PathProblem:
     """Return the problem of moving from a start, shape (n,), to one of some goals, shape (m, n).
 
@@ -71,6 +82,7 @@ def path_problem(
         goals: Goal configurations.
         free: Places of the joints that move, shape (k,).
         margin: Distance to keep where the ends allow it [m].
+        resolution: Greatest distance between states that are looked at [m], in the metric.
     """
     pepper = checks.pepper
     kept, kept_self = checks.margins(start, goals, margin)
@@ -86,7 +98,7 @@ def path_problem(
         goals=np.clip(goals, lower, upper)[:, free],
         oracle=checks.oracle(start, free, (kept, kept_self), for_edges=True),
         weights=reach[free],
-        resolution=RESOLUTION,
+        resolution=resolution,
         labels=tuple(pepper.joint_names[j] for j in free),
     )
     return PathProblem(checks, problem, start, free, (kept, kept_self), reach)

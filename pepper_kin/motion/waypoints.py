@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pepper_kin import planners
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.motion.problem import PathProblem
+from pepper_kin.motion.problem import RESOLUTION, PathProblem
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ _ROUNDED = (6, 12, 24, 48)  # pieces of a path that is rounded everywhere alike
 _MOST_WAYPOINTS = 400
 _SHORTCUTS = 120
 _LEAST_GAIN = 0.005  # of the length: what a short-cut has to save
-_DENSE = (1.0, 0.25)  # distances of way-points that follow a polyline, in units of the resolution
+_DENSE = (0.01, 0.0025)  # distances of way-points that follow a polyline [m], in the metric
 
 # States checked along the final curve without machine code, in each length of the problem's resolution.
 _FINER = 1.5
@@ -68,7 +68,7 @@ def _rounded(room: PathProblem, path: planners.Path) -> Array | None:
 def _smooth(room: PathProblem, path: planners.Path) -> Array | None:
     """Return the fewest equidistant points of a rounded path whose spline is clear; None where none are."""
     try:
-        curve = planners.smooth(room.relaxed, path, spacing=path.length / _PIECES)
+        curve = planners.smooth(room.relaxed, path, spacing=path.length / _PIECES, resolution=RESOLUTION)
     except InfeasibleError:
         return None
     pieces = _PIECES
@@ -83,8 +83,8 @@ def _smooth(room: PathProblem, path: planners.Path) -> Array | None:
 def _followed(room: PathProblem, paths: tuple[planners.Path, ...]) -> Array | None:
     """Return points so dense that their spline follows a polyline that has no room to round its corners."""
     for path in paths:
-        for share in _DENSE:
-            points = room.embed(path.resample(share * room.problem.spacing).points)
+        for apart in _DENSE:
+            points = room.embed(path.resample(apart).points)
             if _is_clear(room, points, (0.0, 0.0)):
                 return points
     return None

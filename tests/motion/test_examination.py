@@ -119,6 +119,25 @@ def test_goals_meet_their_tasks_differ_and_are_clear(checks):
     np.testing.assert_array_equal(goals, again)
 
 
+def test_an_idle_arm_goes_out_of_the_way():
+    """The right hand crosses to where the left one hangs: it has to move."""
+    start, target = PEPPER.posture("Stand"), (0.318, -0.032, 0.803)
+    tasks = [pk.ik.HandPosition("right", target), pk.ik.LookAt(target)]
+    free = Checks(PEPPER, pk.Scene(), compiled=True)
+    goals, ik = clear_goals(free, start, tasks, None, 0.01, 0, 5.0)
+    for task in tasks:
+        assert all(task.error(PEPPER, q) <= task.tolerance for q in goals)
+    assert not pk.collision.CollisionChecker(PEPPER, pk.Scene()).in_collision(goals).any()
+    assert ik.success
+    arm = [PEPPER.joint_index(name) for name in PEPPER.joint_group("left_arm")]
+    assert np.abs(goals - start)[:, arm].max(axis=1).min() > 0.01
+    still = [name for name in PEPPER.joint_names if name not in PEPPER.joint_group("left_arm")]
+    found = clear_goals(free, start, tasks, still, 0.01, 0, 5.0)
+    assert found is None or (found[0][:, arm] == start[arm]).all()
+    again, _ = clear_goals(free, start, tasks, None, 0.01, 0, 5.0)
+    np.testing.assert_array_equal(goals, again)
+
+
 def test_goals_of_a_group_leave_other_joints_alone(checks):
     start = PEPPER.posture("Stand")
     tasks = [pk.ik.HandPosition("left", (0.28, 0.35, 0.85))]

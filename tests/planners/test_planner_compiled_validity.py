@@ -53,6 +53,21 @@ def whole_edge(valid, a: float, b: float, steps: int) -> bool:  # type: ignore[n
         )
 
 
+@pytest.mark.parametrize("steps", [1, 7, 8, 9, 40, 300])
+def test_the_start_of_an_edge_is_looked_at_where_it_is_asked_for(steps: int) -> None:
+    rows, counters = np.empty((2, 1)), np.zeros(2, dtype=np.int64)
+    a, b = np.array([0.0]), np.array([1.0])
+    verdicts = []
+    for low, high in ((-1e-6, 1e-6), (9.0, 9.0)):  # only the start is invalid; nothing is
+        valid = Interval(low, high)
+        with Callback(Oracle(valid, Metric(np.ones(1)), 1.0), 1) as code:
+            memory = np.zeros(1)
+            for with_start in (False, True):
+                verdicts.append(edge_valid(code.address, memory, a, b, steps, rows, counters, with_start))
+        assert min(abs(x) for x in valid.seen) < 1e-12
+    assert verdicts == [True, False, True, True]
+
+
 @settings(deadline=None, max_examples=50)
 @given(st.integers(1, 700))
 def test_halving_sees_every_step_of_a_free_edge_once(steps: int) -> None:

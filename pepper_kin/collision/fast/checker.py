@@ -17,7 +17,7 @@ from pepper_kin.collision.fast.levers import part_levers
 from pepper_kin.collision.fast.options import LANES, WIDEST
 from pepper_kin.collision.fast.prepared import Prepared, prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance
-from pepper_kin.collision.fast.solids import Array
+from pepper_kin.collision.fast.solids import OTHER, Array
 from pepper_kin.collision.scene import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.threads import run_in_pieces
@@ -58,6 +58,8 @@ class FastChecker:
         self.exact = checker_for(pepper, scene, float(margin), float(self_margin))
         self._prepared = prepare(self.exact)
         self._supported = self._prepared.structure.supported
+        every = (*self._prepared.structure.solids, *self._prepared.structure.objects)
+        self._decided = self._supported and all(s.filled and s.kind != OTHER for s in every)
         self._resting = resting_contact(self.exact, self._prepared.structure.resting)
         self._block = at.pack(self._prepared.sections)
         self._local = threading.local()
@@ -69,6 +71,11 @@ class FastChecker:
     def supported(self) -> bool:
         """Whether the compiled check knows the robot's shapes; if not, all is left to coal."""
         return self._supported
+
+    @property
+    def alone(self) -> bool:
+        """Whether nothing but ties is left to coal: all shapes are convex solids."""
+        return self._decided
 
     def in_collision(self, q: ArrayLike, *, threads: int = 1) -> NDArray[np.bool_]:
         """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m].
@@ -93,6 +100,21 @@ class FastChecker:
             if ties.size:
                 touching[ties] = self.exact.in_collision(flat[ties])
         return touching.reshape(q_all.shape[:-1])
+
+    def surely_free(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """Whether surely nothing touches, shape (...,), at joint positions q, shape (..., n) [rad or m].
+
+        The same as `~in_collision(q)`, but that ties are not asked of coal and count as contacts, as they do
+        in `compiled`.  Shapes that are no convex solids are left to coal here too.
+
+        Raises:
+            InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        """
+        if not self._decided:
+            return ~self.in_collision(q)
+        q_all = as_joint_vectors(self.pepper, q, "q")
+        verdicts, _ = self._verdicts(_rows(q_all.reshape(-1, self.pepper.n)), 1)
+        return np.asarray((verdicts == 0).reshape(q_all.shape[:-1]))
 
     def doubts(self, q: ArrayLike) -> tuple[int, int]:
         """Return how many of the configurations q, shape (..., n), are left in doubt by spheres, by all."""

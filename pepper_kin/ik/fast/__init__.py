@@ -2,7 +2,7 @@
 
 from pepper_kin.ik.fast.descender import FastDescender
 from pepper_kin.ik.fast.prepared import Prepared, prepare
-from pepper_kin.ik.fast.search import Rows, alternatives, solve_one
+from pepper_kin.ik.fast.search import Rows, alternatives, solutions_from, solve_one
 from pepper_kin.ik.fast.structure import KINDS, structures_of
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "Rows",
     "alternatives",
     "prepare",
+    "solutions_from",
     "solve_one",
     "structures_of",
 ]

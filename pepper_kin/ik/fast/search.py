@@ -156,9 +156,27 @@ def alternatives(
     starts[:, index] += reach * (low + points * (high - low) - here)
     if movable is not None:
         starts[:, ~movable] = q0[~movable]
-    rows = Rows(pepper, tasks, starts, movable, seed, 0, max_iterations)
-    rows.solve(0, count)
+    return solutions_from(pepper, tasks, q0, movable, starts, max_iterations)
+
+
+def solutions_from(
+    pepper: PepperModel,
+    tasks: Sequence[Task],
+    q0: Array,
+    movable: np.ndarray | None,
+    starts: Array,
+    max_iterations: int,
+) -> list[Array]:
+    """Return solutions that given starts, shape (m, n), lead to, those nearest to q0 first.
+
+    Joints that no task depends on stay where a start has them; how far they move counts unweighted.
+    """
+    prepared = prepare(pepper, structures_of(tasks))
+    rows = Rows(pepper, tasks, starts, movable, 0, 0, max_iterations)
+    rows.solve(0, len(starts))
     q, status, *_ = rows.answers()
     solved = q[status == STATUSES.index(Status.SOLVED)]
-    motion = ((solved[:, index] - here) ** 2 * prepared.scale).sum(axis=1)
+    scale = np.ones(q0.size)
+    scale[prepared.index] = prepared.scale
+    motion = ((solved - q0) ** 2 * scale).sum(axis=1)
     return list(solved[np.argsort(motion, kind="stable")])
