@@ -59,10 +59,11 @@ def merged(
 def coarsened(drawables: tuple[Drawable, ...], fineness: float) -> tuple[Drawable, ...]:
     """Return merged drawables with fewer triangles: the vertices of each cube of a grid become one.
 
-    It lies where the planes of the triangles around it meet best, so that edges stay sharp (P. Lindstrom,
-    Out-of-core simplification of large polygonal models, 2000).  All colours of a body share it, so that no gap
-    opens between them.  The cubes of a small body are smaller, as the square root of its length: a finger keeps
-    its shape, and a flank has no more triangles than it takes.
+    J. Rossignac and P. Borrel, Multi-resolution 3D approximations (1993).  The one lies where the planes of
+    the triangles around it meet best, so that edges stay sharp: P. Lindstrom, Out-of-core simplification of
+    large polygonal models (2000).  All colours of a body share it, so that no gap opens between them.  The
+    cubes of a small body are smaller, as the square root of its length: a finger keeps its shape, and a flank
+    has no more triangles than it takes.
 
     Args:
         drawables: As `merged` returns them.
