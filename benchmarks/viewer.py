@@ -193,9 +193,8 @@ def main():
         latency = parts.sum(axis=1)
         low, median, high = np.percentile(latency, (10, 50, 90))
         print(f"From a dragged target to the drawn pose, {len(latency)} drags, ", end="")
-        print(
-            f"level {page.evaluate('pepperKin.quality.level')}; one in ten below {low:.0f}, above {high:.0f} ms:"
-        )
+        print(f"level {page.evaluate('pepperKin.quality.level')}; ", end="")
+        print(f"one in ten below {low:.0f}, above {high:.0f} ms:")
         print("\n| part | median [ms] | mean [ms] |\n|---|---:|---:|")
         for name, values in zip((*PARTS, "whole"), (*parts.T, latency), strict=True):
             print(f"| {name} | {np.median(values):.1f} | {values.mean():.1f} |")

@@ -44,7 +44,8 @@ class Drawable:
             raise InvalidValueError(
                 f"geometry of {self.name!r}",
                 type(self.geometry).__name__,
-                "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh, PointCloud, Surface",
+                "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh, PointCloud "
+                "or Surface",
             )
         quantity = f"transform_shape_to_link of {self.name!r}"
         pose = rigid_transforms(quantity, self.transform_shape_to_link, (4, 4))
