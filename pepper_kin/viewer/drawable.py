@@ -12,6 +12,7 @@ from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import Shape, Sphere, read_only
+from pepper_kin.viewer.surface import Surface
 
 Color: TypeAlias = tuple[float, float, float, float]
 
@@ -27,23 +28,24 @@ class Drawable:
     Attributes:
         name: What to call it, unique within its link.
         link: Name of the link it is fixed to, or None for the world.
-        geometry: The solid.
+        geometry: The solid, or a surface whose corners are shaded smoothly as they are.
         transform_shape_to_link: Pose of the solid in the link (or in the world), shape (4, 4) [m].
         color: Red, green, blue and opacity, each in [0, 1].
     """
 
     name: str
     link: str | None
-    geometry: SceneGeometry
+    geometry: SceneGeometry | Surface
     transform_shape_to_link: NDArray[np.float64]
     color: Color
 
     def __post_init__(self) -> None:
-        if not isinstance(self.geometry, SceneGeometry):
+        if not isinstance(self.geometry, SceneGeometry | Surface):
             raise InvalidValueError(
                 f"geometry of {self.name!r}",
                 type(self.geometry).__name__,
-                "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh or PointCloud",
+                "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh, PointCloud "
+                "or Surface",
             )
         quantity = f"transform_shape_to_link of {self.name!r}"
         pose = rigid_transforms(quantity, self.transform_shape_to_link, (4, 4))

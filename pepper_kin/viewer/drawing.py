@@ -107,6 +107,8 @@ def _geometry(
             plate = np.eye(4)
             plate[2, 3] = shape.offset - PLATE[2] / 2
             return mg.Box(list(PLATE)), plate
+        case Surface():
+            return mg.TriangularMeshGeometry(shape.vertices, shape.faces), np.eye(4)
         case ConvexMesh() | TriangleMesh():
             surface = split_at_creases(shape.vertices, shape.faces, CREASE_ANGLE)
             return mg.TriangularMeshGeometry(surface.vertices, surface.faces), np.eye(4)

@@ -99,7 +99,6 @@
     q: (q) => parts.joints.update(q),
     show: (shown) => {
       parts.layers.update(shown);
-      parts.scene.looksShown = shown[parts.robot.looks.fine];
       viewer.set_dirty();
     },
     targets: (targets) => parts.targets.update(targets),

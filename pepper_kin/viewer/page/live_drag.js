@@ -42,7 +42,9 @@ class Drag {
     }
     if (best) return best;
     this.ray.setFromCamera(pointer.device, this.viewer.camera);
-    const [hit] = this.ray.intersectObject(this.handles.obstacleRoot(), true);
+    const root = this.handles.obstacleRoot();
+    root.updateWorldMatrix(true, true); // a sketch leaves the objects where they were drawn finely
+    const [hit] = this.ray.intersectObject(root, true);
     return hit ? this.handles.obstacle(hit.object) : null;
   }
 

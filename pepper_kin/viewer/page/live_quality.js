@@ -1,18 +1,14 @@
 "use strict";
 // How finely the picture is drawn.  A graphics card draws everything at its best at once.  Where the processor
-// has to do it, a moving picture is drawn coarser, by as much as keeps it moving, and a still one finely again.
+// has to do it, a moving picture is a sketch, with as few pixels as keep it moving, and a still one fine again.
 class Quality {
-  // From fine to coarse: pixels drawn for each pixel of the screen along a side, shadows, fewer triangles.
-  static MOVING = [
-    { ratio: 1, shadows: true, coarse: false },
-    { ratio: 1, shadows: false, coarse: true },
-    { ratio: 0.7, shadows: false, coarse: true },
-    { ratio: 0.5, shadows: false, coarse: true },
-  ];
-  static STILL = { ratio: 1.5, shadows: true, coarse: false }; // more than one pixel for each: smooth edges
+  // Pixels drawn for each pixel of the screen along a side, from fine to coarse.
+  static MOVING = [1, 0.7, 0.5];
+  static STILL = 1.5; // more than one pixel for each: smooth edges
   static SLOW = 36; // milliseconds from frame to frame above which the next is drawn coarser
   static QUICK = 20; // and below which, for a while, it is drawn finer
   static PAUSE = 350; // milliseconds without a frame after which the picture counts as still
+  static PATIENCE = 4; // so many times longer while somebody holds what is dragged, and so many slow frames
 
   static makeRenderer() {
     const canvas = document.createElement("canvas");
@@ -22,31 +18,32 @@ class Quality {
     const name = about ? context.getParameter(about.UNMASKED_RENDERER_WEBGL) : "";
     const software = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
     context.getExtension("WEBGL_lose_context")?.loseContext();
-    const renderer = new MeshCat.THREE.WebGLRenderer({ antialias: !software, alpha: !software });
+    const renderer = new MeshCat.THREE.WebGLRenderer({ antialias: !software, alpha: true });
     renderer.shadowMap.enabled = true;
     return { renderer, software };
   }
 
   constructor(viewer, software) {
-    Object.assign(this, { viewer, software, level: 1, last: 0, quick: 0, slow: 0, still: false, coarse: false });
-    const part = (name) => viewer.scene_tree.find(["Stage", name, "<object>"]).object;
-    [this.light, this.floor] = ["key", "shade"].map(part); // the floor shows shadows and nothing else
+    Object.assign(this, { viewer, software, level: 0, last: 0, quick: 0, slow: 0, still: false, pace: 0 });
     if (software) this.take(Quality.MOVING[this.level]);
   }
 
-  take({ ratio, shadows, coarse }) {
-    this.coarse = coarse;
+  take(ratio) {
     const wanted = ratio * window.devicePixelRatio;
     if (this.viewer.renderer.getPixelRatio() !== wanted) {
       this.viewer.renderer.setPixelRatio(wanted);
       this.viewer.set_3d_pane_size();
     }
-    this.light.castShadow = this.floor.visible = shadows;
   }
 
   // Whether the picture is as fine as it will get.
   get settled() {
     return !this.software || this.still;
+  }
+
+  // Whether the next frame is a sketch.
+  get sketched() {
+    return this.software && !this.finishing;
   }
 
   // To be called before each frame.
@@ -68,9 +65,11 @@ class Quality {
     const now = performance.now();
     const passed = now - this.last;
     this.last = now;
+    if (passed < 1000) this.pace = passed;
     if (passed < 500) this.judge(passed);
+    const held = this.viewer.controls.enabled ? 1 : Quality.PATIENCE;
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.finish(), Quality.PAUSE);
+    this.timer = setTimeout(() => this.finish(), Math.max(held * Quality.PAUSE, Quality.PATIENCE * this.pace));
   }
 
   judge(passed) {

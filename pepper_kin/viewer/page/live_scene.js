@@ -8,8 +8,8 @@ class LiveScene {
   constructor(viewer, quality, robot) {
     this.viewer = viewer;
     this.robotRoot = robot.roots.robot;
-    this.looks = robot.looks;
-    this.looksShown = true;
+    this.sketches = robot.sketches;
+    this.otherRoots = [robot.roots.obstacles, ["markers"], ["ghost"]];
     this.bodies = [];
     this.poses = null;
     this.stamp = 0;
@@ -17,16 +17,27 @@ class LiveScene {
     this.stale = true;
     this.drawnListeners = [];
     this.frames = 0;
-    const render = viewer.render.bind(viewer);
-    viewer.render = () => {
-      this.arrange();
-      quality.before();
-      this.chooseLooks(quality.coarse);
-      render();
-      quality.after();
-      this.frames += 1;
-      this.drawnListeners.forEach((listener) => listener(this.stamp));
+    this.quality = quality;
+    this.sketch = quality.software ? new Sketch(viewer) : null;
+    this.ahead = false; // whether a frame was drawn since the screen showed the last one
+    this.render = viewer.render.bind(viewer);
+    viewer.render = () => this.drawFrame();
+    viewer.animate = () => {
+      requestAnimationFrame(() => viewer.animate());
+      viewer.animator.update();
+      if (viewer.needs_render && !this.ahead) viewer.render();
+      this.ahead = false;
     };
+  }
+
+  drawFrame() {
+    if (this.stale) this.find();
+    this.quality.before();
+    if (this.quality.sketched && Sketch.fits(this.viewer.renderer, this.bodies.length)) this.drawSketch();
+    else this.drawFinely();
+    this.quality.after();
+    this.frames += 1;
+    this.drawnListeners.forEach((listener) => listener(this.stamp));
   }
 
   forget(roots) {
@@ -49,6 +60,12 @@ class LiveScene {
     this.poses = values;
     this.stamp = stamp;
     this.viewer.set_dirty();
+    // A sketch takes the processor's time, not the screen's: it begins at once, but only one for each of the
+    // screen's own frames, with the newest poses.
+    if (this.quality.sketched && !this.ahead && !document.hidden) {
+      this.ahead = true;
+      this.viewer.render();
+    }
   }
 
   // Where a body is, in the robot's axes.
@@ -56,6 +73,63 @@ class LiveScene {
     const index = this.bodies.indexOf(name);
     if (this.held.has(name)) return this.held.get(name);
     return this.poses && index >= 0 ? Array.from(this.poses.slice(7 * index, 7 * index + 3)) : null;
+  }
+
+  drawFinely() {
+    this.arrange();
+    this.render();
+  }
+
+  drawSketch() {
+    const { viewer, sketch } = this;
+    if (!this.sketched) this.fillSketch();
+    if (this.poses?.length === 7 * this.bodies.length) {
+      const values = this.poses;
+      for (let k = 0, at = 0; k < this.bodies.length; k++, at += 7) {
+        const [x, y, z] = this.held.get(this.bodies[k]) ?? [values[at], values[at + 1], values[at + 2]];
+        sketch.place(k, x, y, z, values[at + 3], values[at + 4], values[at + 5], values[at + 6]);
+      }
+    }
+    viewer.controls.update();
+    viewer.camera.updateMatrixWorld();
+    sketch.backdrop.prepare();
+    const scene = viewer.scene;
+    viewer.scene = sketch.scene;
+    this.render();
+    viewer.scene = scene;
+  }
+
+  // Gather what is shown now for the sketch: coarse stand-ins where there are any.
+  fillSketch() {
+    this.sketched = true;
+    const pieces = { solid: [], glass: [], through: [] };
+    const axes = this.viewer.scene_tree.object;
+    axes.updateMatrixWorld(true);
+    const gather = (node, pass, body, root) => {
+      for (const [name, child] of Object.entries(node.children)) {
+        const { object } = child;
+        if (!object.visible) continue;
+        if (name === "<object>") {
+          if (!object.geometry) continue;
+          const kind = pass ?? (object.material.transparent && object.material.opacity < 1 ? "glass" : "solid");
+          pieces[kind].push({ mesh: object, body, root });
+        } else if (node.object.name === "links") {
+          const number = this.bodies.indexOf(name);
+          gather(child, pass, number, number < 0 ? axes : object);
+        } else gather(child, pass, body, root);
+      }
+    };
+    const tree = (path) => this.viewer.scene_tree.find(path);
+    const { children } = tree(this.robotRoot);
+    const { [this.sketches]: sketches, ...layers } = children;
+    const ordered = [...Object.keys(layers).filter((name) => !LiveScene.SEEN_THROUGH.includes(name)), ...LiveScene.SEEN_THROUGH];
+    for (const layer of ordered) {
+      if (!layers[layer]?.object.visible) continue;
+      const pass = LiveScene.SEEN_THROUGH.includes(layer) ? "through" : null;
+      gather(sketches?.children[layer] ?? layers[layer], pass, -1, axes);
+    }
+    for (const root of this.otherRoots) if (tree(root).object.visible) gather(tree(root), null, -1, axes);
+    this.sketch.fill(pieces, this.bodies.length);
   }
 
   arrange() {
@@ -73,17 +147,9 @@ class LiveScene {
     });
   }
 
-  // Show the looks fine or coarse, where they are shown at all.
-  chooseLooks(coarse) {
-    const { fine, coarse: rough } = this.looks;
-    const object = (layer) => this.viewer.scene_tree.find([...this.robotRoot, layer]).object;
-    object(fine).visible = this.looksShown && !coarse;
-    object(rough).visible = this.looksShown && coarse;
-  }
-
   // Look up the objects that move with each body: one in every layer that draws something of it.
   find() {
-    this.stale = false;
+    this.stale = this.sketched = false;
     const parts = new Map(this.bodies.map((name) => [name, []]));
     const collect = (node) => {
       for (const [name, child] of Object.entries(node.children)) {
@@ -105,8 +171,8 @@ class LiveScene {
         object.castShadow = object.receiveShadow = false;
       });
     });
-    // Both sides of glass would be drawn one after the other, at twice the cost; of coarse looks one is enough.
-    [...LiveScene.SEEN_THROUGH, ...LiveScene.GLASS, this.looks.coarse].forEach((layer) => {
+    // Both sides of glass would be drawn one after the other, at twice the cost.
+    [...LiveScene.SEEN_THROUGH, ...LiveScene.GLASS].forEach((layer) => {
       robot.children[layer]?.object.traverse((object) => {
         if (object.material) object.material.side = MeshCat.THREE.FrontSide;
       });

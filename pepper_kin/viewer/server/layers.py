@@ -10,7 +10,7 @@ from pepper_kin.collision import ConvexMesh
 from pepper_kin.model import Box, Cylinder, PepperModel, Sphere
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer.drawable import Color, Drawable
-from pepper_kin.viewer.server.merging import coarsened, merged
+from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.server.targets import COLORS, RADIUS, Targets
 
 LOOKS, CAPSULES, SPHERES, FRAMES = "looks", "capsules", "spheres", "frames"
@@ -26,14 +26,12 @@ LAYERS = {
 }
 """Layers by name, with their title."""
 TARGETS = "targets"
-COARSE, COARSE_CELL = "coarse", 0.018
-"""What is drawn in place of the looks while they move, where there is no graphics card; its grid [m]."""
 
 MASS_BODY, ZMP_BODY = "@centre of mass", "@zero-moment point"
 """Things that move like links without being any."""
 
-_CAPSULE_COLOR: Color = (0.20, 0.45, 0.90, 0.30)
-_SPHERE_COLOR: Color = (0.16, 0.62, 0.42, 0.40)
+CAPSULE_COLOR: Color = (0.20, 0.45, 0.90, 0.30)
+SPHERE_COLOR: Color = (0.16, 0.62, 0.42, 0.40)
 _INERTIA_COLOR: Color = (0.86, 0.55, 0.10, 0.45)
 _MASS_COLOR: Color = (0.95, 0.72, 0.10, 1.0)
 _ZMP_COLOR: Color = (0.10, 0.60, 0.30, 1.0)
@@ -50,12 +48,10 @@ def target_body(name: str) -> str:
 
 def layers_of(pepper: PepperModel, targets: Targets) -> dict[str, tuple[Drawable, ...]]:
     """Return what each layer draws; every drawable hangs on a link or on one of the bodies named with @."""
-    looks = merged(pepper, pepper.visual_shapes)
     return {
-        LOOKS: looks,
-        COARSE: coarsened(looks, COARSE_CELL),
-        CAPSULES: merged(pepper, pepper.collision_shapes, _CAPSULE_COLOR),
-        SPHERES: merged(pepper, pepper.collision_spheres, _SPHERE_COLOR),
+        LOOKS: merged(pepper, pepper.visual_shapes),
+        CAPSULES: merged(pepper, pepper.collision_shapes, CAPSULE_COLOR),
+        SPHERES: merged(pepper, pepper.collision_spheres, SPHERE_COLOR),
         FRAMES: tuple(axis for frame in _frames(pepper) for axis in _triad(frame)),
         INERTIA: _ellipsoids(pepper),
         MASS: (Drawable("ball", MASS_BODY, Sphere(0.03), np.eye(4), _MASS_COLOR),),

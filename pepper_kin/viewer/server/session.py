@@ -22,10 +22,11 @@ from pepper_kin.viewer.server.board import Board
 from pepper_kin.viewer.server.body_poses import BodyPoses
 from pepper_kin.viewer.server.document import Document
 from pepper_kin.viewer.server.follower import RATE, Follower
-from pepper_kin.viewer.server.layers import COARSE, LAYERS, LOOKS, TARGETS, layers_of
+from pepper_kin.viewer.server.layers import LAYERS, LOOKS, TARGETS, layers_of
 from pepper_kin.viewer.server.planning import Shown
 from pepper_kin.viewer.server.playback import Playback
 from pepper_kin.viewer.server.readings import Readings
+from pepper_kin.viewer.server.sketches import SKETCHES, sketches_of
 from pepper_kin.viewer.server.targets import Targets
 from pepper_kin.viewer.server.tasks import LongTasks
 
@@ -75,12 +76,14 @@ class Session:
         layers = layers_of(self.pepper, self.targets)
         for layer, drawables in layers.items():
             self.board.draw((*ROBOT_ROOT, layer), drawables)
+        for layer, drawables in sketches_of(self.pepper, layers).items():
+            self.board.draw((*ROBOT_ROOT, SKETCHES, layer), drawables)
         self.available = tuple(layer for layer in LAYERS if layers[layer])
         bodies = {d.link for drawables in layers.values() for d in drawables if d.link is not None}
         self._links = tuple(name for name in self.pepper.frame_names if name in bodies)
         self._poses = BodyPoses(self.pepper, self._links, self.targets)
         self.document.set("show", {layer: layer == LOOKS for layer in self.available})
-        for layer in (*self.available, COARSE):
+        for layer in (*self.available, SKETCHES):
             self.board.show((*ROBOT_ROOT, layer), layer == LOOKS)
         self.document.set("bodies", list(self._poses.names))
         self.document.set("message", {"text": "", "kind": "info", "count": 0})
@@ -429,7 +432,7 @@ class Session:
             "targets": list(self.targets.names),
             "kinds": {kind: list(obstacles.size_names(kind)) for kind in obstacles.KINDS},
             "roots": {"robot": list(ROBOT_ROOT), "targets": TARGETS, "obstacles": list(OBSTACLE_ROOT)},
-            "looks": {"fine": LOOKS, "coarse": COARSE},
+            "sketches": SKETCHES,
         }
 
     def fail(self, error: Exception) -> None:

@@ -1,0 +1,169 @@
+"use strict";
+// The moving picture where the processor has to draw it.  There each corner, each pixel and each call of the
+// graphics library costs: so everything goes into three meshes (solid, glass, and what is seen through the
+// shell), each with one call, whose corners a short program places by the bodies' poses and lights.
+class Sketch {
+  static PASSES = ["solid", "glass", "through"];
+
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.backdrop = new Backdrop(viewer);
+    this.scene = this.backdrop.scene;
+    this.meshes = [];
+    this.bodies = 0;
+  }
+
+  // Whether the graphics library takes that many poses at once; each is two vectors of four numbers.
+  static fits(renderer, bodies) {
+    const gl = renderer.getContext();
+    return 2 * (bodies + 1) + 32 <= gl.getParameter(gl.MAX_VERTEX_UNIFORM_VECTORS);
+  }
+
+  // Take new content.  pieces: for each pass a list of { mesh, body, root }; the body is the number of the pose
+  // that the mesh moves with, -1 for none, and the root the object that this pose moves.
+  fill(pieces, bodies) {
+    const THREE = MeshCat.THREE;
+    this.meshes.forEach((mesh) => {
+      this.scene.remove(mesh);
+      mesh.geometry.dispose();
+      mesh.material.dispose();
+    });
+    this.bodies = bodies;
+    this.places = Array.from({ length: 2 * (bodies + 1) }, (_, k) => new THREE.Vector4(0, 0, 0, k % 2));
+    const uniforms = { places: { value: this.places }, ...this.lights() };
+    this.meshes = Sketch.PASSES.flatMap((pass, order) => {
+      if (!pieces[pass].length) return [];
+      const mesh = new THREE.Mesh(Sketch.geometry(pieces[pass]), Sketch.material(pass, uniforms, bodies + 1));
+      mesh.frustumCulled = mesh.matrixAutoUpdate = false;
+      mesh.matrix.copy(this.viewer.scene_tree.object.matrixWorld); // from the robot's axes
+      mesh.renderOrder = order;
+      this.scene.add(mesh);
+      return [mesh];
+    });
+  }
+
+  // Put body k where values say: x, y, z and the quaternion.
+  place(k, x, y, z, qx, qy, qz, qw) {
+    this.places[2 * k + 2].set(x, y, z, 0);
+    this.places[2 * k + 3].set(qx, qy, qz, qw);
+  }
+
+  // The lights of the stage, in the robot's axes.
+  lights() {
+    const THREE = MeshCat.THREE;
+    const part = (name) => this.viewer.scene_tree.find(["Stage", name, "<object>"]).object;
+    const [sky, key, rim] = ["sky", "key", "rim"].map(part);
+    const shine = (light, color = light.color) => ({ value: new THREE.Color().copy(color).multiplyScalar(light.intensity) });
+    const way = (light) => ({ value: light.position.clone().normalize() });
+    return {
+      sky: shine(sky), ground: shine(sky, sky.groundColor), key: shine(key), keyWay: way(key), rim: shine(rim), rimWay: way(rim),
+    };
+  }
+
+  static material(pass, uniforms, count) {
+    const solid = pass === "solid";
+    return new MeshCat.THREE.ShaderMaterial({
+      uniforms,
+      defines: { COUNT: 2 * count },
+      transparent: !solid,
+      depthTest: pass !== "through",
+      depthWrite: pass !== "through",
+      vertexShader: `
+        attribute vec4 tint;
+        attribute float body;
+        uniform vec4 places[COUNT];
+        uniform vec3 sky, ground, key, keyWay, rim, rimWay;
+        varying vec4 seen;
+        vec3 turned(vec4 q, vec3 v) { return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v); }
+        void main() {
+          int at = 2 * int(body);
+          vec4 turn = places[at + 1];
+          vec3 up = turned(turn, normal);
+          vec3 light = mix(ground, sky, 0.5 * up.z + 0.5) + key * max(dot(up, keyWay), 0.0) + rim * max(dot(up, rimWay), 0.0);
+          seen = vec4(tint.rgb * light, tint.a);
+          gl_Position = projectionMatrix * (modelViewMatrix * vec4(turned(turn, position) + places[at].xyz, 1.0));
+        }`,
+      fragmentShader: `
+        varying vec4 seen;
+        void main() { gl_FragColor = seen; }`,
+    });
+  }
+
+  static geometry(pieces) {
+    const THREE = MeshCat.THREE;
+    const counts = pieces.map(({ mesh }) => mesh.geometry.attributes.position.count);
+    const total = counts.reduce((sum, count) => sum + count, 0);
+    const position = new Float32Array(3 * total), normal = new Float32Array(3 * total);
+    const tint = new Uint8Array(4 * total), body = new Float32Array(total), index = [];
+    const vector = new THREE.Vector3(), pose = new THREE.Matrix4(), turn = new THREE.Matrix3();
+    let start = 0;
+    pieces.forEach(({ mesh, body: number, root }, k) => {
+      pose.copy(root.matrixWorld).invert().multiply(mesh.matrixWorld);
+      turn.getNormalMatrix(pose);
+      const { attributes, index: faces } = mesh.geometry;
+      const { color, opacity, transparent } = mesh.material;
+      const shade = [color.r, color.g, color.b, transparent ? opacity : 1].map((part) => Math.round(255 * part));
+      for (let i = 0; i < counts[k]; i++) {
+        vector.fromBufferAttribute(attributes.position, i).applyMatrix4(pose).toArray(position, 3 * (start + i));
+        vector.fromBufferAttribute(attributes.normal, i).applyMatrix3(turn).normalize().toArray(normal, 3 * (start + i));
+        tint.set(shade, 4 * (start + i));
+        body[start + i] = number + 1;
+      }
+      const corners = faces ? faces.count : counts[k];
+      for (let i = 0; i < corners; i++) index.push(start + (faces ? faces.array[i] : i));
+      start += counts[k];
+    });
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
+    geometry.setAttribute("normal", new THREE.BufferAttribute(normal, 3));
+    geometry.setAttribute("tint", new THREE.BufferAttribute(tint, 4, true));
+    geometry.setAttribute("body", new THREE.BufferAttribute(body, 1));
+    geometry.setIndex(index);
+    return geometry;
+  }
+}
+
+// Sky and floor: while the camera rests they are a picture that is drawn once and lies under the sketch, which
+// then is clear where nothing moves: even a mere copy of so many pixels would take as long as half the robot.
+class Backdrop {
+  constructor(viewer) {
+    const THREE = MeshCat.THREE;
+    this.viewer = viewer;
+    const grid = viewer.scene_tree.find(["Stage", "grid", "<object>"]).object;
+    this.grid = new THREE.Mesh(grid.geometry, grid.material);
+    this.grid.matrixAutoUpdate = false;
+    this.grid.matrix.copy(viewer.scene_tree.object.matrixWorld);
+    this.grid.renderOrder = -1;
+    this.scene = new THREE.Scene();
+    this.scene.add(this.grid);
+    this.picture = make("canvas", { className: "backdrop" });
+    viewer.renderer.domElement.before(this.picture);
+    this.seen = this.kept = "";
+  }
+
+  // To be called before each frame of the scene: once the camera rests, take its sky and floor for the picture.
+  prepare() {
+    const { renderer, camera, scene } = this.viewer;
+    const { domElement } = renderer;
+    const { width, height } = domElement;
+    const seen = [width, height, ...camera.matrixWorld.elements, ...camera.projectionMatrix.elements].join();
+    const rests = seen === this.seen;
+    this.seen = seen;
+    if (rests && seen !== this.kept) {
+      this.kept = seen;
+      const others = this.scene.children.filter((child) => child !== this.grid);
+      this.show(scene.background);
+      others.forEach((child) => (child.visible = false));
+      renderer.render(this.scene, camera);
+      others.forEach((child) => (child.visible = true));
+      Object.assign(this.picture, { width, height });
+      this.picture.getContext("2d", { alpha: false }).drawImage(domElement, 0, 0);
+    }
+    this.show(rests ? null : scene.background);
+  }
+
+  show(background) {
+    this.scene.background = background;
+    this.grid.visible = background !== null;
+  }
+}

@@ -1,0 +1,59 @@
+"""Fewer triangles for what moves, where the processor has to draw it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from pepper_kin.collision import ConvexMesh
+from pepper_kin.model import PepperModel, Sphere
+from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.server.layers import (
+    CAPSULE_COLOR,
+    CAPSULES,
+    INERTIA,
+    LOOKS,
+    MASS,
+    SPHERE_COLOR,
+    SPHERES,
+    TARGETS,
+)
+from pepper_kin.viewer.server.merging import coarsened, merged
+from pepper_kin.viewer.surface import Surface, capsule_surface
+
+SKETCHES = "sketches"
+"""The group that holds them; it is never drawn itself."""
+FINENESS = 0.036
+"""Edge of the cubes within which the vertices of a part that is one metre long become one [m]."""
+_SEGMENTS, _RINGS = 8, 2
+_BALL_SEGMENTS, _BALL_RINGS = 12, 3
+
+
+def sketches_of(
+    pepper: PepperModel, layers: Mapping[str, tuple[Drawable, ...]]
+) -> dict[str, tuple[Drawable, ...]]:
+    """Return stand-ins for layers, as `layers_of` returns them; layers that are missing need none."""
+    unit = capsule_surface(1.0, 0.0, _SEGMENTS, _RINGS)
+    ball = capsule_surface(1.0, 0.0, _BALL_SEGMENTS, _BALL_RINGS)
+    return {
+        LOOKS: coarsened(layers[LOOKS], FINENESS),
+        CAPSULES: merged(pepper, pepper.collision_shapes, CAPSULE_COLOR, _SEGMENTS, _RINGS),
+        SPHERES: merged(pepper, pepper.collision_spheres, SPHERE_COLOR, _SEGMENTS, _RINGS),
+        INERTIA: tuple(_rounded(drawable, unit) for drawable in layers[INERTIA]),
+        MASS: tuple(_rounded(drawable, ball) for drawable in layers[MASS]),
+        TARGETS: tuple(_rounded(drawable, ball) for drawable in layers[TARGETS]),
+    }
+
+
+def _rounded(drawable: Drawable, unit: Surface) -> Drawable:
+    """Return a ball or an ellipsoid along its own axes as a surface."""
+    geometry = drawable.geometry
+    if isinstance(geometry, Sphere):
+        semi = np.full(3, geometry.radius)
+    elif isinstance(geometry, ConvexMesh):
+        semi = np.abs(geometry.vertices).max(axis=0)
+    else:
+        return drawable
+    return replace(drawable, geometry=Surface(unit.vertices * semi, unit.faces))
