@@ -182,18 +182,15 @@ def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> 
 
 
 def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> ScalarCheck:
-    """Measure distances every millisecond; neighbours decided by joint ranges count as yes or no."""
+    """Find the least distance of all milliseconds; neighbours decided by joint ranges count as yes or no."""
     from pepper_kin import collision
 
     time = sample_times(trajectory.duration, STEP)
-    position = trajectory(time).position
-    distance = collision.clearance(pepper, position, scene)
-    touching = collision.in_collision(pepper, position, scene)
-    at = int(np.argmin(np.where(touching, np.minimum(distance, 0.0), distance)))
-    worst = float(distance[at])
-    closest = collision.closest_pair(pepper, position[at], scene)
-    pair = "" if closest is None else " between " + " and ".join(closest.names)
+    found = collision.least_clearance(pepper, trajectory(time).position, scene)
+    worst, at = found.distance, found.index
+    pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"
-    if touching[at] and worst > 0:
-        worst, detail = -_TOUCH, "two neighbouring links touch, by their joint ranges"
+    if found.forbidden is not None and worst > 0:
+        worst, at = -_TOUCH, found.forbidden
+        detail = "two neighbouring links touch, by their joint ranges"
     return ScalarCheck("clearance", worst, worst, float(time[at]), "m", detail)
