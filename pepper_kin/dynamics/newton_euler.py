@@ -1,7 +1,7 @@
 """Newton-Euler dynamics written independently, to check the others against.
 
 Straight from F = m a and tau = I alpha + omega x I omega, link by link in the world frame: no spatial
-algebra, no Pinocchio, and its own reading of the URDF.  Slow and plain on purpose.
+algebra, no Pinocchio, and its own reading of the URDF.  Plain on purpose.
 """
 
 from __future__ import annotations
