@@ -1,46 +1,57 @@
-"""Make the pictures of the documentation: python docs/make_pictures.py (needs a Chromium)."""
+"""Make the pictures of the documentation: python docs/make_pictures.py [NAME ...] (needs a Chromium).
 
-from pathlib import Path
+Without names all are made; a name is the beginning of a picture's name, such as `example_05` or `film`.  The
+pictures of the examples are drawn from what the examples compute.
+"""
 
-import pepper_kin as pk
-from pepper_kin.jobs import run_demo
-from pepper_kin.kinematics.reach_map import reach_map
-from pepper_kin.kinematics.reach_picture import save_reach_picture
+from __future__ import annotations
 
-FOLDER = Path(__file__).parent / "pictures"
+import sys
+import time
+from collections.abc import Callable
+
+from pictures_of import forces, motions, pages, reaching, senses
+
+DRAWERS: dict[str, Callable[[], None]] = {
+    "example_01": reaching.draw_01_reach_and_look,
+    "example_02": forces.draw_02_check_dynamics,
+    "example_03": reaching.draw_03_unreachable,
+    "example_04": forces.draw_04_any_robot,
+    "example_05": reaching.draw_05_reach_map,
+    "example_06": reaching.draw_06_servo,
+    "example_07": reaching.draw_07_data_set,
+    "example_08": reaching.draw_08_base_placement,
+    "example_09": forces.draw_09_gradients,
+    "example_10": motions.draw_10_gestures,
+    "example_11": motions.draw_11_files,
+    "example_12": motions.draw_12_carry_a_tray,
+    "example_13": senses.draw_13_push_a_box,
+    "example_14": senses.draw_14_sensors,
+    "example_15": forces.draw_15_randomised_twins,
+    "example_16": motions.draw_16_live_target,
+    "example_17": motions.draw_17_jerk_limits,
+    "demo": pages.draw_demo,
+    "film": pages.draw_film,
+    "looks": pages.draw_looks,
+    "reach": pages.draw_reach,
+    "gestures": pages.draw_gestures,
+    "timing": pages.draw_timing,
+    "live_page": pages.draw_live_page,
+}
 
 
-def main() -> None:
-    """Write the pictures."""
-    FOLDER.mkdir(exist_ok=True)
-    pepper = pk.load_pepper()
-    outcome = run_demo(pepper)
-    viewer = pk.Viewer(pepper).add_scene(outcome.scene).add_target("hand", outcome.target)
-    at_time = outcome.trajectory.duration
-    viewer.save_image(FOLDER / "demo.png", outcome.run, at_time=at_time, size=(1280, 720))
-    for name, looks, over in (
-        ("looks", "visual", None),
-        ("capsules", "visual", "collision"),
-        ("spheres", "visual", "spheres"),
-    ):
-        for view in ("front", "side", "three-quarter"):
-            picture = FOLDER / f"{name}_{view}.png"
-            pk.Viewer(pepper, looks=looks, over=over).save_image(picture, size=(480, 640), view=view)
-    draw_reach()
-
-
-def draw_reach() -> None:
-    """Draw where the left hand can go."""
-    pepper = pk.load_pepper(base="planar")
-    arm, torso = pepper.joint_group("left_arm"), pepper.joint_group("torso")
-    choices = {
-        "left arm": arm,
-        "with torso": (*torso, *arm),
-        "with torso, turning on the spot": ("BaseYaw", *torso, *arm),
-    }
-    maps = {title: reach_map(pepper, "LArm_effector", joints=joints) for title, joints in choices.items()}
-    save_reach_picture(maps, FOLDER / "reach_left.png")
+def main(names: list[str]) -> int:
+    """Draw what is named; return the exit code."""
+    chosen = [name for name in DRAWERS if not names or any(name.startswith(part) for part in names)]
+    if not chosen:
+        print(f"no picture begins like that; there are {', '.join(DRAWERS)}", file=sys.stderr)
+        return 2
+    for name in chosen:
+        begin = time.monotonic()
+        DRAWERS[name]()
+        print(f"{name}: {time.monotonic() - begin:.1f} s", flush=True)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv[1:]))

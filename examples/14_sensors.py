@@ -3,14 +3,15 @@
 import numpy as np
 
 import pepper_kin as pk
+from pepper_kin.model import Box, Sphere
 from pepper_kin.twin.base import BalanceMonitor, BaseController, OmniBase, simulate_tipping, world_velocity
 from pepper_kin.twin.sensors import Camera, SensorSuite
 
 pepper = pk.load_pepper(base="planar")
 scene = (
     pk.Scene()
-    .add_box("wall", size=(0.1, 4.0, 2.0), position=(2.5, 0.0, 1.0))
-    .add_sphere("ball", radius=0.1, position=(1.5, 0.0, 1.1))
+    .add("wall", Box((0.1, 4.0, 2.0)), position=(2.5, 0.0, 1.0), color=(0.80, 0.84, 0.90, 1.0))
+    .add("ball", Sphere(0.1), position=(1.5, 0.0, 1.1), color=(0.93, 0.36, 0.20, 1.0))
 )
 
 # Drive forward for two seconds, then let the commands cease: the base ramps, and stops by itself.

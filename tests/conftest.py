@@ -1,14 +1,37 @@
-"""Fixtures that several rooms share: the system's Chromium."""
+"""Fixtures that several rooms share: Chromium, a cache of kernels, commands and examples in this process."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
-from collections.abc import Iterator
+import runpy
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from subprocess import CompletedProcess
+from unittest import mock
 
 import pytest
 
+from pepper_kin.cli import main
 from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put tests in a browser first: one process then has them all, and no two browsers draw at once."""
+    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A cache of kernels for this run: apart from the user's, empty at first, shared by all processes."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with mock.patch.dict(os.environ, {"PEPPER_KIN_CACHE": str(folder / "kernels")}):
+        yield folder / "kernels"
 
 
 @pytest.fixture(scope="session")
@@ -33,3 +56,48 @@ def browser(chromium_path: str) -> Iterator[object]:
         chromium = playwright.chromium.launch(executable_path=chromium_path, args=arguments)
         yield chromium
         chromium.close()
+
+
+def said(
+    words: list[str], action: Callable[[], object], cwd: Path | str, environment: dict[str, str]
+) -> CompletedProcess[str]:
+    """What an action says in a folder, and how it ends, told as of a process with these words."""
+    out, error, code = io.StringIO(), io.StringIO(), 0
+    with (
+        contextlib.chdir(cwd),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(error),
+        mock.patch.object(sys, "argv", words),
+        mock.patch.object(sys.modules["__main__"], "__package__", None),  # not `python -m pytest`
+        mock.patch.dict(os.environ, environment),
+    ):
+        try:
+            action()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    return CompletedProcess(words, code, out.getvalue(), error.getvalue())
+
+
+@pytest.fixture(scope="session")
+def run() -> Callable[..., CompletedProcess[str]]:
+    """Run `pepper-kin` in this process, which spares a test the start of another.
+
+    That a process of its own ends likewise is seen in `tests/cli/test_cli_contract.py`.
+    """
+
+    def run_command(*arguments: str, cwd: Path | str, **environment: str) -> CompletedProcess[str]:
+        return said(["pepper-kin", *arguments], main, cwd, environment)
+
+    return run_command
+
+
+@pytest.fixture(scope="session")
+def run_example() -> Callable[..., CompletedProcess[str]]:
+    """Run a script of the folder `examples` in this process, as the main module that it is."""
+    folder = Path(__file__).parents[1] / "examples"
+
+    def run_script(name: str, *arguments: str, cwd: Path | str) -> CompletedProcess[str]:
+        path = str(folder / name)
+        return said([path, *arguments], lambda: runpy.run_path(path, run_name="__main__"), cwd, {})
+
+    return run_script

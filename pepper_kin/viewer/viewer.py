@@ -17,6 +17,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, Shape
+from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.viewer.browser import CameraView, screenshot
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
@@ -193,6 +194,27 @@ class Viewer:
             The viewer itself, so that calls can be chained.
         """
         self._live().call(lambda session: session.set_follow(bool(on)))
+        return self
+
+    def move_target(self, name: str, position: ArrayLike) -> Viewer:
+        """Put a target of the live page somewhere, as dragging it does; the body follows by the servo.
+
+        Returns at once, while the body moves; `q` tells where it is.  The first time on a machine the servo
+        is compiled before, which takes a minute or two.
+
+        Args:
+            name: "left hand", "right hand" or "gaze".
+            position: Where it is in the world, shape (3,) [m].
+
+        Returns:
+            The viewer itself, so that calls can be chained.
+
+        Raises:
+            InvalidValueError: `position` is not three finite numbers.
+            UnknownNameError: There is no such target.
+        """
+        place = as_finite(position, f"position of target {name!r}", (3,))
+        self._live().call(lambda session: session.move_target(name, place))
         return self
 
     def show(self, q: ArrayLike) -> str:

@@ -14,14 +14,6 @@ OTHERS = {
 _KEPT = {}
 
 
-@pytest.fixture(scope="session", autouse=True)
-def kernel_cache_of_the_batch_tests(tmp_path_factory):
-    patch = pytest.MonkeyPatch()
-    patch.setenv("PEPPER_KIN_CACHE", str(tmp_path_factory.mktemp("kernels")))
-    yield
-    patch.undo()
-
-
 def loaded(name):
     if name in PEPPERS:
         return pk.load_pepper(*PEPPERS[name])

@@ -1,19 +1,12 @@
 import json
-import subprocess
-import sys
 
 import pytest
 
 import pepper_kin as pk
 
 
-def run(*arguments, cwd):
-    command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=300, check=False)
-
-
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
+def demo(run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("cli")
     return folder, run("demo", "-o", "out", cwd=folder)
 
@@ -51,7 +44,7 @@ def test_pepper_moves_in_the_page_of_the_demo(demo, browser):
     pictures = []
     for time in (0.0, duration / 2, 0.0):
         page.evaluate(f"window.pepperKin.pause(); window.pepperKin.seek({time})")
-        page.wait_for_timeout(1500)
+        page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         pictures.append(page.screenshot())
     page.close()
     assert complaints == []
@@ -59,7 +52,7 @@ def test_pepper_moves_in_the_page_of_the_demo(demo, browser):
     assert pictures[0] == pictures[2]
 
 
-def test_unreachable_target_exits_with_one_line(tmp_path):
+def test_unreachable_target_exits_with_one_line(run, tmp_path):
     done = run("reach", "--hand", "right", "--at", "1.5", "-0.2", "1.0", "-o", "out", cwd=tmp_path)
     assert done.returncode == 1
     said = [line for line in done.stderr.splitlines() if not line.endswith("...")]
@@ -70,7 +63,7 @@ def test_unreachable_target_exits_with_one_line(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_json_is_all_that_is_printed(tmp_path):
+def test_json_is_all_that_is_printed(run, tmp_path):
     arguments = ("--hand", "right", "--at", "0.2", "-0.35", "0.9", "--json", "-o", "out")
     done = run("reach", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -80,7 +73,7 @@ def test_json_is_all_that_is_printed(tmp_path):
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == told
 
 
-def test_boxes_are_avoided(tmp_path):
+def test_boxes_are_avoided(run, tmp_path):
     box = "0.4,0.8,0.03,0.47,0.05,0.715"
     arguments = ("--hand", "left", "--at", "0.38", "0.22", "0.82", "--avoid-box", box, "--json", "-o", "out")
     done = run("reach", *arguments, cwd=tmp_path)
@@ -109,7 +102,7 @@ def test_boxes_are_avoided(tmp_path):
         (("gesture", "tail"), "unknown gesture 'tail'; available:"),
     ],
 )
-def test_misuse_exits_with_one_line(tmp_path, arguments, message):
+def test_misuse_exits_with_one_line(run, tmp_path, arguments, message):
     done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     said = [line for line in done.stderr.splitlines() if not line.endswith("...")]
@@ -118,7 +111,7 @@ def test_misuse_exits_with_one_line(tmp_path, arguments, message):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_gesture_tells_errors_and_inconsistencies(tmp_path):
+def test_gesture_tells_errors_and_inconsistencies(run, tmp_path):
     done = run("gesture", "right-arm", "-o", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for word in ("RShoulderPitch", "paper: Gazebo", "left labels", "60 of 60 numbers", "0 or 0.01 rad"):
@@ -128,7 +121,7 @@ def test_gesture_tells_errors_and_inconsistencies(tmp_path):
     assert told["joints"]["RElbowRoll"]["mean_absolute_error"] < 0.01
 
 
-def test_help_has_an_example():
+def test_help_has_an_example(run):
     for command in ("demo", "reach", "gesture"):
         done = run(command, "--help", cwd=".")
         assert "Example: pepper-kin" in done.stdout
@@ -138,7 +131,7 @@ def test_help_has_an_example():
 @pytest.mark.parametrize(
     ("format", "root"), [("urdf", "<robot"), ("srdf", "<robot"), ("sdf", "<sdf"), ("mjcf", "<mujoco")]
 )
-def test_export_prints_or_writes_the_same(tmp_path, format, root):
+def test_export_prints_or_writes_the_same(run, tmp_path, format, root):
     printed = run("export", format, "--hands", "mimic", cwd=tmp_path)
     assert printed.returncode == 0, printed.stderr
     assert root in printed.stdout
@@ -147,7 +140,7 @@ def test_export_prints_or_writes_the_same(tmp_path, format, root):
     assert (tmp_path / "new" / "pepper.xml").read_text().strip() == printed.stdout.strip()
 
 
-def test_export_with_meshes_beside_it_loads_in_mujoco(tmp_path):
+def test_export_with_meshes_beside_it_loads_in_mujoco(run, tmp_path):
     import mujoco
 
     done = run("export", "mjcf", "--mesh-paths", "relative", "-o", "here/pepper.xml", cwd=tmp_path)
@@ -157,14 +150,14 @@ def test_export_with_meshes_beside_it_loads_in_mujoco(tmp_path):
     assert (tmp_path / "here" / "meshes").is_dir()
 
 
-def test_unknown_format_is_one_line(tmp_path):
+def test_unknown_format_is_one_line(run, tmp_path):
     done = run("export", "step", "-o", "pepper.step", cwd=tmp_path)
     assert done.returncode == 2
     assert "format: got 'step', expected one of 'urdf', 'srdf', 'sdf', 'mjcf'" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_check_model_passes_for_ours_and_finds_a_planted_fault(tmp_path):
+def test_check_model_passes_for_ours_and_finds_a_planted_fault(run, tmp_path):
     assert run("check", "model", cwd=tmp_path).returncode == 0
     urdf = pk.load_pepper().urdf.replace('mass value="1.51893"', 'mass value="-1.51893"')
     (tmp_path / "bad.urdf").write_text(urdf)
@@ -176,7 +169,7 @@ def test_check_model_passes_for_ours_and_finds_a_planted_fault(tmp_path):
     assert set(told) == {"audit", "comparison"}
 
 
-def test_check_limits_prints_table_4(tmp_path):
+def test_check_limits_prints_table_4(run, tmp_path):
     done = run("check", "limits", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "HeadYaw" in done.stdout

@@ -26,11 +26,9 @@ PROGRAM = [
 ]
 
 
-def run(*arguments, cwd, **environment):
-    return subprocess.run(
-        [*PROGRAM, *arguments], capture_output=True, text=True, cwd=cwd, timeout=300, check=False,
-        env={**os.environ, **environment},
-    )  # fmt: skip
+def run_process(*arguments, cwd):
+    command = [*PROGRAM, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=300, check=False)
 
 
 def leaves(command, path=()):
@@ -60,7 +58,7 @@ def test_every_command_has_an_example_json_and_a_place_in_the_docs(name, command
 
 
 def test_alone_it_tells_a_newcomer_what_to_do(tmp_path):
-    done = run(cwd=tmp_path)
+    done = run_process(cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     first = done.stdout.splitlines()[:3]
     for line, word in zip(first, ("pepper-kin demo", "pepper-kin reach", "docs/start.md"), strict=True):
@@ -69,7 +67,7 @@ def test_alone_it_tells_a_newcomer_what_to_do(tmp_path):
         assert name.split()[0] in done.stdout
 
 
-def test_version(tmp_path):
+def test_version(run, tmp_path):
     done = run("--version", cwd=tmp_path)
     assert done.stdout.strip() == f"pepper-kin {importlib.metadata.version('pepper_kin')}"
     assert done.returncode == 0
@@ -78,11 +76,26 @@ def test_version(tmp_path):
 @pytest.mark.parametrize(
     "arguments", [("no-such-command",), ("reach",), ("--no-such-option",), ("check", "x")]
 )
-def test_what_cannot_be_parsed_exits_with_2(tmp_path, arguments):
+def test_what_cannot_be_parsed_exits_with_2(run, tmp_path, arguments):
     assert run(*arguments, cwd=tmp_path).returncode == 2
 
 
-def test_completion_knows_names(tmp_path):
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(("export", "urdf"), 0), (("bad.urdf",), 1), (("none.urdf",), 2)]
+)
+def test_a_process_of_its_own_ends_as_the_command_does_here(run, tmp_path, arguments, code):
+    """Other tests run commands in their own process."""
+    heavy = pk.load_pepper().urdf.replace('mass value="1.51893"', 'mass value="-1.51893"')
+    (tmp_path / "bad.urdf").write_text(heavy)
+    arguments = arguments if code == 0 else ("check", "model", *arguments)
+    apart, here = run_process(*arguments, cwd=tmp_path), run(*arguments, cwd=tmp_path)
+    assert apart.returncode == here.returncode == code
+    assert apart.stdout == here.stdout
+    assert apart.stderr == here.stderr
+    assert bool(apart.stderr) == (code == 2)
+
+
+def test_completion_knows_names(run, tmp_path):
     def completed(words):
         done = run(
             cwd=tmp_path, _PEPPER_KIN_COMPLETE="complete_bash", COMP_WORDS=words,
@@ -126,7 +139,7 @@ COLOUR = re.compile(r"\x1b\[[0-9;]*(?:3[0-9]|4[0-9]|38;5;\d+)m")
 def test_colours_are_for_terminals_that_want_them(tmp_path):
     assert COLOUR.search(on_a_terminal("--help", cwd=tmp_path))
     assert not COLOUR.search(on_a_terminal("--help", cwd=tmp_path, NO_COLOR="1"))
-    assert "\x1b" not in run("--help", cwd=tmp_path).stdout
+    assert "\x1b" not in run_process("--help", cwd=tmp_path).stdout
 
 
 @pytest.mark.browser
@@ -135,7 +148,7 @@ def test_a_bar_with_the_time_left_on_a_terminal_only(chromium_path, tmp_path):
     arguments = ("render", "nod.csv", "-o", "nod.gif", "--fps", "2", "--size", "64x48")
     seen = on_a_terminal(*arguments, cwd=tmp_path)
     assert re.search(r"rendering .*100%.* left", COLOURS.sub("", seen), re.DOTALL)
-    done = run(*arguments, "--json", cwd=tmp_path)
+    done = run_process(*arguments, "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == {"written": ["nod.gif"]}
 

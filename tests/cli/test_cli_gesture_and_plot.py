@@ -1,18 +1,11 @@
 """The commands `gesture`, for the library's gestures, and `plot`."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
 
-def run(*arguments, cwd):
-    command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
-
-
-def test_gesture_of_the_library_and_its_plot(tmp_path):
+def test_gesture_of_the_library_and_its_plot(run, tmp_path):
     done = run("gesture", "nod", "--tempo", "2", "-o", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "nod: nods once (side right, amplitude 1.0, tempo 2.0)." in done.stdout
@@ -38,7 +31,7 @@ def test_gesture_of_the_library_and_its_plot(tmp_path):
         (("plot", "none.txt", "-o", "a.png"), "unknown suffix '.txt'; available: .csv"),
     ],
 )
-def test_misuse_exits_with_one_line(tmp_path, arguments, message):
+def test_misuse_exits_with_one_line(run, tmp_path, arguments, message):
     done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
@@ -46,6 +39,6 @@ def test_misuse_exits_with_one_line(tmp_path, arguments, message):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_help_has_an_example(tmp_path):
+def test_help_has_an_example(run, tmp_path):
     for command in ("gesture", "plot"):
         assert f"Example: pepper-kin {command}" in run(command, "--help", cwd=tmp_path).stdout

@@ -1,19 +1,12 @@
 """The commands `render` and `bench`."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import pepper_kin as pk
-
-
-def run(*arguments, cwd):
-    command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +23,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.browser
 @pytest.mark.parametrize("source", ["nod.npz", "run.csv"])
-def test_a_trajectory_or_a_run_becomes_a_film(chromium_path, folder, tmp_path, source):
+def test_a_trajectory_or_a_run_becomes_a_film(run, chromium_path, folder, tmp_path, source):
     name = tmp_path / "film.mp4"
     done = run(
         "render", source, "-o", str(name), "--fps", "2", "--size", "96x64", "--view", "front", cwd=folder
@@ -47,7 +40,7 @@ def test_a_trajectory_or_a_run_becomes_a_film(chromium_path, folder, tmp_path, s
 
 
 @pytest.mark.browser
-def test_a_picture_of_a_time(chromium_path, folder, tmp_path):
+def test_a_picture_of_a_time(run, chromium_path, folder, tmp_path):
     for time in ("0", "0.8"):
         arguments = ("-o", str(tmp_path / f"{time}.png"), "--size", "200x160", "--at-time", time)
         done = run("render", "nod.yaml", *arguments, cwd=folder)
@@ -57,7 +50,7 @@ def test_a_picture_of_a_time(chromium_path, folder, tmp_path):
     assert (first != later).any()
 
 
-def test_a_page_needs_no_browser_and_takes_the_scene(folder, tmp_path):
+def test_a_page_needs_no_browser_and_takes_the_scene(run, folder, tmp_path):
     pk.Scene().add_box("shelf-of-books", size=(0.2, 0.2, 0.2), position=(1, 0, 1)).save(folder / "scene.json")
     name = tmp_path / "page.html"
     done = run("render", "nod.npz", "-o", str(name), "--scene", "scene.json", "--json", cwd=folder)
@@ -78,7 +71,7 @@ def test_a_page_needs_no_browser_and_takes_the_scene(folder, tmp_path):
         (("nod.npz", "-o", "a.gif", "--view", "below"), "unknown camera view 'below'"),
     ],
 )
-def test_misuse_is_one_line_and_no_file(folder, arguments, message):
+def test_misuse_is_one_line_and_no_file(run, folder, arguments, message):
     before = sorted(folder.iterdir())
     done = run("render", *arguments, cwd=folder)
     assert done.returncode == 2
@@ -89,7 +82,7 @@ def test_misuse_is_one_line_and_no_file(folder, arguments, message):
 
 
 @pytest.mark.slow
-def test_bench_compares_like_with_like(tmp_path):
+def test_bench_compares_like_with_like(run, tmp_path):
     done = run("bench", "--repeats", "1", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = {row["name"]: row for row in json.loads(done.stdout)["rows"]}

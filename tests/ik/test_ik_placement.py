@@ -379,7 +379,6 @@ def test_the_floor_map_agrees_with_place_base():
 
 
 def test_the_picture_is_a_png(tmp_path):
-    pytest.importorskip("matplotlib")
     found = pk.ik.place_base(PEPPER, LEFT, candidates=64).score_map()
     path = save_floor_picture(found, tmp_path / "floor.png", [POINT])
     assert path.read_bytes().startswith(b"\x89PNG")

@@ -1,7 +1,4 @@
 import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -39,14 +36,6 @@ QUANTITIES = [
     "d a / d tau",
     "energy over one second",
 ]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def kernel_cache(tmp_path_factory):
-    patch = pytest.MonkeyPatch()
-    patch.setenv("PEPPER_KIN_CACHE", str(tmp_path_factory.mktemp("kernels")))
-    yield
-    patch.undo()
 
 
 def arm(mass=1.0):
@@ -162,34 +151,25 @@ def test_numbers_of_states_that_are_none_are_refused(states):
         check_dynamics(arm(), states=states)
 
 
-def run(*arguments, cwd):
-    command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", "check", "dynamics"]
-    return subprocess.run(
-        [*command, *arguments],
-        capture_output=True, text=True, cwd=cwd, timeout=300, check=False, env=dict(os.environ),
-    )  # fmt: skip
-
-
-def test_the_command_checks_a_file(tmp_path):
+def test_the_command_checks_a_file(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(ARM.format(mass=1))
-    done = run("arm.urdf", "--states", "8", "--seed", "2", cwd=tmp_path)
+    done = run("check", "dynamics", "arm.urdf", "--states", "8", "--seed", "2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Dynamics of arm: 2 joints, 8 random states, seed 2, frame lower")
-    told = json.loads(run("arm.urdf", "--states", "8", "--json", cwd=tmp_path).stdout)
+    told = json.loads(run("check", "dynamics", "arm.urdf", "--states", "8", "--json", cwd=tmp_path).stdout)
     assert told["ok"] is True
     assert len(told["rows"]) == len(QUANTITIES)
 
 
-def test_the_command_fails_where_the_check_does(tmp_path):
-    code = (
-        "import sys; from pepper_kin import dynamics; right = dynamics.mass_matrix\n"
-        "def mass_matrix(pepper, q): return right(pepper, q) * 1.01\n"
-        "dynamics.mass_matrix = mass_matrix\n"
-        "from pepper_kin.cli import main; main()"
-    )
+def test_the_command_fails_where_the_check_does(run, tmp_path, monkeypatch):
+    right = pk.dynamics.mass_matrix
+
+    def mass_matrix(pepper, q):
+        return right(pepper, q) * 1.01
+
+    monkeypatch.setattr(pk.dynamics, "mass_matrix", mass_matrix)
     (tmp_path / "arm.urdf").write_text(ARM.format(mass=1))
-    command = [sys.executable, "-c", code, "check", "dynamics", "arm.urdf", "--states", "4"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    done = run("check", "dynamics", "arm.urdf", "--states", "4", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout.splitlines()[-1].startswith("Beyond the limit: mass matrix (single)")
 
@@ -202,12 +182,12 @@ def test_the_command_fails_where_the_check_does(tmp_path):
         (("--seed", "-1"), "seed: got -1, expected an integer of at least 0"),
     ],
 )
-def test_check_misuse_ends_with_one_line(tmp_path, arguments, message):
-    done = run(*arguments, cwd=tmp_path)
+def test_check_misuse_ends_with_one_line(run, tmp_path, arguments, message):
+    done = run("check", "dynamics", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert message in done.stderr
 
 
-def test_help_of_the_command_has_an_example(tmp_path):
-    assert "Example: pepper-kin check dynamics" in run("--help", cwd=tmp_path).stdout
+def test_help_of_the_command_has_an_example(run, tmp_path):
+    assert "Example: pepper-kin check dynamics" in run("check", "dynamics", "--help", cwd=tmp_path).stdout

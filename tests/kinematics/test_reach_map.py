@@ -12,14 +12,6 @@ from pepper_kin.kinematics.reach_picture import save_reach_picture
 LEFT, RIGHT = "LArm_effector", "RArm_effector"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def kernel_cache(tmp_path_factory):
-    patch = pytest.MonkeyPatch()
-    patch.setenv("PEPPER_KIN_CACHE", str(tmp_path_factory.mktemp("kernels")))
-    yield
-    patch.undo()
-
-
 @pytest.fixture(scope="module")
 def pepper():
     return pk.load_pepper()
@@ -167,7 +159,6 @@ def test_points_that_are_none_are_refused(arm_map, points):
 
 
 def test_the_picture_is_a_png(arm_map, tmp_path):
-    pytest.importorskip("matplotlib")
     path = save_reach_picture({"left": arm_map, "again": arm_map}, tmp_path / "reach.png")
     assert path.read_bytes().startswith(b"\x89PNG")
     assert path.stat().st_size > 10_000

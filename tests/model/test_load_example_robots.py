@@ -16,10 +16,7 @@ URDFS = {
 
 
 def urdf_path(name):
-    try:
-        package = importlib.metadata.distribution("example-robot-data")
-    except importlib.metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
+    package = importlib.metadata.distribution("example-robot-data")
     found = [file for file in package.files or () if str(file).endswith(f"robots/{URDFS[name]}")]
     return package.locate_file(found[0])
 

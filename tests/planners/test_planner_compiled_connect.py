@@ -150,12 +150,12 @@ def test_invalid_ends_have_their_own_status(wall, machine_code) -> None:  # type
 def test_no_path_ends_in_time(timeout: float, closed_wall, machine_code) -> None:  # type: ignore[no-untyped-def]
     problem = padded(closed_wall, LEFT, RIGHT, machine_code)
     rrt_connect(problem, max_iterations=1)
-    begun = time.perf_counter()
+    begun, spent = time.perf_counter(), time.thread_time()
     result = rrt_connect(problem, timeout=timeout)
-    passed = time.perf_counter() - begun
+    passed, spent = time.perf_counter() - begun, time.thread_time() - spent
     assert result.status is Status.NO_PATH_IN_TIME
     assert timeout <= result.time <= passed
-    assert passed < 2.0 * timeout + 1.0  # a busy machine; by itself it is late by less than a millisecond
+    assert spent < 2.0 * timeout + 1.0  # of its own; by the clock others may keep it waiting for longer
     assert result.iterations > 100
 
 

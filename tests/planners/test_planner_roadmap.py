@@ -147,10 +147,11 @@ def test_statuses(closed_wall, machine_code) -> None:  # type: ignore[no-untyped
     tired = roadmap.solve(timeout=60.0, max_nodes=1000)
     assert tired.status is Status.OUT_OF_ITERATIONS
     assert roadmap.nodes == 1000
-    begun = time.perf_counter()
+    begun, spent = time.perf_counter(), time.thread_time()
     late = roadmap.solve(timeout=0.1, max_nodes=10**7)
     assert late.status is Status.NO_PATH_IN_TIME
-    assert 0.1 <= late.time <= time.perf_counter() - begun < 1.2
+    assert 0.1 <= late.time <= time.perf_counter() - begun
+    assert time.thread_time() - spent < 1.2  # of its own; others may keep it waiting
     assert late.path is None
     assert late.cost == np.inf
 

@@ -1,7 +1,5 @@
 """The page about sensors names all of them; the example passes its own check."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 from pepper_kin.twin.sensors import sensor_specifications
@@ -22,8 +20,6 @@ def test_the_page_names_every_sensor_with_its_rate():
         assert f"| {specification.rate:g} Hz |" in row
 
 
-def test_the_example_passes_its_own_check(tmp_path):
-    script = ROOT / "examples" / "14_sensors.py"
-    assert len(script.read_text().splitlines()) < 100
-    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+def test_the_example_passes_its_own_check(run_example, tmp_path):
+    assert len((ROOT / "examples" / "14_sensors.py").read_text().splitlines()) < 100
+    assert run_example("14_sensors.py", cwd=tmp_path).returncode == 0

@@ -62,16 +62,20 @@ def test_the_environment_names_the_browser(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("script", "message"),
-    [("exit 3", "ended with code 3"), ("exit 0", "wrote nothing"), ("exec sleep 30", "longer than 1 s")],
+    ("script", "timeout", "message"),
+    [
+        ("exit 3", 60.0, "ended with code 3"),
+        ("exit 0", 60.0, "wrote nothing"),
+        ("exec sleep 30", 1.0, "longer than 1 s"),
+    ],
 )
-def test_a_browser_that_fails_leaves_no_picture(page, tmp_path, monkeypatch, script, message):
+def test_a_browser_that_fails_leaves_no_picture(page, tmp_path, monkeypatch, script, timeout, message):
     program = tmp_path / "browser"
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
     monkeypatch.setenv("PEPPER_KIN_CHROMIUM", str(program))
     with pytest.raises(InfeasibleError, match=f"no picture: the browser .*{message}"):
-        screenshot(page, tmp_path / "a.png", timeout=1.0)
+        screenshot(page, tmp_path / "a.png", timeout=timeout)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["browser", "motion.html"]
 
 

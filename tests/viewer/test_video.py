@@ -139,13 +139,14 @@ def test_without_a_chromium_the_message_says_so(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("script", "message"), [("exit 0", "has ended"), ("exec sleep 30", "did not answer in 1 s")]
+    ("script", "timeout", "message"),
+    [("exit 0", 60.0, "has ended"), ("exec sleep 30", 1.0, "did not answer in 1 s")],
 )
-def test_a_browser_that_fails_leaves_no_film(page, tmp_path, monkeypatch, script, message):
+def test_a_browser_that_fails_leaves_no_film(page, tmp_path, monkeypatch, script, timeout, message):
     program = tmp_path / "browser"
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
     monkeypatch.setenv("PEPPER_KIN_CHROMIUM", str(program))
     with pytest.raises(InfeasibleError, match=f"no picture: the browser {message}"):
-        write_video(page, tmp_path / "a.gif", timeout=1.0)
+        write_video(page, tmp_path / "a.gif", timeout=timeout)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["browser", "motion.html"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -186,3 +187,25 @@ def test_a_picture_shows_a_white_robot_in_the_middle(chromium_path, pepper, tmp_
     assert np.ptp(edge) < 120  # floor and sky alone
     columns = np.nonzero((pixels.max(axis=2) < 40).any(axis=0))[0]  # tablet, neck, elbows, waist
     assert abs(columns.min() + columns.max() - 239) < 10  # from the front it is symmetric
+
+
+def test_a_target_is_moved_from_python_as_by_dragging(pepper):
+    heard, told = [], threading.Event()
+
+    def hear(name, position):
+        heard.append((name, position))
+        told.set()
+
+    with Viewer(pepper, port=0) as viewer:
+        viewer.show(pepper.posture("Stand"))
+        viewer.on_target(hear).follow(False)
+        assert viewer.move_target("left hand", [0.4, 0.2, 0.9]) is viewer
+        assert told.wait(10.0)
+        name, position = heard[-1]
+        assert name == "left hand"
+        np.testing.assert_array_equal(position, [0.4, 0.2, 0.9])
+        np.testing.assert_array_equal(viewer.q, pepper.posture("Stand"))  # nobody follows
+        with pytest.raises(UnknownNameError, match=r"left foot.*left hand, right hand, gaze"):
+            viewer.move_target("left foot", [0.4, 0.2, 0.9])
+        with pytest.raises(InvalidValueError, match="position of target 'gaze'"):
+            viewer.move_target("gaze", [0.4, np.nan, 0.9])

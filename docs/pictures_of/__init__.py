@@ -1,0 +1,1 @@
+"""What draws the documentation's pictures: see `docs/make_pictures.py`."""

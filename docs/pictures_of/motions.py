@@ -1,0 +1,176 @@
+"""Pictures of the examples about motions: 10, 11, 12, 16, 17."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pepper_kin as pk
+from pepper_kin.model.shapes import Box
+from pepper_kin.trajectory import Trajectory
+
+from .album import gesture_album
+from .camera import framing
+from .examples import variables_of
+from .sheet import COLORS, SIZE, Sheet
+from .stage import GREY, ORANGE, Stage
+
+HAND = "LArm_effector"
+
+
+def draw_10_gestures() -> None:
+    """Six gestures at their height, and the hasty one where a limit slows it down."""
+    told = variables_of("10", "--quick")
+    pepper = told["pepper"]
+    sheet = Sheet()
+    names = ("wave", "point", "think", "shrug", "bow", "welcome")
+    for column, (name, picture) in enumerate(
+        zip(names, gesture_album(pepper, names, (130, 210)), strict=True)
+    ):
+        sheet.image(picture, 6 + 132 * column, 26)
+        sheet.text(71 + 132 * column, 6, name, ha="center")
+    head = pepper.joint_index("HeadYaw")
+    limit = pepper.acceleration_limits[head]
+    calm, hasty = told["calm"], told["hasty"]
+    plots = [sheet.axes(left, 282, 305, 165) for left in (72, 475)]
+    for motion, color, name in ((calm, "blue", "tempo 1"), (hasty, "orange", "tempo 4, amplitude 1.25")):
+        times = np.linspace(0.0, motion.duration, 800)
+        state = motion(times)
+        plots[0].plot(times, state.position[:, head], color=COLORS[color], label=name)
+        plots[1].plot(times, state.acceleration[:, head] / limit, color=COLORS[color], label=name)
+    plots[0].set(xlabel="s", ylabel="HeadYaw [rad]", title="shake-head", xlim=(0, calm.duration))
+    plots[0].set_ylim(-1.05, 0.65)
+    plots[0].legend(fontsize=9, loc="lower right", bbox_to_anchor=(1.04, -0.03))
+    plots[1].axhspan(1, 1.3, color=COLORS["grey"], alpha=0.2, linewidth=0)
+    plots[1].axhspan(-1.3, -1, color=COLORS["grey"], alpha=0.2, linewidth=0)
+    plots[1].set(xlabel="s", ylim=(-1.3, 1.3), xlim=(0, calm.duration), ylabel="share of its limit")
+    plots[1].set_title("acceleration: slower where it must be")
+    sheet.save("example_10.png")
+
+
+def draw_11_files() -> None:
+    """The animation as it was drawn and as it was made safe."""
+    told = variables_of("11")
+    pepper, imported = told["pepper"], told["imported"]
+    head = pepper.joint_index("HeadYaw")
+    limits = {
+        "position": ("rad", pepper.upper_limits[head]),
+        "velocity": ("rad/s", pepper.velocity_limits[head]),
+        "acceleration": ("rad/s²", pepper.acceleration_limits[head]),
+    }
+    sheet = Sheet()
+    for row, (quantity, (unit, limit)) in enumerate(limits.items()):
+        plot = sheet.axes(90, 44 + 150 * row, 690, 112)
+        motions = (("as drawn", imported.original, "orange"), ("made safe", imported.trajectory, "blue"))
+        peak = 0.0
+        for name, motion, color in motions:
+            times = np.linspace(0.0, motion.duration, 3000)
+            values = getattr(motion(times), quantity)[:, head]
+            peak = max(peak, float(np.abs(values).max()))
+            plot.plot(times, values, color=COLORS[color], label=name)
+        top = 1.5 * max(peak, limit)
+        if row:  # evenly spaced within the limits, by powers of ten beyond
+            plot.set_yscale("symlog", linthresh=limit)
+            powers = [10.0**k for k in range(1 + row, 4) if 1.3 * limit < 10**k < top]
+            plot.set_yticks([-limit, 0, limit, *powers, *(-x for x in powers)])
+            plot.yaxis.set_major_formatter("{x:.3g}")
+        plot.axhspan(limit, top, color=COLORS["grey"], alpha=0.2, linewidth=0)
+        plot.axhspan(-top, -limit, color=COLORS["grey"], alpha=0.2, linewidth=0)
+        plot.set(ylim=(-top, top), xlim=(0, imported.trajectory.duration), ylabel=f"{quantity}\n[{unit}]")
+        plot.tick_params(labelbottom=row == 2, labelsize=9)
+        plot.yaxis.set_label_coords(-0.075, 0.5)
+        if row == 0:
+            plot.legend(ncols=2, loc="upper right", fontsize=9)
+            plot.set_title("HeadYaw of an animation that snaps round: grey is beyond the limits")
+    plot.set_xlabel("s", labelpad=0)
+    sheet.save("example_11.png")
+
+
+def draw_12_carry_a_tray() -> None:
+    """The tray's way round the post, and its tilt with and without the constraint."""
+    told = variables_of("12")
+    pepper, q, poses = told["pepper"], told["q"], told["poses"]
+    size = (470, 500)
+    stage = Stage().scene(told["scene"]).robot(pepper, q[-1])
+    stage.robot(pepper, q[0], color=GREY, opacity=0.22, apart_from=q[-1])
+    stage.tube(poses[:: max(1, len(poses) // 150), :3, 3])
+    for share in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+        pose = poses[round(share * (len(poses) - 1))].copy()
+        pose[:3, 3] += 0.045 * pose[:3, 2]  # on the hand
+        stage.add(Box((0.14, 0.11, 0.008)), pose, (*ORANGE[:3], 1.0 if share == 1.0 else 0.4))
+    around = np.array([[x, y, z] for x in (-0.1, 0.4) for y in (-0.25, 0.4) for z in (0.55, 1.22)])
+    camera = framing(around, size, 40, 22, margin=1.0)
+    sheet = Sheet().image(stage.picture(camera))
+    sheet.label(camera, [0.33, 0.17, 1.3], "post", (45, 20))
+    sheet.label(camera, poses[0, :3, 3], "start", (35, -60))
+    free = told["free"].path
+    spline = pk.trajectory.path.as_cubic_path(pepper, free)
+    pieces = np.repeat(np.arange(len(spline.breaks) - 1), 60)
+    within = np.tile(np.linspace(0.0, 1.0, 60), len(spline.breaks) - 1) * np.diff(spline.breaks)[pieces]
+    tipped = pk.kinematics.frame_pose(pepper, spline.at(pieces, within), HAND)[:, 2, 2]
+    plot = sheet.axes(535, 60, 245, 370)
+    for values, color, name in (
+        (np.degrees(np.arccos(np.clip(tipped, -1, 1))), "grey", "without the constraint"),
+        (np.degrees(told["tilts"]), "orange", "with it"),
+    ):
+        plot.plot(np.linspace(0, 100, len(values)), values, color=COLORS[color], label=name)
+    plot.axhline(np.degrees(told["tilt"]), color="#26323f", linestyle="--", linewidth=1)
+    plot.text(99, np.degrees(told["tilt"]) + 0.4, "5° are allowed", ha="right", fontsize=9)
+    plot.set(xlabel="% of the path", ylabel="tilt [degree]", title="how far the tray leans", ylim=(0, 75))
+    plot.legend(fontsize=9, loc="upper center")
+    sheet.save("example_12.png")
+
+
+def draw_16_live_target() -> None:
+    """The three targets, the hand's way to them, and the last posture."""
+    told = variables_of("16")
+    pepper, path, heard = told["pepper"], np.array(told["path"]), told["heard"]
+    points = list(
+        dict.fromkeys(tuple(float(x) for x in place) for name, place in heard if name == "left hand")
+    )
+    stage = Stage().scene(told["scene"]).robot(pepper, told["reached"])
+    stage.robot(pepper, told["start"], color=GREY, opacity=0.2, apart_from=told["reached"])
+    stage.tube(smooth(path), ORANGE, 0.004)
+    around = np.array([[x, y, z] for x in (-0.2, 0.72) for y in (-0.3, 0.3) for z in (0.5, 1.22)])
+    camera = framing(around, SIZE, 35, 16, margin=1.0)
+    for point in points:
+        stage.ball(point, ORANGE, 0.018)
+    sheet = Sheet().image(stage.picture(camera))
+    for k, (point, offset) in enumerate(zip(points, ((90, -35), (-80, -40), (-60, 60)), strict=False)):
+        sheet.label(camera, point, f"target {k + 1}", offset)
+    sheet.text(20, 20, 'viewer.move_target("left hand", point)', family="monospace", fontsize=11)
+    sheet.save("example_16.png")
+
+
+def smooth(path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out points of a path that are nearer than 2 mm to the one before."""
+    kept = [path[0]]
+    for point in path[1:]:
+        if np.linalg.norm(point - kept[-1]) > 0.002:
+            kept.append(point)
+    return np.array(kept)
+
+
+def draw_17_jerk_limits() -> None:
+    """The hardest joint's acceleration over time, for each timing."""
+    told = variables_of("17")
+    pepper = told["pepper"]
+    timings: dict[str, Trajectory] = told["timings"]
+    sheet = Sheet()
+    longest = max(trajectory.duration for trajectory in timings.values())
+    joint = pepper.joint_index("RElbowRoll")
+    shades = ("orange", "violet", "blue", "green")
+    for row, ((name, trajectory), color) in enumerate(zip(timings.items(), shades, strict=True)):
+        plot = sheet.axes(85, 42 + 110 * row, 695, 84)
+        times = np.linspace(0.0, trajectory.duration, 3000)
+        share = trajectory(times).acceleration[:, joint] / pepper.acceleration_limits[joint]
+        plot.fill_between(times, share, color=COLORS[color], alpha=0.25, linewidth=0)
+        plot.plot(times, share, color=COLORS[color])
+        plot.set(xlim=(0, 1.02 * longest), ylim=(-1.1, 1.1), yticks=(-1, 0, 1), ylabel=name)
+        plot.axvline(trajectory.duration, color="#26323f", linewidth=1)
+        plot.text(trajectory.duration - 0.006, 0.62, f"{trajectory.duration:.2f} s", ha="right", fontsize=9)
+        plot.tick_params(labelbottom=row == 3)
+        if row == 0:
+            plot.set_title("RElbowRoll: acceleration as a share of its limit, for each limit of jerk")
+    plot.set_xlabel("s", labelpad=0)
+    sheet.save("example_17.png")

@@ -1,0 +1,163 @@
+"""Pictures of the guides: the demo and its film, looks, reach, gestures, the live page, a timed motion."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+import pepper_kin as pk
+from pepper_kin.jobs import demo_scene
+from pepper_kin.jobs.demo import GAZE, TARGET
+from pepper_kin.kinematics.reach_map import reach_map
+from pepper_kin.kinematics.reach_picture import save_reach_picture
+from pepper_kin.model import Box, PepperModel
+from pepper_kin.trajectory import Trajectory
+from pepper_kin.viewer import JointMotion, find_chromium
+from pepper_kin.viewer.browser import CHROMIUM_FLAGS
+from pepper_kin.viewer.video import write_video
+
+from .album import gesture_album
+from .camera import framing
+from .reaching import BODY
+from .sheet import FOLDER, Sheet, save_small
+from .stage import aim
+
+SCRUB = "e => { e.value = 0.6 * e.max; e.dispatchEvent(new Event('input')); }"
+TABLE = [[x, y, 0.7] for x in (0.3, 0.67) for y in (-0.3, 0.4)]
+
+
+@cache
+def demo_motion() -> tuple[PepperModel, pk.Scene, Trajectory]:
+    """Return the demo's motion, with time enough for the planner on a machine that is busy."""
+    pepper, scene = pk.load_pepper(), demo_scene()
+    tasks = [pk.ik.HandPosition("left", TARGET), pk.ik.LookAt(GAZE)]
+    plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0, timeout=60.0)
+    return pepper, scene, pk.retime(pepper, plan.path, balance=0.01)
+
+
+def draw_demo() -> None:
+    """The demo at its end."""
+    pepper, scene, trajectory = demo_motion()
+    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET)
+    viewer.save_image(FOLDER / "demo.png", trajectory, at_time=trajectory.duration, size=(1280, 720))
+
+
+def draw_film() -> None:
+    """The demo to and fro, as an endless film."""
+    pepper, scene, trajectory = demo_motion()
+    there = trajectory(np.linspace(0.0, trajectory.duration, round(40 * trajectory.duration) + 1)).position
+    stay, wait = np.repeat(there[-1:], 40, axis=0), np.repeat(there[:1], 20, axis=0)
+    positions = np.concatenate([wait, there, stay, there[::-1]])
+    motion = JointMotion(np.arange(len(positions)) / 40, positions, {})
+    size = (640, 460)
+    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET)
+    with tempfile.TemporaryDirectory() as folder:
+        page = viewer.save_html(Path(folder) / "film.html", motion, series={})
+        aim(page, framing([*BODY, *TABLE], size, 42, 12, margin=0.98))
+        write_video(page, FOLDER / "demo.gif", fps=16.0, size=size, timeout=600.0)
+
+
+def draw_looks() -> None:
+    """The robot's looks, its capsules and its spheres, from three sides."""
+    pepper = pk.load_pepper()
+    for name, looks, over in (
+        ("looks", "visual", None),
+        ("capsules", "visual", "collision"),
+        ("spheres", "visual", "spheres"),
+    ):
+        for view in ("front", "side", "three-quarter"):
+            picture = FOLDER / f"{name}_{view}.png"
+            pk.Viewer(pepper, looks=looks, over=over).save_image(picture, size=(480, 640), view=view)
+
+
+def draw_reach() -> None:
+    """Where the left hand can go."""
+    pepper = pk.load_pepper(base="planar")
+    arm, torso = pepper.joint_group("left_arm"), pepper.joint_group("torso")
+    choices = {
+        "left arm": arm,
+        "with torso": (*torso, *arm),
+        "with torso, turning on the spot": ("BaseYaw", *torso, *arm),
+    }
+    maps = {title: reach_map(pepper, "LArm_effector", joints=joints) for title, joints in choices.items()}
+    save_reach_picture(maps, FOLDER / "reach_left.png")
+
+
+def draw_gestures() -> None:
+    """All gestures of the library where they are farthest from Stand."""
+    pepper = pk.load_pepper()
+    names = pk.motion.gesture_names()
+    columns, wide, high = 8, 112, 176
+    rows = -(-len(names) // columns)
+    sheet = Sheet((columns * wide, rows * (high + 20)))
+    for place, (name, picture) in enumerate(
+        zip(names, gesture_album(pepper, names, (wide - 4, high - 4)), strict=True)
+    ):
+        left, top = place % columns * wide, place // columns * (high + 20)
+        sheet.image(picture, left + 2, top + 20)
+        sheet.text(left + wide / 2, top + 3, name, ha="center")
+    sheet.save("gestures.png")
+
+
+def draw_timing() -> None:
+    """A timed motion against its limits, as `pepper-kin plot` draws it."""
+    pepper, _, trajectory = demo_motion()
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = Path(folder) / "timing.png"
+        trajectory.plot(pepper, drawn)
+        image = Image.open(drawn).convert("RGB")
+    width = 900
+    save_small(image.resize((width, round(image.height * width / image.width)), Image.LANCZOS), "timing.png")
+
+
+def draw_live_page() -> None:
+    """The page of `pepper-kin view` after a plan round an obstacle: panel, ghosts and plots."""
+    pepper = pk.load_pepper()
+    scene = (
+        pk.Scene()
+        .add_box("table", size=(0.40, 0.90, 0.03), position=(0.47, 0.05, 0.715))
+        .add("box", Box((0.12, 0.12, 0.14)), position=(0.42, -0.02, 0.80), color=(0.3, 0.55, 0.75, 1.0))
+    )
+    with pk.Viewer(pepper, port=0).add_scene(scene) as viewer:
+        address = viewer.show(pepper.posture("Stand"))
+        viewer.follow(False).move_target("left hand", (0.38, 0.22, 0.82)).move_target(
+            "gaze", (0.38, 0.22, 0.82)
+        )
+        save_small(_photographed(address), "live_page.png")
+
+
+def _photographed(address: str) -> Image.Image:
+    """Let a browser open the live page, press Plan, wait for the motion and scrub to its middle."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        arguments = [flag for flag in CHROMIUM_FLAGS if flag != "--headless"]
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=arguments)
+        page = browser.new_page(viewport={"width": 1120, "height": 720})
+        page.set_default_timeout(300_000)
+        page.goto(address)
+        _until(page, "window.pepperKin !== undefined && pepperKin.connected")
+        page.locator("#plan").click()
+        _until(page, "pepperKin.values.play !== null")
+        page.locator("#scrub").evaluate(SCRUB)
+        time.sleep(1.0)  # until the page has been told
+        _until(page, "pepperKin.quality.settled && !pepperKin.viewer.needs_render")  # drawn finely
+        drawn = page.screenshot(timeout=300_000)
+        browser.close()
+    return Image.open(io.BytesIO(drawn)).convert("RGB")
+
+
+def _until(page: Any, condition: str) -> None:
+    """Wait until a page meets a condition; playwright's own waiting needs eval, which pages forbid."""
+    deadline = time.monotonic() + 600
+    while not page.evaluate(condition):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"the live page never reached: {condition}")
+        time.sleep(0.1)
