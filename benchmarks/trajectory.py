@@ -1,9 +1,12 @@
-"""Timing along paths beside toppra: python benchmarks/trajectory.py [--quick].
+"""Timing along paths beside toppra: python benchmarks/trajectory.py [--quick] [--certificate].
 
 Random paths of five way-points for all 15 joints.  Each case is timed in turn with toppra used directly (its
 own spline, constraints and pass, the torques by Pinocchio one state at a time, as its users write it) and
 with toppra behind `retime(solver="toppra")`; times are medians, from way-points to a trajectory sampled every
 millisecond.  Every trajectory is certified before it counts.  Prints Markdown.
+
+With `--certificate` only the cost of certificates is printed: without a scene, with one, and the clearance
+in it found by bounds beside distances at every millisecond, in turn on the same motions.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.trajectory import OnlineMotion, Trajectory, retime
 
 PEPPER = pk.load_pepper()
+WHEELS = ("WheelB_link", "WheelFL_link", "WheelFR_link")
 HANDS = {"left": 0.6, "right": 0.6}
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "velocity, acceleration": ({"torque": False}, {}),
@@ -228,6 +232,62 @@ def online(chosen: list[np.ndarray]) -> None:
     table(("online", "time [us]"), rows)
 
 
+def worlds() -> dict[str, pk.Scene]:
+    """Nothing, a table, the table with a cup in the hand, and the table with a cloud of points on a floor."""
+    table = pk.Scene().add_box("table", (0.4, 0.8, 0.03), (0.47, 0.05, 0.715))
+    held = table.add_cylinder("cup", 0.03, 0.12, (0, 0, 0)).attach("cup", "l_gripper", np.eye(4))
+    points = np.random.default_rng(0).uniform((0.35, -0.5, 0.75), (0.65, 0.5, 1.2), (2000, 3))
+    cloud = table.add_half_space("floor", (0, 0, 1)).allow("floor", "Tibia", *WHEELS)
+    return {
+        "the body alone": pk.Scene(),
+        "table": table,
+        "table, cup in hand": held,
+        "table, floor, cloud": cloud.add_point_cloud("cloud", points, radius=0.01),
+    }
+
+
+def certificate(count: int) -> None:
+    rng = np.random.default_rng(0)
+    stand, motions = PEPPER.posture("Stand"), []
+    while len(motions) < count:
+        goal = stand + 0.3 * rng.normal(size=PEPPER.n)
+        points = [stand, np.clip(goal, PEPPER.lower_limits, PEPPER.upper_limits)]
+        motions.append(retime(PEPPER, points, torque=False))
+    rows = []
+    for name, scene in worlds().items():
+        times, measured, off = [], [], 0.0
+        motions[0].check(PEPPER, scene)
+        for motion in motions:
+            q = motion.sample(0.001).position
+            found = pk.collision.least_clearance(PEPPER, q, scene)
+            every = pk.collision.clearance(PEPPER, q, scene)
+            off = max(off, abs(found.distance - float(every.min())))
+            measured.append(found.measured / len(q))
+            functions: list[Callable[[], object]] = [
+                lambda q=q, s=scene: pk.collision.clearance(PEPPER, q, s),  # type: ignore[misc]
+                lambda q=q, s=scene: pk.collision.least_clearance(PEPPER, q, s),  # type: ignore[misc]
+                lambda m=motion, s=scene: m.check(PEPPER, s),  # type: ignore[misc]
+                lambda m=motion: m.check(PEPPER),  # type: ignore[misc]
+            ]
+            times.append([1e3 * seconds(function) for function in functions])
+        medians_ms = [f"{statistics.median(column):.0f}" for column in zip(*times, strict=True)]
+        share = f"{100 * statistics.median(measured):.0f} %"
+        rows.append((name, *medians_ms, share, f"{1e6 * off:.2f}"))
+    milliseconds = statistics.median(1e3 * motion.duration for motion in motions)
+    table(
+        (
+            f"certificate of {milliseconds:.0f} ms (median)",
+            "clearance at every one [ms]",
+            "by bounds [ms]",
+            "whole certificate [ms]",
+            "without a scene [ms]",
+            "measured",
+            "least distance differs by at most [um]",
+        ),
+        rows,
+    )
+
+
 def cold() -> None:
     """Time of the first call on a machine: with an empty cache of machine code, in a process of its own."""
     code = (
@@ -256,9 +316,14 @@ def cold() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    quick = parser.parse_args().quick
+    parser.add_argument("--certificate", action="store_true", help="only what certificates cost")
+    options = parser.parse_args()
+    quick = options.quick
     toppra.setup_logging("ERROR")
     logging.getLogger("toppra").setLevel(logging.ERROR)
+    if options.certificate:
+        certificate(4 if quick else 12)
+        return
     chosen = paths(4 if quick else 15)
     timing(chosen, 3 if quick else 7)
     jerk(chosen)

@@ -2,6 +2,7 @@
 
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
+from pepper_kin.collision.least_clearance import LeastClearance, least_clearance
 from pepper_kin.collision.near_pairs import NearPairs, near_pairs
 from pepper_kin.collision.queries import clearance, closest_pair, contacts, in_collision
 from pepper_kin.collision.scene import Scene
@@ -15,6 +16,7 @@ __all__ = [
     "Contact",
     "ConvexMesh",
     "HalfSpace",
+    "LeastClearance",
     "NearPairs",
     "PointCloud",
     "Scene",
@@ -25,5 +27,6 @@ __all__ = [
     "closest_pair",
     "contacts",
     "in_collision",
+    "least_clearance",
     "near_pairs",
 ]

@@ -1,7 +1,7 @@
 """Newton-Euler dynamics written independently, to check the others against.
 
 Straight from F = m a and tau = I alpha + omega x I omega, link by link in the world frame: no spatial
-algebra, no Pinocchio, and its own reading of the URDF.  Slow and plain on purpose.
+algebra, no Pinocchio, and its own reading of the URDF.  Plain on purpose.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
+_CHUNK = 2000  # states at once, which keeps its memory small
 
 Array = NDArray[np.float64]
 
@@ -65,15 +66,19 @@ def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) 
         raise InvalidValueError("q, v and a", [x.shape for x in arrays], "broadcastable shapes") from None
     bodies = _read_bodies(pepper.urdf)
     gain, offset = _coupling(pepper)
-    motion = {
-        name: (q_all @ gain[name] + offset[name], v_all @ gain[name], a_all @ gain[name]) for name in gain
-    }
-    tau = np.zeros_like(q_all)
-    for name, torque in _torques(bodies, motion, q_all.shape[:-1]).items():
-        tau += torque[..., None] * gain[name]
-    return tau
+    flat = [x.reshape(-1, pepper.n) for x in (q_all, v_all, a_all)]
+    tau = np.zeros_like(flat[0])
+    for start in range(0, len(tau), _CHUNK):
+        q_part, v_part, a_part = (x[start : start + _CHUNK] for x in flat)
+        motion = {
+            name: (q_part @ row + offset[name], v_part @ row, a_part @ row) for name, row in gain.items()
+        }
+        for name, torque in _torques(bodies, motion, len(q_part)).items():
+            tau[start : start + _CHUNK] += torque[:, None] * gain[name]
+    return tau.reshape(q_all.shape)
 
 
+@lru_cache(maxsize=8)
 def _coupling(pepper: PepperModel) -> tuple[dict[str, Array], dict[str, float]]:
     """Return each moving joint's row of q_joint = gain . q + offset, read from the URDF's mimic elements."""
     mimics = {}
@@ -98,17 +103,11 @@ def _coupling(pepper: PepperModel) -> tuple[dict[str, Array], dict[str, float]]:
     return gains, offsets
 
 
-def _rotation(axis: Array, angle: Array) -> Array:
-    """Rodrigues' formula: rotation about a unit axis, shape (..., 3, 3)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = np.asarray(angle)[..., None, None]
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-
-
 def _fixed_rotation(rpy: Array) -> Array:
-    x, y, z = np.eye(3)
-    return np.asarray(_rotation(z, rpy[2]) @ _rotation(y, rpy[1]) @ _rotation(x, rpy[0]))
+    r = np.eye(3)[:, :, None]
+    for axis, angle in zip(np.eye(3)[::-1], rpy[::-1], strict=True):
+        r = _turned(r, axis, np.array([angle]))
+    return r[:, :, 0]
 
 
 def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") -> Array:
@@ -182,15 +181,30 @@ def _body(parent: int, joint: ET.Element | None, link: ET.Element) -> _Body:
     )
 
 
-def _apply(matrix: Array, vector: Array) -> Array:
-    return np.einsum("...ij,...j->...i", matrix, vector)
+def _cross(a: Array, b: Array) -> Array:
+    """Return a x b, component by component, shape (3, T)."""
+    result = np.empty_like(b)
+    result[0] = a[1] * b[2] - a[2] * b[1]
+    result[1] = a[2] * b[0] - a[0] * b[2]
+    result[2] = a[0] * b[1] - a[1] * b[0]
+    return result
+
+
+def _spin(omega: Array, alpha: Array, arm: Array) -> Array:
+    """Return alpha x arm + omega x (omega x arm): what turning adds to the acceleration at an arm's end."""
+    return _cross(alpha, arm) + _cross(omega, _cross(omega, arm))
 
 
 def _torques(
-    bodies: Sequence[_Body], motion: dict[str, tuple[Array, Array, Array]], batch: tuple[int, ...]
+    bodies: Sequence[_Body], motion: dict[str, tuple[Array, Array, Array]], count: int
 ) -> dict[str, Array]:
-    """Return the torque of every moving joint, each of shape `batch`."""
-    zero = np.zeros((*batch, 3))
+    """Return the torque of every moving joint in `count` states, shape (T,) each.
+
+    Coordinates come first and states last, (3, T) for a vector: whole rows at a time are multiplied.  A
+    matrix r turns a vector that is the same in all states by `vector @ r`, as r[i, j] stands for row i and
+    column j of all states, and r @ m is `m.T @ r`.
+    """
+    zero = np.zeros((3, count))
     turn: list[Array] = []  # orientation of each link in the world
     position: list[Array] = []  # origin of each link
     omega: list[Array] = []  # angular velocity
@@ -201,50 +215,56 @@ def _torques(
     moment: list[Array] = []  # the same about the link's origin
     for body in bodies:
         if body.parent < 0:
-            r, p, w, dw, acc = np.broadcast_to(np.eye(3), (*batch, 3, 3)), zero, zero, zero, zero
-            axis = zero
+            r, p, w, dw, acc, axis = np.repeat(np.eye(3)[:, :, None], count, axis=2), *[zero] * 5
         else:
             k = body.parent
-            r = turn[k] @ body.rotation
-            axis = _apply(r, body.axis)
-            arm = _apply(turn[k], body.origin)
+            r = body.rotation.T @ turn[k]
+            axis = body.axis @ r
+            arm = body.origin @ turn[k]
             w, dw = omega[k], alpha[k]
             slide = zero
             if body.kind != "fixed":
-                x, speed, rate = (s[..., None] for s in motion[body.joint])
+                x, speed, rate = motion[body.joint]
                 if body.kind == "prismatic":
                     arm = arm + axis * x
-                    slide = 2 * np.cross(w, axis * speed) + axis * rate
+                    slide = 2 * _cross(w, axis * speed) + axis * rate
                 else:
-                    r = r @ _rotation(body.axis, x[..., 0])
-                    dw = dw + np.cross(w, axis * speed) + axis * rate
+                    r = _turned(r, body.axis, x)
+                    dw = dw + _cross(w, axis * speed) + axis * rate
                     w = w + axis * speed
             p = position[k] + arm
-            acc = (
-                acceleration[k]
-                + np.cross(alpha[k], arm)
-                + np.cross(omega[k], np.cross(omega[k], arm))
-                + slide
-            )
+            acc = acceleration[k] + _spin(omega[k], alpha[k], arm) + slide
         for values, value in (
             (turn, r), (position, p), (omega, w), (alpha, dw), (acceleration, acc), (axes, axis),
         ):  # fmt: skip
             values.append(value)
-        lever = _apply(r, body.center)
-        inertia = r @ body.inertia @ np.swapaxes(r, -1, -2)
-        a_center = acc + np.cross(dw, lever) + np.cross(w, np.cross(w, lever))
-        f = body.mass * (a_center - GRAVITY)
-        n = _apply(inertia, dw) + np.cross(w, _apply(inertia, w))
+        lever = body.center @ r
+        f = body.mass * (acc + _spin(w, dw, lever) - GRAVITY[:, None])
+        n = _times(r, body.inertia, dw) + _cross(w, _times(r, body.inertia, w))
         force.append(f)
-        moment.append(n + np.cross(lever, f))
+        moment.append(n + _cross(lever, f))
     torques = {}
     for i in reversed(range(len(bodies))):
         body = bodies[i]
         if body.kind != "fixed":
             load = force[i] if body.kind == "prismatic" else moment[i]
-            torques[body.joint] = np.sum(axes[i] * load, axis=-1)
+            torques[body.joint] = np.sum(axes[i] * load, axis=0)
         if body.parent >= 0:
             k = body.parent
             force[k] = force[k] + force[i]
-            moment[k] = moment[k] + moment[i] + np.cross(position[i] - position[k], force[i])
+            moment[k] = moment[k] + moment[i] + _cross(position[i] - position[k], force[i])
     return torques
+
+
+def _turned(r: Array, axis: Array, angle: Array) -> Array:
+    """Return r times the rotation about a unit axis by each state's angle, by Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    across = cross.T @ r
+    return np.asarray(r + np.sin(angle) * across + (1 - np.cos(angle)) * (cross.T @ across))
+
+
+def _times(r: Array, inertia: Array, vector: Array) -> Array:
+    """Return r I r^T times a vector, where I is given in the link's frame, shape (3, T)."""
+    inside = inertia @ np.sum(r * vector[:, None], axis=0)
+    return np.asarray(np.sum(r * inside, axis=1))

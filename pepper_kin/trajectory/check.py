@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ STEP = 0.001  # [s]
 JUMP_TOLERANCE = 1e-6  # [rad, m, rad/s or m/s]
 RELATIVE_TOLERANCE = 1e-7  # of a limit's range, for rounding
 _TOUCH = 1e-9  # [m] depth stated for a contact whose depth is not known
-_CHUNK = 2000  # states per call of newton_euler, which keeps its memory small
 
 
 def check(
@@ -60,6 +59,8 @@ def check(
         InvalidValueError: where the trajectory's joints are not the robot's, in its order; or for an option
             out of range.
     """
+    from pepper_kin import dynamics
+
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
@@ -70,7 +71,7 @@ def check(
     )
     time, state = _states(trajectory)
     lower, upper = pepper.lower_limits, pepper.upper_limits
-    torque = _in_chunks(_newton_euler(pepper), *state) + payload_torque(pepper, held, *state)
+    torque = dynamics.newton_euler(pepper, *state) + payload_torque(pepper, held, *state)
     polygon = support_polygon(pepper)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
 
@@ -112,17 +113,6 @@ def _jerks(trajectory: Trajectory) -> Array:
     piece = np.arange(step.size)
     ends = [trajectory.jerk_at_pieces(piece, 0 * step), trajectory.jerk_at_pieces(piece, step)]
     return np.concatenate([trajectory.jerk(sample_times(trajectory.duration, STEP)), *ends])
-
-
-def _newton_euler(pepper: PepperModel) -> Callable[..., Array]:
-    from pepper_kin import dynamics
-
-    return lambda q, v, a: dynamics.newton_euler(pepper, q, v, a)
-
-
-def _in_chunks(function: Callable[..., Array], *arrays: Array) -> Array:
-    starts = range(0, len(arrays[0]), _CHUNK)
-    return np.concatenate([function(*(array[i : i + _CHUNK] for array in arrays)) for i in starts])
 
 
 def _limit_check(
@@ -192,18 +182,15 @@ def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> 
 
 
 def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> ScalarCheck:
-    """Measure distances every millisecond; neighbours decided by joint ranges count as yes or no."""
+    """Find the least distance of all milliseconds; neighbours decided by joint ranges count as yes or no."""
     from pepper_kin import collision
 
     time = sample_times(trajectory.duration, STEP)
-    position = trajectory(time).position
-    distance = collision.clearance(pepper, position, scene)
-    touching = collision.in_collision(pepper, position, scene)
-    at = int(np.argmin(np.where(touching, np.minimum(distance, 0.0), distance)))
-    worst = float(distance[at])
-    closest = collision.closest_pair(pepper, position[at], scene)
-    pair = "" if closest is None else " between " + " and ".join(closest.names)
+    found = collision.least_clearance(pepper, trajectory(time).position, scene)
+    worst, at = found.distance, found.index
+    pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"
-    if touching[at] and worst > 0:
-        worst, detail = -_TOUCH, "two neighbouring links touch, by their joint ranges"
+    if found.forbidden is not None and worst > 0:
+        worst, at = -_TOUCH, found.forbidden
+        detail = "two neighbouring links touch, by their joint ranges"
     return ScalarCheck("clearance", worst, worst, float(time[at]), "m", detail)

@@ -206,13 +206,17 @@ class _WithoutRest:
         changed = np.zeros(task.step.size, bool)
         joints = task.velocity, task.acceleration, self.low, self.high, self.x_most, 0.0, changed
         rows = self.a, self.b, self.c, self.low, self.high, self.x_most
-        for _ in range(_TRIALS):
+        for trial in range(_TRIALS):
             x, failed = passes(task.step, task.first, *rows)
             if failed >= 0:
                 self.failed_at = float((task.s[failed] - task.s[0]) / (task.s[-1] - task.s[0]))
                 return None
+            before = self.x_most.copy()
             if max(inspect_joints(task.taylor, task.step, x, *joints), self._rest(x)) <= 1.0 + _TOLERANCE:
                 return np.asarray(x)
+            # The speed inside an interval hangs on both ends, of which the bound may act at one only: by
+            # lowering it as much as the excess, half of that may be left.  So lower it more each time.
+            self.x_most *= (self.x_most / before) ** trial
         return None
 
     def _rest(self, x: Array) -> float:

@@ -148,3 +148,39 @@ def test_other_robots_have_no_wheels_to_stand_on(pepper, trajectory):
     assert "velocity: no joint has a limit" in found.report()
     with pytest.raises(InvalidValueError, match=r"joints of the trajectory: got KneePitch, .* expected J"):
         trajectory.check(robot)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clearance_is_that_of_every_millisecond(pepper, seed):
+    """Measured one millisecond after the other, with the verdicts of `in_collision`."""
+    rng = np.random.default_rng(seed)
+    q = pepper.posture("Stand")
+    goal = np.clip(q + 0.3 * rng.normal(size=pepper.n), pepper.lower_limits, pepper.upper_limits)
+    motion = pk.retime(pepper, [q, goal], torque=False)
+    scene = pk.Scene().add_sphere("ball", radius=0.05, position=(0.35, 0.2, 0.8))
+    found = motion.check(pepper, scene).clearance
+    at = motion.sample(0.001)
+    distance = pk.collision.clearance(pepper, at.position, scene)
+    touching = pk.collision.in_collision(pepper, at.position, scene)
+    here = int(np.argmin(np.abs(at.time - found.time)))
+    assert distance[here] == pytest.approx(distance.min(), abs=2e-6)
+    assert found.value == pytest.approx(distance.min(), abs=2e-6)
+    assert found.ok == (not touching.any())
+
+
+def test_neighbours_that_touch_fail_without_a_distance(pepper):
+    names = ("HipPitch", "HipRoll", "HeadYaw", "HeadPitch")
+    rng = np.random.default_rng(0)
+    q = np.repeat(pepper.posture("Stand")[None], 400, axis=0)
+    for name in names:
+        j = pepper.joint_index(name)
+        q[:, j] = rng.uniform(pepper.lower_limits[j], pepper.upper_limits[j], len(q))
+    hit = pk.collision.in_collision(pepper, q) & (pk.collision.clearance(pepper, q) > 0)
+    assert hit.any()
+    motion = pk.retime(pepper, [pepper.posture("Stand"), q[np.argmax(hit)]], torque=False)
+    found = motion.check(pepper, pk.Scene()).clearance
+    assert not found.ok
+    assert found.value == -1e-9
+    assert "two neighbouring links touch, by their joint ranges" in found.sentence()
+    at = motion.sample(0.001)
+    assert found.time == at.time[np.argmax(pk.collision.in_collision(pepper, at.position))]

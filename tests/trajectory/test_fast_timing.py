@@ -67,6 +67,11 @@ def test_certificates_are_green_on_random_paths(pepper, name):
     assert solved >= 3
 
 
+def test_hand_speeds_settle_on_the_way_to_a_posture_that_cannot_be_held(pepper):
+    """Its arm can arrive at the goal, but not rest there; tightened by the excess alone, speeds creep."""
+    assert assert_green(pepper, "all", 727) == 1
+
+
 @pytest.mark.thousand
 @pytest.mark.parametrize("name", SETS)
 def test_certificates_are_green_on_a_thousand_random_paths(pepper, name):

@@ -1,0 +1,244 @@
+"""The least distance along a sequence of configurations, without measuring at every one of them."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision.checker import CollisionChecker, checker_for
+from pepper_kin.collision.contact import ClosestPair
+from pepper_kin.collision.scene import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_FIRST = 64  # configurations in one of the stretches that the search starts from
+_STILL = 1e-9  # [m] a pair that moves no more than this has one distance
+_ROUNDING = 2e-6  # [m] what two distances by coal may be off, one against the other
+
+
+@dataclass(frozen=True, eq=False)
+class LeastClearance:
+    """Where along a sequence of configurations bodies come nearest to one another.
+
+    Attributes:
+        distance: The least distance [m], below zero where shapes overlap; inf where no pair is checked.
+        index: The configuration at which it was found.
+        pair: The nearest pair there; None where no pair is checked.
+        forbidden: The first configuration that a table of joint ranges forbids (see `in_collision`), which
+            has no distance; None where all are allowed.
+        measured: Number of configurations at which distances were measured; all others are proven to be no
+            nearer.
+    """
+
+    distance: float
+    index: int
+    pair: ClosestPair | None
+    forbidden: int | None
+    measured: int
+
+
+def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> LeastClearance:
+    """Return the least of `clearance(pepper, q, scene)` and its place, without computing all the others.
+
+    Between configurations q and q', the bodies a and b of a pair come nearer by at most
+
+        sum over joints j that move one against the other of |q'_j - q_j| l_j(q),
+
+    where l_j is the greatest distance of a point of the body that j moves from the axis of j (1 for a joint
+    that slides).  Proof: go from q to q' by turning one joint after the other, from the base on.  When j
+    turns, the joints behind it still stand as in q, and they alone decide how far the body is from the axis
+    of j; so none of its points moves by more than |q'_j - q_j| l_j(q).  A body lies in the ball around its
+    shape: with that ball's centre c and radius r, and the column (v, w) of the Jacobian of j about the
+    world's origin, l_j <= |v + w x c| + r |w|.
+
+    So a distance that was measured at q bounds from below what it can be in a stretch of configurations
+    around q.  Stretches are searched in the order of these bounds and halved, each with the pairs that are
+    still open in it, until no bound is below the least distance found.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (T, n).  Neighbours should be near each other: nothing is wrong
+            if they are not, but then little can be left out.
+        scene: The world around it, with what the robot holds; None for the robot against itself only.
+
+    Returns:
+        What was found.  The distance is the least of all to the accuracy of coal's (2e-6 m); where several
+        are equal to that accuracy, the configuration is one of them.
+
+    Raises:
+        InvalidValueError: for a q of wrong shape, without configurations, or with NaN or infinity.
+    """
+    path = as_joint_vectors(pepper, q, "q")
+    if path.ndim != 2 or not len(path):
+        raise InvalidValueError("q", f"shape {path.shape}", f"one or more of them, shape (T, {pepper.n})")
+    checker = checker_for(pepper, scene)
+    violated = np.zeros(len(path), dtype=bool)
+    for table in checker._ranges:
+        violated |= table.violated(path)
+    search = _Search(checker, path)
+    index = search.run()
+    pair = checker.closest_pair(path[index])
+    return LeastClearance(
+        distance=float("inf") if pair is None else pair.distance,
+        index=index,
+        pair=pair,
+        forbidden=int(np.argmax(violated)) if violated.any() else None,
+        measured=search.measured,
+    )
+
+
+@dataclass(order=True)
+class _Stretch:
+    """Configurations from `start` up to `end`, and the pairs that may be nearest in them.
+
+    `bound` is the least of `bounds`, which bound the distances of the pairs from below.
+    """
+
+    bound: float
+    start: int
+    end: int
+    pairs: Indices = field(compare=False)
+    bounds: Array = field(compare=False)
+
+
+class _Search:
+    """Branch and bound over stretches of a path.
+
+    Args:
+        checker: The checker.
+        path: Joint positions [rad or m], shape (T, n).
+    """
+
+    def __init__(self, checker: CollisionChecker, path: Array) -> None:
+        self.checker, self.path = checker, checker.pepper.to_full(path)
+        self.model = checker.pepper.pinocchio_model
+        self.moves = _moves_against(checker)
+        self.radii = _radii(checker)
+        to_plane, normals = checker._planes
+        self.normals: Array | None = None  # of the half-spaces, one for each pair
+        if to_plane.size:
+            self.normals, self.flat = np.zeros((checker.pair_count, 3)), np.zeros(checker.pair_count, bool)
+            self.normals[to_plane], self.flat[to_plane] = normals, True
+        self.best, self.index, self.measured = float("inf"), 0, 0
+
+    def run(self) -> int:
+        """Return the configuration at which the bodies come nearest."""
+        pairs = np.arange(self.checker.pair_count)
+        if not pairs.size:
+            return self.index
+        unknown = np.full(pairs.size, -np.inf)
+        count = len(self.path)
+        waiting = [
+            _Stretch(-np.inf, i, min(i + _FIRST, count), pairs, unknown) for i in range(0, count, _FIRST)
+        ]
+        while waiting:
+            stretch = heapq.heappop(waiting)
+            if stretch.bound >= self.best + _ROUNDING:
+                break
+            for part in self._halves(stretch):
+                heapq.heappush(waiting, part)
+        return self.index
+
+    def _halves(self, stretch: _Stretch) -> list[_Stretch]:
+        """Measure in the middle of a stretch, and return what is left open of its two halves."""
+        middle = (stretch.start + stretch.end) // 2
+        pairs = stretch.pairs[stretch.bounds < self.best + _ROUNDING]
+        centers, used, places = self._place(self.path[middle], pairs)
+        halves = [(i, j) for i, j in ((stretch.start, middle), (middle + 1, stretch.end)) if i < j]
+        approach = np.zeros((len(halves), pairs.size))
+        if halves:
+            levers = self._levers(centers, used)
+            first, second = self.moves[0][pairs], self.moves[1][pairs]
+            lever = levers[places[0]] * first + levers[places[1]] * second
+            steps = [np.abs(self.path[i:j] - self.path[middle]).max(axis=0) for i, j in halves]
+            approach = np.array(steps) @ lever.T
+        distance = self._measure(middle, pairs, self._gaps(pairs, centers, places), approach)
+        parts = []
+        for (start, end), nearer in zip(halves, approach, strict=True):
+            bounds = distance - nearer
+            left = (bounds < self.best + _ROUNDING) & (nearer > _STILL)
+            if left.any():
+                parts.append(_Stretch(float(bounds[left].min()), start, end, pairs[left], bounds[left]))
+        return parts
+
+    def _measure(self, index: int, pairs: Indices, gaps: Array, approach: Array) -> Array:
+        """Return the distances of pairs at one configuration [m], or lower bounds where these are enough."""
+        import pinocchio
+
+        checker, geometry_data = self.checker, self.checker._data[1]
+        self.measured += 1
+        found = gaps.copy()
+        most = approach.max(axis=0) if len(approach) else np.zeros(pairs.size)
+        for k in np.argsort(gaps).tolist():
+            if gaps[k] - most[k] >= self.best + _ROUNDING:
+                continue
+            pair = int(pairs[k])
+            result = pinocchio.computeDistance(checker._model, geometry_data, pair)
+            found[k] = result.min_distance - checker._paddings[pair]
+            if found[k] < self.best:
+                self.best, self.index = float(found[k]), index
+        return found
+
+    def _place(self, q: Array, pairs: Indices) -> tuple[Array, Indices, tuple[Indices, Indices]]:
+        """Place all shapes; return centres of balls, the bodies they are of, and where a pair's two are."""
+        import pinocchio
+
+        checker, (data, geometry_data) = self.checker, self.checker._data
+        pinocchio.computeJointJacobians(self.model, data, q)
+        pinocchio.updateGeometryPlacements(self.model, data, checker._model, geometry_data)
+        first, second = checker._pairs[0][pairs], checker._pairs[1][pairs]
+        place = np.zeros(len(checker._bodies), dtype=int)
+        place[first] = place[second] = 1
+        used = np.flatnonzero(place)
+        place[used] = np.arange(used.size)
+        at = geometry_data.oMg
+        centers = np.array([at[i].act(checker._bounding_centers[i]) for i in used.tolist()])
+        return centers, used, (place[first], place[second])
+
+    def _gaps(self, pairs: Indices, centers: Array, places: tuple[Indices, Indices]) -> Array:
+        """Return the distances of the pairs' balls [m], a lower bound of their own."""
+        checker = self.checker
+        apart = centers[places[0]] - centers[places[1]]
+        gaps = np.sqrt(np.einsum("ij,ij->i", apart, apart))
+        if self.normals is not None:
+            heights = np.einsum("ij,ij->i", apart, self.normals[pairs])
+            gaps = np.where(self.flat[pairs], heights, gaps)
+        return np.asarray(gaps - checker._bounding_reach[pairs] - checker._paddings[pairs])
+
+    def _levers(self, centers: Array, used: Indices) -> Array:
+        """Return how far each joint moves each body at most, shape (bodies, joints) [m/rad or 1]."""
+        jacobian = self.checker._data[0].J
+        linear, angular = jacobian[:3], jacobian[3:]
+        x, y, z = centers.T[:, :, None]
+        a, b, c = angular[:, None]
+        speed = [linear[0] + b * z - c * y, linear[1] + c * x - a * z, linear[2] + a * y - b * x]
+        turns = np.sqrt((angular**2).sum(axis=0))
+        return np.asarray(np.sqrt(sum(s * s for s in speed)) + self.radii[used, None] * turns)
+
+
+def _radii(checker: CollisionChecker) -> Array:
+    """Return the radii of the bodies' balls [m], zero for half-spaces, which never move."""
+    radii = np.zeros(len(checker._bodies))
+    for k, body in enumerate(checker._bodies):
+        if not body.is_half_space:
+            radii[k] = float(body.geometry_object.geometry.aabb_radius)
+    return radii
+
+
+def _moves_against(checker: CollisionChecker) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which joints move the first body of each pair, and not the second, and the other way round."""
+    model = checker.pepper.pinocchio_model
+    carried = np.zeros((model.njoints, model.nv), dtype=bool)
+    for joint in range(1, model.njoints):
+        for above in model.supports[joint].tolist()[1:]:
+            carried[joint, model.joints[above].idx_v] = True
+    joints = np.array([body.joint for body in checker._bodies], dtype=int)
+    first, second = carried[joints[checker._pairs[0]]], carried[joints[checker._pairs[1]]]
+    return first & ~second, second & ~first
