@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -118,8 +119,8 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     speed along the first and the last chord.  Between way-points it leaves the polyline (two way-points give
     the straight line): where that matters, give a curve that was checked, such as
     `pepper_kin.planners.smooth` makes.  A joint that the spline would carry out of its limits although
-    all way-points are inside follows a monotone cubic instead (Fritsch and Butland, 1984), which has no
-    overshoot and a continuous first derivative only.
+    all way-points are inside follows a monotone cubic spline instead (`_monotone`), which has no overshoot
+    and passes way-points with zero second derivative.
 
     Args:
         pepper: The robot.
@@ -167,7 +168,7 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
 
 
 def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
-    from scipy.interpolate import CubicSpline, PchipInterpolator  # 0.3 s to import: only here
+    from scipy.interpolate import CubicSpline  # 0.3 s to import: only here
 
     chords = np.diff(points, axis=0)
     lengths = np.linalg.norm(chords, axis=1)
@@ -180,7 +181,49 @@ def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
     outside = excess > LIMIT_TOLERANCE
     if not outside.any():
         return curve
-    coefficients = np.array(curve.coefficients)
-    monotone = PchipInterpolator(s, points[:, outside])
-    coefficients[:, :, outside] = np.transpose(monotone.c[::-1], (1, 0, 2))
-    return CubicPath(s, coefficients)
+    thirds = (lengths[:, None] / 3 * np.arange(3)).ravel()
+    piece = np.repeat(np.arange(lengths.size), 3)
+    factorial = np.array([1.0, 1.0, 2.0, 6.0])
+    coefficients = np.stack([curve.at(piece, thirds, d) / factorial[d] for d in range(4)], axis=1)
+    coefficients[:, :, outside] = _monotone(lengths, slopes[:, outside])
+    # Each piece begins where the last one ends, to the last bit where a joint rests.
+    coefficients[:, 0, outside] += np.repeat(points[:-1, outside], 3, axis=0)
+    return CubicPath(np.append(s[piece] + thirds, s[-1]), coefficients)
+
+
+def _monotone(lengths: Array, slopes: Array) -> Array:
+    """Return monotone cubics with continuous second derivative, which is zero at each way-point.
+
+    The second derivative is linear between the ends and the thirds of a chord of slope c, where it is m1 and
+    m2.  With first derivatives d0 and d1 at the ends, chord length h,
+        m1 = (9 c - 6 d0 - 3 d1) / h,   m2 = (6 d1 + 3 d0 - 9 c) / h
+    lead from one way-point to the next.  The first derivative is least c (3 - (d0 + d1) / c) or that of a
+    third or an end, (3 c - d) / 2 and d: with 0 <= d0, d1 <= 3 c / 2 it never changes its sign.  Within that
+    bound, d is the harmonic mean of the chords' slopes (Fritsch and Butland, 1984).
+
+    Args:
+        lengths: Of the chords, shape (k,).
+        slopes: Of the joints along the chords, shape (k, n).
+
+    Returns:
+        Coefficients of three pieces for each chord relative to its first way-point, shape (3 k, 4, n).
+    """
+    before, after = slopes[:-1], slopes[1:]
+    both = np.where(before * after > 0, before + after, np.inf)
+    mean = 2 * before * after / both
+    least = np.minimum(np.abs(before), np.abs(after))
+    inner = np.clip(mean, -1.5 * least, 1.5 * least)
+    d = np.concatenate([slopes[:1], inner, slopes[-1:]])
+    third = lengths[:, None] / 3
+    d0, d1 = d[:-1], d[1:]
+    bend = np.zeros((4, *slopes.shape))  # second derivative at ends and thirds
+    bend[1] = (9 * slopes - 6 * d0 - 3 * d1) / (3 * third)
+    bend[2] = (6 * d1 + 3 * d0 - 9 * slopes) / (3 * third)
+    value, slope = np.zeros_like(slopes), d0
+    pieces = []
+    for m0, m1 in itertools.pairwise(bend):
+        cubic = (m1 - m0) / (6 * third)
+        pieces.append(np.stack([value, slope, m0 / 2, cubic], axis=1))
+        value = value + third * (slope + third * (m0 / 2 + third * cubic))
+        slope = slope + third * (m0 + m1) / 2
+    return np.stack(pieces, axis=1).reshape(-1, 4, slopes.shape[1])

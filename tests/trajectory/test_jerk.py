@@ -61,6 +61,20 @@ def random_path(pepper, seed):
     return middle + 0.7 * (rng.uniform(lower, upper, (5, pepper.n)) - middle)
 
 
+def test_a_joint_at_its_limit_does_not_make_the_motion_crawl(pepper):
+    """The spline would carry RShoulderRoll out of its limits; what replaces it has no jump in it."""
+    stand = pepper.posture("Stand")
+    raised = pepper.joint_vector({"RShoulderPitch": -0.2, "RElbowRoll": 1.0, "HeadYaw": -0.4})
+    aside = pepper.joint_vector({"RShoulderPitch": 0.3, "RShoulderRoll": -0.9, "HeadYaw": -0.9})
+    points = [stand, raised, aside]
+    assert np.diff(as_cubic_path(pepper, points).breaks).size == 6
+    fastest = retime(pepper, points)
+    for jerk, longer in (("brisk", 1.1), ("gentle", 1.6)):
+        smooth = retime(pepper, points, jerk=jerk)
+        assert smooth.check(pepper, jerk=jerk).ok
+        assert smooth.duration < longer * fastest.duration
+
+
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("jerk", ["gentle", "brisk"])
 def test_certificates_are_green(pepper, seed, jerk):
