@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections.abc import Callable
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.batch import kernel
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
+from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.validity import TORQUE_SHARE, holds, validity
 
@@ -37,11 +39,7 @@ class Checks:
         self.pepper, self.scene, self.compiled, self.quick = pepper, scene, compiled, False
         self.exact: CollisionChecker = checker_for(pepper, scene)
         if compiled:
-            # What will be needed is loaded, or compiled, before any clock starts.
-            import pepper_kin.collision.fast.loop
-            import pepper_kin.ik.fast
-            import pepper_kin.motion.native_curve
-            import pepper_kin.planners.native_rejoin  # noqa: F401
+            _load_code()
             from pepper_kin.collision.fast import fast_checker_for
 
             fast = fast_checker_for(pepper, scene)
@@ -127,3 +125,19 @@ class Checks:
                 return kept
             kept /= 2
         return 0.0
+
+
+@functools.cache
+def _load_code() -> None:
+    """Load, or compile, what planning will need, before any clock starts."""
+    import pepper_kin.collision.fast.loop
+    import pepper_kin.ik.fast
+
+    compilation = Compilation("the planners")
+    import pepper_kin.planners.compiled_shortcut  # noqa: F401
+    from pepper_kin.motion.native_curve import stations
+    from pepper_kin.planners.native_connect import grow
+    from pepper_kin.planners.native_rejoin import shortest_end
+
+    codes = (stations, grow, shortest_end)
+    compilation.end(compiled=any(code.stats.cache_misses for code in codes))

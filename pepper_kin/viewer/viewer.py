@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, Shape
 from pepper_kin.model.joint_vectors import as_finite
@@ -314,7 +314,7 @@ class Viewer:
         Args:
             path: The file to write; it appears when it is whole.
             motion: As for `save_html`.
-            at_time: Time of the motion [s]; None takes its start.
+            at_time: Time of the motion [s], within it; None takes its start.
             size: Width and height [pixel].
             view: "three-quarter", "front", "side" or "top".
 
@@ -323,11 +323,16 @@ class Viewer:
 
         Raises:
             MissingDependencyError: No Chromium is installed.
-            InvalidValueError: As for `save_html`, or a size that is not two positive whole numbers.
+            InvalidValueError: As for `save_html`, a time outside the motion, or a size that is not two
+                positive whole numbers.
             UnknownNameError: There is no such view.
             InfeasibleError: The browser gave no picture.
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
+        if at_time is not None:
+            times = (self._motion if motion is None else joint_motion(self._pepper, motion)).times
+            if not times[0] <= at_time <= times[-1]:
+                raise InvalidValueError("at_time", at_time, f"a time from {times[0]:g} to {times[-1]:g} s")
         with tempfile.TemporaryDirectory() as folder:
             page = self.save_html(Path(folder) / "scene.html", motion, series={})
             return screenshot(page, path, size, at_time, view=view)

@@ -168,6 +168,13 @@ def test_motions_that_do_not_fit_are_refused_by_name(pepper, tmp_path, motion, m
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("at_time", [-0.1, 99.0, float("nan")])
+def test_pictures_outside_the_motion_are_refused(pepper, waving, tmp_path, at_time):
+    with pytest.raises(InvalidValueError, match=r"at_time: got .*expected a time from 0 to .* s"):
+        Viewer(pepper).save_image(tmp_path / "a.png", waving, at_time=at_time)
+    assert not any(tmp_path.iterdir())
+
+
 def test_bad_series_targets_and_looks_are_refused_by_name(pepper, waving, tmp_path):
     with pytest.raises(InvalidValueError, match=r"series 'x': got shape \(2,\), expected shape \(401,\)"):
         Viewer(pepper).save_html(tmp_path / "a.html", waving, series={"x": [1.0, 2.0]})

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import time
 
 import numpy as np
 from numba import njit
 
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kernels.compilation import Compilation
 
 # A constraint broken by less than this counts as kept [rad/s or m/s]; so much of a normal counts as nothing.
 KEPT = 1e-10
 PARALLEL = 1e-12
-
-# A start that takes longer has compiled [s].
-SLOW = 2.0
-
-_logger = logging.getLogger(__name__)
 
 
 class Programme:
@@ -36,12 +30,10 @@ class Programme:
 
     def __init__(self, n: int) -> None:
         # Compiled, or read from disk, here and not in the first tick.
-        begin, one = time.perf_counter(), np.ones(n)
+        first, one = None if _solve.signatures else Compilation("the servo"), np.ones(n)
         self.solve(np.eye(n), one, -one, one, np.ones((1, n)), -one[:1])
-        if time.perf_counter() - begin > SLOW:
-            _logger.warning(
-                "compiled the servo's loop, once on this machine; from now on it is loaded from disk"
-            )
+        if first is not None:
+            first.end(compiled=bool(_solve.stats.cache_misses))
 
     def solve(
         self, hessian: Array, gradient: Array, low: Array, high: Array, rows: Array, least: Array
