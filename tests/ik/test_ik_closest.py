@@ -32,7 +32,10 @@ def closest_distance(target, generator, starts=8):
 
     low, high = PEPPER.lower_limits[LEFT], PEPPER.upper_limits[LEFT]
     points = generator.uniform(low, high, (250 * starts, len(LEFT)))
-    distances = [math.dist(hand_at(configuration(x)), target) for x in points]
+    q = np.tile(PEPPER.neutral(), (len(points), 1))
+    q[:, LEFT] = points
+    hands = pk.kinematics.frame_pose(PEPPER, q, "LArm_effector")[:, :3, 3]
+    distances = np.linalg.norm(hands - target, axis=1)
     chosen = [
         group[np.argmin(np.take(distances, group))] for group in np.split(np.arange(len(points)), starts)
     ]
