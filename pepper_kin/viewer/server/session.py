@@ -26,6 +26,7 @@ from pepper_kin.viewer.server.layers import LAYERS, LOOKS, TARGETS, layers_of
 from pepper_kin.viewer.server.planning import Shown
 from pepper_kin.viewer.server.playback import Playback
 from pepper_kin.viewer.server.readings import Readings
+from pepper_kin.viewer.server.robot_facts import robot_facts
 from pepper_kin.viewer.server.sketches import SKETCHES, sketches_of
 from pepper_kin.viewer.server.targets import Targets
 from pepper_kin.viewer.server.tasks import LongTasks
@@ -412,23 +413,7 @@ class Session:
 
     def about(self) -> dict[str, Any]:
         """Return what never changes: joints, limits, groups, postures, layers and targets."""
-        pepper = self.pepper
-        joints = zip(
-            pepper.joint_names, pepper.joint_units, pepper.lower_limits, pepper.upper_limits, strict=True
-        )
-        return {
-            "name": pepper.name,
-            "joints": [
-                {"name": name, "unit": unit, "lower": _bound(lower, -10), "upper": _bound(upper, 10)}
-                for name, unit, lower, upper in joints
-            ],
-            "groups": {
-                name: list(pepper.joint_group(name))
-                for name in pepper.group_names
-                if pepper.joint_group(name)
-            },
-            "postures": list(pepper.posture_names),
-            "layers": [{"name": name, "title": LAYERS[name]} for name in self.available],
+        return robot_facts(self.pepper, self.available) | {
             "targets": list(self.targets.names),
             "kinds": {kind: list(obstacles.size_names(kind)) for kind in obstacles.KINDS},
             "roots": {"robot": list(ROBOT_ROOT), "targets": TARGETS, "obstacles": list(OBSTACLE_ROOT)},
@@ -443,8 +428,3 @@ class Session:
 
 def _as_path(name: str) -> str:
     return name.replace("/", "_")
-
-
-def _bound(limit: float, instead: float) -> float:
-    """Return a limit, or one that a slider can have where the joint has none."""
-    return float(limit) if np.isfinite(limit) else float(instead)

@@ -1,0 +1,35 @@
+"""What a page needs to know of the robot once: joints with their limits, groups, postures and layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.model import PepperModel
+from pepper_kin.viewer.server.layers import LAYERS
+
+_ENDS_WITHOUT_LIMITS = (-10.0, 10.0)
+"""Where a slider ends whose joint has no limit [rad or m]."""
+
+
+def robot_facts(pepper: PepperModel, layers: Sequence[str]) -> dict[str, Any]:
+    """Return name, joints, groups, postures and layers, ready for JSON.
+
+    Args:
+        pepper: The robot.
+        layers: Names of the layers that can be shown.
+    """
+    low, high = _ENDS_WITHOUT_LIMITS
+    lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, low).tolist()
+    upper = np.where(np.isfinite(pepper.upper_limits), pepper.upper_limits, high).tolist()
+    joints = zip(pepper.joint_names, pepper.joint_units, lower, upper, strict=True)
+    groups = {name: list(pepper.joint_group(name)) for name in pepper.group_names}
+    return {
+        "name": pepper.name,
+        "joints": [dict(zip(("name", "unit", "lower", "upper"), joint, strict=True)) for joint in joints],
+        "groups": {name: joints_of for name, joints_of in groups.items() if joints_of},
+        "postures": list(pepper.posture_names),
+        "layers": [{"name": name, "title": LAYERS[name]} for name in layers],
+    }
