@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 
+import coal
 import numpy as np
 import pytest
 from PIL import Image
 
 import pepper_kin as pk
 from pepper_kin.viewer.server import ViewerServer
+from pepper_kin.viewer.server.coarsening import coarsened
 from pepper_kin.viewer.server.layers import INERTIA, LOOKS, SPHERES, layers_of
-from pepper_kin.viewer.server.merging import coarsened
 from pepper_kin.viewer.server.sketches import sketches_of
 from pepper_kin.viewer.server.targets import Targets
 
@@ -49,13 +50,37 @@ def box_of(drawables, link):
     return np.stack([points.min(0), points.max(0)])
 
 
+def solid_of(surface):
+    solid = coal.BVHModelOBBRSS()
+    solid.beginModel(len(surface.faces), len(surface.vertices))
+    for a, b, c in surface.faces.tolist():
+        solid.addTriangle(*(surface.vertices[k].astype(float) for k in (a, b, c)))
+    solid.endModel()
+    return solid
+
+
+def picture_of(page):
+    image = Image.open(io.BytesIO(page.locator("#view").screenshot()))
+    return np.asarray(image.convert("RGB")).astype(int)
+
+
 def test_sketches_have_few_triangles_and_fill_the_same_room(pepper, layers):
     sketches = sketches_of(pepper, layers)
-    for layer in (LOOKS, SPHERES):
+    for layer, share in ((LOOKS, 0.1), (SPHERES, 0.5)):
         fine = sum(len(d.geometry.faces) for d in layers[layer])
-        assert sum(len(d.geometry.faces) for d in sketches[layer]) < 0.5 * fine
+        assert sum(len(d.geometry.faces) for d in sketches[layer]) < share * fine
     for link in {d.link for d in layers[LOOKS]}:
-        np.testing.assert_allclose(box_of(sketches[LOOKS], link), box_of(layers[LOOKS], link), atol=0.02)
+        np.testing.assert_allclose(box_of(sketches[LOOKS], link), box_of(layers[LOOKS], link), atol=0.005)
+    fine = {(d.link, d.color): solid_of(d.geometry) for d in layers[LOOKS]}
+    for coarse in sketches[LOOKS]:
+        for corner in coarse.geometry.vertices.astype(float):
+            place = coal.Transform3s(np.eye(3), corner)
+            found = coal.DistanceResult()
+            coal.distance(
+                fine[coarse.link, coarse.color], coal.Transform3s.Identity(), coal.Sphere(1e-6), place,
+                coal.DistanceRequest(), found,
+            )  # fmt: skip
+            assert found.min_distance < 0.015
     for coarse, fine in zip(sketches[INERTIA], layers[INERTIA], strict=True):
         np.testing.assert_allclose(
             np.abs(coarse.geometry.vertices).max(0), np.abs(fine.geometry.vertices).max(0), rtol=1e-6
@@ -80,11 +105,12 @@ def test_coarsened_corners_stay_where_planes_meet(layers):
     ]
     faces = np.concatenate([quads + k * len(u) for k in range(6)])
     box = replace(layers[LOOKS][0], geometry=Surface(np.concatenate(sides), faces))
-    (coarse,) = coarsened((box,), 0.15)
-    assert len(coarse.geometry.faces) < len(faces) / 4
+    (coarse,) = coarsened((box,), 100)
+    assert len(coarse.geometry.faces) <= 100
     corners = np.array([[x, y, z] for x in (0.003, 0.997) for y in (0.003, 0.997) for z in (0.003, 0.997)])
     away = np.linalg.norm(coarse.geometry.vertices[None] - corners[:, None], axis=2).min(axis=1)
-    assert away.max() < 0.02
+    assert away.max() < 1e-3
+    assert coarsened((box,), len(faces)) == (box,)
 
 
 @pytest.mark.browser
@@ -106,20 +132,49 @@ def test_everything_that_moves_takes_three_calls_and_is_fine_again_at_rest(open_
 
 
 @pytest.mark.browser
+def test_a_sketch_covers_what_moves_and_no_more(open_live, until, server, pepper):
+    """The part that is drawn holds every pixel that would be drawn of the whole, wherever the arms are."""
+    page = open_live(server.url)
+    until(page, "pepperKin.quality.settled && !pepperKin.viewer.needs_render")
+    boxes = []
+    for q in ({}, {"LShoulderRoll": 1.4, "RShoulderRoll": -1.4}, {"LShoulderPitch": -1.8}):
+        server.call(lambda session, q=q: session.set_joints(pepper.joint_vector(q)))
+        number = pepper.joint_index(next(iter(q), "LShoulderRoll"))
+        value = pepper.joint_vector(q)[number]
+        until(page, f"Math.abs(pepperKin.values.q[{number}] - {value}) < 1e-3")
+        page.wait_for_timeout(100)
+        page.evaluate(HOLD)
+        part = picture_of(page)
+        boxes.append(page.evaluate("pepperKin.parts.scene.sketch.cutout.box"))
+        page.evaluate("""() => {
+            const { cutout } = pepperKin.parts.scene.sketch;
+            cutout.fit = () => cutout.open();
+            for (let k = 0; k < 3; k++) pepperKin.viewer.render();
+            delete cutout.fit;
+        }""")
+        page.wait_for_timeout(100)
+        assert page.evaluate("pepperKin.parts.scene.sketch.cutout.box") is None
+        assert (np.abs(picture_of(page) - part).max(axis=2) > 40).mean() < 1e-3
+        page.evaluate(LOOSE)
+        until(page, "pepperKin.quality.settled && !pepperKin.viewer.needs_render")
+    view = page.evaluate(
+        "[pepperKin.viewer.dom_element.clientWidth, pepperKin.viewer.dom_element.clientHeight]"
+    )
+    assert boxes[0][2] * boxes[0][3] < 0.8 * view[0] * view[1]
+    assert boxes[1][2] > boxes[0][2]
+
+
+@pytest.mark.browser
 def test_the_sketch_looks_like_the_fine_picture(open_live, until, server, pepper):
     server.call(lambda session: session.add_obstacle("box", np.array([0.5, 0.3, 0.9])))
     page = open_live(server.url)
     until(page, "pepperKin.values.obstacles.length === 1")
 
-    def picture():
-        image = Image.open(io.BytesIO(page.locator("#view").screenshot()))
-        return np.asarray(image.convert("RGB")).astype(int)
-
     until(page, "pepperKin.quality.settled && !pepperKin.viewer.needs_render")
-    fine = picture()
+    fine = picture_of(page)
     page.evaluate(HOLD)
     page.wait_for_timeout(100)
-    rough = picture()
+    rough = picture_of(page)
     # Shadows, highlights and edges differ; sky, floor, box and body are in the same places and colours.
     differs = np.abs(fine - rough).max(axis=2) > 60
     assert differs.mean() < 0.04
@@ -129,7 +184,7 @@ def test_the_sketch_looks_like_the_fine_picture(open_live, until, server, pepper
     until(page, f"Math.abs(pepperKin.values.q[{pepper.joint_index('HipPitch')}] + 0.6) < 1e-3")
     page.evaluate(HOLD)
     page.wait_for_timeout(100)
-    assert (np.abs(picture() - rough).max(axis=2) > 60).sum() > 3000
+    assert (np.abs(picture_of(page) - rough).max(axis=2) > 60).sum() > 3000
 
 
 @pytest.mark.browser

@@ -20,12 +20,15 @@ class LiveScene {
     this.quality = quality;
     this.sketch = quality.software ? new Sketch(viewer) : null;
     this.ahead = false; // whether a frame was drawn since the screen showed the last one
+    this.turn = new MessageChannel();
+    this.turn.port1.onmessage = () => this.drawAhead();
     this.render = viewer.render.bind(viewer);
     viewer.render = () => this.drawFrame();
     viewer.animate = () => {
       requestAnimationFrame(() => viewer.animate());
       viewer.animator.update();
       if (viewer.needs_render && !this.ahead) viewer.render();
+      else if (viewer.needs_render) this.turn.port2.postMessage(null);
       this.ahead = false;
     };
   }
@@ -56,16 +59,19 @@ class LiveScene {
     this.stale = true;
   }
 
+  // A sketch takes the processor's time, not the screen's: it begins as soon as all poses that wait are taken, not
+  // with the screen's next frame, but only one for each of those.
   pose(values, stamp) {
     this.poses = values;
     this.stamp = stamp;
     this.viewer.set_dirty();
-    // A sketch takes the processor's time, not the screen's: it begins at once, but only one for each of the
-    // screen's own frames, with the newest poses.
-    if (this.quality.sketched && !this.ahead && !document.hidden) {
-      this.ahead = true;
-      this.viewer.render();
-    }
+    this.turn.port2.postMessage(null);
+  }
+
+  drawAhead() {
+    if (!this.quality.sketched || this.ahead || document.hidden || !this.viewer.needs_render) return;
+    this.ahead = true;
+    this.viewer.render();
   }
 
   // Where a body is, in the robot's axes.
@@ -76,12 +82,13 @@ class LiveScene {
   }
 
   drawFinely() {
+    this.sketch?.cutout.open();
     this.arrange();
     this.render();
   }
 
   drawSketch() {
-    const { viewer, sketch } = this;
+    const { sketch } = this;
     if (!this.sketched) this.fillSketch();
     if (this.poses?.length === 7 * this.bodies.length) {
       const values = this.poses;
@@ -90,13 +97,7 @@ class LiveScene {
         sketch.place(k, x, y, z, values[at + 3], values[at + 4], values[at + 5], values[at + 6]);
       }
     }
-    viewer.controls.update();
-    viewer.camera.updateMatrixWorld();
-    sketch.backdrop.prepare();
-    const scene = viewer.scene;
-    viewer.scene = sketch.scene;
-    this.render();
-    viewer.scene = scene;
+    sketch.draw(this.render);
   }
 
   // Gather what is shown now for the sketch: coarse stand-ins where there are any.

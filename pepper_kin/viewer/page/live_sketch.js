@@ -7,7 +7,8 @@ class Sketch {
 
   constructor(viewer) {
     this.viewer = viewer;
-    this.backdrop = new Backdrop(viewer);
+    this.cutout = new Cutout(viewer);
+    this.backdrop = new Backdrop(viewer, this.cutout);
     this.scene = this.backdrop.scene;
     this.meshes = [];
     this.bodies = 0;
@@ -40,12 +41,67 @@ class Sketch {
       this.scene.add(mesh);
       return [mesh];
     });
+    this.boxes = Sketch.boxes(this.meshes.map((mesh) => mesh.geometry), bodies + 1);
+    this.corners = new Float32Array(24 * this.boxes.length);
+  }
+
+  // The box around all that moves with each body, in its own axes: the body's number, its middle and half its size.
+  static boxes(geometries, count) {
+    const boxes = Array.from({ length: count }, () => new MeshCat.THREE.Box3());
+    const corner = new MeshCat.THREE.Vector3();
+    for (const { attributes } of geometries) {
+      const { position, body } = attributes;
+      for (let i = 0; i < position.count; i++) boxes[body.array[i]].expandByPoint(corner.fromBufferAttribute(position, i));
+    }
+    return boxes.flatMap((box, number) => {
+      if (box.isEmpty()) return [];
+      const { x, y, z } = box.getSize(new MeshCat.THREE.Vector3()).multiplyScalar(0.5);
+      const sides = [[x, 0, 0], [0, y, 0], [0, 0, z]].map((side) => new MeshCat.THREE.Vector3(...side));
+      return [{ number, middle: box.getCenter(new MeshCat.THREE.Vector3()), sides }];
+    });
+  }
+
+  // Corners of these boxes where the bodies are now, in the robot's axes: x, y, z in turn.
+  reach() {
+    const turn = new MeshCat.THREE.Quaternion(), middle = new MeshCat.THREE.Vector3(), corner = new MeshCat.THREE.Vector3();
+    let at = 0;
+    for (const box of this.boxes) {
+      turn.copy(this.places[2 * box.number + 1]);
+      middle.copy(box.middle).applyQuaternion(turn).add(this.places[2 * box.number]);
+      const sides = box.sides.map((side) => side.clone().applyQuaternion(turn));
+      for (let signs = 0; signs < 8; signs++, at += 3) {
+        corner.copy(middle);
+        sides.forEach((side, axis) => corner.addScaledVector(side, signs & (1 << axis) ? 1 : -1));
+        corner.toArray(this.corners, at);
+      }
+    }
+    return this.corners;
   }
 
   // Put body k where values say: x, y, z and the quaternion.
   place(k, x, y, z, qx, qy, qz, qw) {
     this.places[2 * k + 2].set(x, y, z, 0);
     this.places[2 * k + 3].set(qx, qy, qz, qw);
+  }
+
+  // Draw the bodies where they are now.  render: draws the viewer's scene.
+  draw(render) {
+    const { viewer, scene, cutout } = this;
+    viewer.controls.update();
+    viewer.camera.updateMatrixWorld();
+    if (this.backdrop.prepare()) cutout.fit(this.reach(), this.projection());
+    else cutout.open();
+    const whole = viewer.scene;
+    viewer.scene = scene;
+    cutout.through(render);
+    viewer.scene = whole;
+  }
+
+  // From the robot's axes to the screen.
+  projection() {
+    const { camera, scene_tree } = this.viewer;
+    const matrix = new MeshCat.THREE.Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse);
+    return matrix.multiply(scene_tree.object.matrixWorld);
   }
 
   // The lights of the stage, in the robot's axes.
@@ -126,9 +182,10 @@ class Sketch {
 // Sky and floor: while the camera rests they are a picture that is drawn once and lies under the sketch, which
 // then is clear where nothing moves: even a mere copy of so many pixels would take as long as half the robot.
 class Backdrop {
-  constructor(viewer) {
+  constructor(viewer, cutout) {
     const THREE = MeshCat.THREE;
     this.viewer = viewer;
+    this.cutout = cutout;
     const grid = viewer.scene_tree.find(["Stage", "grid", "<object>"]).object;
     this.grid = new THREE.Mesh(grid.geometry, grid.material);
     this.grid.matrixAutoUpdate = false;
@@ -142,24 +199,33 @@ class Backdrop {
   }
 
   // To be called before each frame of the scene: once the camera rests, take its sky and floor for the picture.
+  // Returns whether it rests.
   prepare() {
     const { renderer, camera, scene } = this.viewer;
-    const { domElement } = renderer;
-    const { width, height } = domElement;
-    const seen = [width, height, ...camera.matrixWorld.elements, ...camera.projectionMatrix.elements].join();
+    const { width, height } = this.cutout;
+    const ratio = renderer.getPixelRatio();
+    const seen = [width, height, ratio, ...camera.matrixWorld.elements, ...camera.projectionMatrix.elements].join();
     const rests = seen === this.seen;
     this.seen = seen;
     if (rests && seen !== this.kept) {
       this.kept = seen;
-      const others = this.scene.children.filter((child) => child !== this.grid);
-      this.show(scene.background);
-      others.forEach((child) => (child.visible = false));
-      renderer.render(this.scene, camera);
-      others.forEach((child) => (child.visible = true));
-      Object.assign(this.picture, { width, height });
-      this.picture.getContext("2d", { alpha: false }).drawImage(domElement, 0, 0);
+      this.cutout.open();
+      this.take(scene.background);
     }
     this.show(rests ? null : scene.background);
+    return rests;
+  }
+
+  take(background) {
+    const { renderer, camera } = this.viewer;
+    const { domElement } = renderer;
+    const others = this.scene.children.filter((child) => child !== this.grid);
+    this.show(background);
+    others.forEach((child) => (child.visible = false));
+    renderer.render(this.scene, camera);
+    others.forEach((child) => (child.visible = true));
+    Object.assign(this.picture, { width: domElement.width, height: domElement.height });
+    this.picture.getContext("2d", { alpha: false }).drawImage(domElement, 0, 0);
   }
 
   show(background) {

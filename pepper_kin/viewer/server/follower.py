@@ -13,6 +13,8 @@ from pepper_kin.ik.tasks import Task
 from pepper_kin.model import PepperModel
 
 RATE = 100.0
+MOST_TICKS = 4
+"""Ticks made up for at once where the machine was busy; the rest is forgotten."""
 _STILL = 5e-3
 """Joint speeds below this count as rest [rad/s or m/s]."""
 _REST_TICKS = 40
@@ -43,6 +45,7 @@ class Follower:
     def __init__(self, pepper: PepperModel, q: Array, scene: Scene) -> None:
         inside = np.clip(q, pepper.lower_limits, pepper.upper_limits)
         self._servo = Servo(pepper, inside, RATE, scene, timeout=math.inf)
+        self._owed, self._eager = 0.0, False
         self._rested = 0
         self._least, self._lost = math.inf, 0
 
@@ -53,6 +56,7 @@ class Follower:
             self._servo.set_target(tasks)
         else:
             self._servo.stop()
+        self._eager = True
 
     def set_scene(self, scene: Scene) -> None:
         """Take the world as it is now."""
@@ -72,8 +76,34 @@ class Follower:
         """Whether nothing has moved for a while, so that ticks may pause."""
         return self._rested >= _REST_TICKS
 
-    def step(self) -> tuple[ServoState, Array]:
-        """Do one tick; return the servo's state and the accelerations of the tick, shape (n,)."""
+    @property
+    def wait(self) -> float:
+        """Time until the next tick is due [s]."""
+        return 0.0 if self._hasty else max(0.0, 1.0 - self._owed) / RATE
+
+    @property
+    def _hasty(self) -> bool:
+        return self._eager and self._owed >= 0.0
+
+    def advance(self, seconds: float) -> tuple[ServoState, Array] | None:
+        """Do the ticks that are due once some time has passed.
+
+        A new aim is not kept waiting: its first tick comes early, and the next as much later.
+
+        Args:
+            seconds: The time [s].
+
+        Returns:
+            The servo's state and the accelerations of the last tick, shape (n,); None where none was due.
+        """
+        self._owed = min(self._owed + seconds * RATE, float(MOST_TICKS))
+        done = None
+        while (self._owed >= 1.0 or self._hasty) and not self.resting:
+            self._owed, self._eager = self._owed - 1.0, False
+            done = self._tick()
+        return done
+
+    def _tick(self) -> tuple[ServoState, Array]:
         before = self._servo.v
         state = self._servo.step()
         self._rested = self._rested + 1 if float(np.abs(state.v).max()) < _STILL else 0

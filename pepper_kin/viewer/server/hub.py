@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -111,7 +112,13 @@ class Hub:
                 self.session.fail(error)
             before = now
             self._tell(now)
-            await asyncio.sleep(max(0.0, now + 1.0 / RATE - loop.time()))
+            await self._nap(now + self.session.wait - loop.time())
+
+    async def _nap(self, seconds: float) -> None:
+        """Let time pass, but no longer than until something happens."""
+        self._wake.clear()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._wake.wait(), max(0.0, seconds))
 
     def _behind(self) -> bool:
         """Whether some page has not been told the latest."""

@@ -5,7 +5,6 @@ A page pays for every object that it draws, most of all where the processor does
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,80 +53,6 @@ def merged(
         Drawable(f"part {index}", carrier, _joined(parts), np.eye(4), tint)
         for index, ((carrier, tint), parts) in enumerate(groups.items())
     )
-
-
-def coarsened(drawables: tuple[Drawable, ...], fineness: float) -> tuple[Drawable, ...]:
-    """Return merged drawables with fewer triangles: the vertices of each cube of a grid become one.
-
-    J. Rossignac and P. Borrel, Multi-resolution 3D approximations (1993).  The one lies where the planes of
-    the triangles around it meet best, so that edges stay sharp: P. Lindstrom, Out-of-core simplification of
-    large polygonal models (2000).  All colours of a body share it, so that no gap opens between them.  The
-    cubes of a small body are smaller, as the square root of its length: a finger keeps its shape, and a flank
-    has no more triangles than it takes.
-
-    Args:
-        drawables: As `merged` returns them.
-        fineness: Edge of the cubes of a body that is one metre long [m].
-    """
-    bodies: dict[str | None, list[tuple[Drawable, Surface]]] = {}
-    for drawable in drawables:
-        if isinstance(drawable.geometry, Surface):
-            bodies.setdefault(drawable.link, []).append((drawable, drawable.geometry))
-    return tuple(
-        replace(drawable, geometry=mesh)
-        for parts in bodies.values()
-        for (drawable, _), mesh in zip(parts, _clustered([part for _, part in parts], fineness), strict=True)
-        if mesh is not None
-    )
-
-
-def _clustered(parts: list[Surface], fineness: float) -> list[Surface | None]:
-    """Return the parts of one body with common, and fewer, vertices; None for one that vanishes."""
-    whole = _joined([(part.vertices.astype(float), part.faces.astype(np.int64)) for part in parts])
-    vertices, faces = whole.vertices.astype(float), whole.faces.astype(np.int64)
-    cell = fineness * np.sqrt(np.linalg.norm(np.ptp(vertices, axis=0)))
-    cubes = np.floor(vertices / cell).astype(np.int64)
-    _, cube, count = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
-    cube = cube.reshape(-1)
-    middles = np.stack([np.bincount(cube, vertices[:, k]) for k in range(3)], axis=-1) / count[:, None]
-    points = _meeting_points(vertices, faces, cube, middles, cell)
-    # Of triangles with the same corners one is enough; the first keeps its orientation.
-    coarse = cube[faces]
-    _, first = np.unique(np.sort(coarse, axis=1), axis=0, return_index=True)
-    kept = np.zeros(len(coarse), dtype=bool)
-    kept[first] = True
-    a, b, c = coarse.T
-    kept &= (a != b) & (b != c) & (c != a)
-    ends = np.cumsum([len(part.faces) for part in parts])[:-1]
-    own = [faces[keep] for faces, keep in zip(np.split(coarse, ends), np.split(kept, ends), strict=True)]
-    return [split_at_creases(points, part, CREASE_ANGLE) if len(part) else None for part in own]
-
-
-def _meeting_points(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    cube: NDArray[np.int64],
-    middles: NDArray[np.float64],
-    cell: float,
-) -> NDArray[np.float64]:
-    """Return for each cube the point x that minimises sum (n (x - p))^2 over its triangles, shape (k, 3).
-
-    The normals n are as long as the triangles are large, and p is any of their corners; where the planes say
-    little a weak pull to the middle of the vertices decides.
-    """
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    products = np.einsum("fi,fj->fij", normals, normals)
-    matrix, vector = np.zeros((len(middles), 3, 3)), np.zeros((len(middles), 3))
-    for k in range(3):
-        at = cube[faces[:, k]]
-        away = corners[:, k] - middles[at]
-        np.add.at(matrix, at, products)
-        np.add.at(vector, at, np.einsum("fij,fj->fi", products, away))
-    pull = 0.03 * np.trace(matrix, axis1=1, axis2=2) + 1e-30
-    offset = np.linalg.solve(matrix + pull[:, None, None] * np.eye(3), vector[:, :, None])[:, :, 0]
-    far = np.linalg.norm(offset, axis=1, keepdims=True)
-    return np.asarray(middles + offset * np.minimum(1.0, cell / np.maximum(far, 1e-12)))
 
 
 def _carriers(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]]]:

@@ -10,6 +10,7 @@ _SCRIPTS = (
     "stage.js",
     "live_link.js",
     "live_quality.js",
+    "live_cutout.js",
     "live_sketch.js",
     "live_scene.js",
     "live_drag.js",

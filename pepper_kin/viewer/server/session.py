@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
-from pepper_kin.ik import ServoState, ServoStatus
+from pepper_kin.ik import ServoStatus
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.viewer.drawable import Drawable
@@ -35,8 +35,6 @@ FREE, FOLLOWING, MOTION = "free", "follow", "motion"
 READING_STEP = 0.05  # [s] between two samples of the plots
 REPORT_STEP = 0.25  # [s] between two reports of the servo
 SCENE_STEP = 0.04  # [s] between two worlds for the servo while an obstacle is dragged
-MOST_TICKS = 4
-"""Ticks made up for at once where the machine was busy; the rest is forgotten."""
 ROBOT_ROOT, OBSTACLE_ROOT, MARKER_ROOT, GHOST_ROOT = ("robot",), ("obstacles",), ("markers",), ("ghost",)
 
 Array = NDArray[np.float64]
@@ -67,7 +65,7 @@ class Session:
         self._follow, self._servo_ready = True, False
         self._follower: Follower | None = None
         self._playback: Playback | None = None
-        self._now, self._owed, self._read_at, self._reported_at, self._scene_at = 0.0, 0.0, -1.0, -1.0, -1.0
+        self._now, self._read_at, self._reported_at, self._scene_at = 0.0, -1.0, -1.0, -1.0
         self._scene_waits = self._unread = self._explained = False
         self._messages = 0
         self._draw_robot()
@@ -358,6 +356,12 @@ class Session:
             return self._follower.resting
         return not (self.mode == MOTION and self._playback is not None and self._playback.playing)
 
+    @property
+    def wait(self) -> float:
+        """Time until something is due [s]."""
+        follower = self._follower
+        return 1.0 / RATE if follower is None or follower.resting else follower.wait
+
     def tick(self, seconds: float) -> None:
         """Let wall time pass."""
         self._now += seconds
@@ -375,14 +379,11 @@ class Session:
             self.document.set("live", self.readings.take(self._now, self._q, self._v, self._a, self.scene))
 
     def _tick_follower(self, follower: Follower, seconds: float) -> None:
-        self._owed = min(self._owed + seconds * RATE, float(MOST_TICKS))
-        state: ServoState | None = None
-        while self._owed >= 1.0 and not follower.resting:
-            self._owed -= 1.0
-            state, self._a = follower.step()
-            self._q, self._v = np.array(state.q), np.array(state.v)
-        if state is None:
+        done = follower.advance(seconds)
+        if done is None:
             return
+        state, self._a = done
+        self._q, self._v = np.array(state.q), np.array(state.v)
         self.touch()
         if self._explained:
             return

@@ -10,6 +10,7 @@ import numpy as np
 from pepper_kin.collision import ConvexMesh
 from pepper_kin.model import PepperModel, Sphere
 from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.server.coarsening import coarsened
 from pepper_kin.viewer.server.layers import (
     CAPSULE_COLOR,
     CAPSULES,
@@ -20,13 +21,13 @@ from pepper_kin.viewer.server.layers import (
     SPHERES,
     TARGETS,
 )
-from pepper_kin.viewer.server.merging import coarsened, merged
+from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.surface import Surface, capsule_surface
 
 SKETCHES = "sketches"
 """The group that holds them; it is never drawn itself."""
-FINENESS = 0.036
-"""Edge of the cubes within which the vertices of a part that is one metre long become one [m]."""
+TRIANGLES = 4500
+"""For the looks of the whole robot: each takes about a microsecond of the processor's time a frame."""
 _SEGMENTS, _RINGS = 8, 2
 _BALL_SEGMENTS, _BALL_RINGS = 12, 3
 
@@ -38,7 +39,7 @@ def sketches_of(
     unit = capsule_surface(1.0, 0.0, _SEGMENTS, _RINGS)
     ball = capsule_surface(1.0, 0.0, _BALL_SEGMENTS, _BALL_RINGS)
     return {
-        LOOKS: coarsened(layers[LOOKS], FINENESS),
+        LOOKS: coarsened(layers[LOOKS], TRIANGLES),
         CAPSULES: merged(pepper, pepper.collision_shapes, CAPSULE_COLOR, _SEGMENTS, _RINGS),
         SPHERES: merged(pepper, pepper.collision_spheres, SPHERE_COLOR, _SEGMENTS, _RINGS),
         INERTIA: tuple(_rounded(drawable, unit) for drawable in layers[INERTIA]),

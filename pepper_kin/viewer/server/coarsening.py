@@ -1,0 +1,57 @@
+"""Fewer triangles for the same looks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import fast_simplification
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, split_at_creases
+
+
+def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable, ...]:
+    """Return drawables that together have about so many triangles, and look as alike as these can.
+
+    Of all their edges the one whose collapse moves the surface least goes first, by quadrics: M. Garland and
+    P. Heckbert, Surface simplification using quadric error metrics (1997).  All drawables share one budget,
+    so that triangles go where shapes bend most, whatever the size of the body.
+
+    Args:
+        drawables: Surfaces, as `merged` returns them; what is not a surface is left out.
+        triangles: How many to keep; fewer stay as they are.
+
+    Returns:
+        The drawables in the same order, without those that vanish.
+    """
+    kept = [drawable for drawable in drawables if isinstance(drawable.geometry, Surface)]
+    parts = [_welded(drawable.geometry) for drawable in kept if isinstance(drawable.geometry, Surface)]
+    if sum(len(faces) for _, faces in parts) <= triangles:
+        return tuple(kept)
+    sizes = [len(places) for places, _ in parts]
+    starts = np.cumsum([0, *sizes[:-1]])
+    points = np.concatenate([places for places, _ in parts]).astype(np.float32)
+    faces = np.concatenate([part + start for (_, part), start in zip(parts, starts, strict=True)])
+    faces = faces.astype(np.int32)
+    collapses = fast_simplification.simplify(points, faces, target_count=triangles, return_collapses=True)[2]
+    points, faces, became = fast_simplification.replay_simplification(points, faces, collapses)
+    owner = np.full(len(points), -1)
+    owner[became] = np.repeat(np.arange(len(parts)), sizes)
+    return tuple(
+        replace(drawable, geometry=_surface(points, faces[own]))
+        for index, drawable in enumerate(kept)
+        if (own := owner[faces[:, 0]] == index).any()
+    )
+
+
+def _welded(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return the places of a surface's corners, each once, and its triangles by them."""
+    places, index = np.unique(surface.vertices, axis=0, return_inverse=True)
+    return places, index.reshape(-1)[surface.faces]
+
+
+def _surface(points: NDArray[np.float32], faces: NDArray[np.int32]) -> Surface:
+    used, index = np.unique(faces, return_inverse=True)
+    return split_at_creases(points[used], index.reshape(-1, 3), CREASE_ANGLE)
