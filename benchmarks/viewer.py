@@ -55,14 +55,16 @@ DRAG = """async (count) => {
     };
     scene.drawnListeners.push(listen);
     const start = scene.place('@left hand');
+    const handle = parts.drag.handles.targets()[parts.robot.targets.indexOf("left hand")];
     for (let k = 0; k < count; k++) {
         const way = [0.04, 0.04 * Math.sin(k / 15), 0.05 * Math.cos(k / 15)];
         const begin = now();
-        parts.targets.move("left hand", start.map((x, axis) => x + way[axis]));
+        handle.moved(start.map((x, axis) => x + way[axis]));
         waiting.set(parts.targets.stamp, [begin]);
         await new Promise((done) => setTimeout(done, 25));
     }
     await new Promise((done) => setTimeout(done, 500));
+    handle.dropped();
     scene.drawnListeners.pop();
     delete scene.pose;
     delete scene.drawFrame;

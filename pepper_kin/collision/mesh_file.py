@@ -169,8 +169,9 @@ def _by_coal(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         model = coal.MeshLoader().load(str(file), np.ones(3))
     except (RuntimeError, ValueError) as error:
         raise FileFormatError(file, f"cannot be read as a mesh: {error}") from error
-    faces = [list(model.tri_indices(k)) for k in range(model.num_tris)]
-    vertices = np.array([model.vertex(k) for k in range(model.num_vertices)])
+    # Its triangles can be indexed, but not iterated over.
+    faces = [(t[0], t[1], t[2]) for t in map(model.tri_indices, range(model.num_tris))]
+    vertices = np.array(model.vertices(), dtype=float).reshape(-1, 3)
     if not faces or not np.isfinite(vertices).all():
         raise FileFormatError(file, "the mesh holds no triangle, or a vertex that is NaN or infinite")
-    return vertices.reshape(-1, 3), np.array(faces, dtype=np.int64)
+    return vertices, np.array(faces, dtype=np.int64)

@@ -21,7 +21,7 @@ from pepper_kin.viewer.surface import (
     Surface,
     balls_surface,
     capsule_surface,
-    read_stl,
+    read_surface,
     split_at_creases,
 )
 
@@ -99,7 +99,7 @@ def _geometry(
         case Mesh():
             path = Path(shape.path)
             if path not in surfaces:
-                surfaces[path] = read_stl(path)
+                surfaces[path] = read_surface(path)
             surface = surfaces[path]
             scale = np.diag([*np.broadcast_to(np.asarray(shape.scale, dtype=float), 3), 1.0])
             return mg.TriangularMeshGeometry(surface.vertices, surface.faces), scale

@@ -1,4 +1,4 @@
-"""Triangle surfaces to draw: read from STL files or made for shapes that meshcat has no primitive for."""
+"""Triangle surfaces to draw: read from files or made for shapes that meshcat has no primitive for."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from pepper_kin.collision.mesh_file import read_mesh
 from pepper_kin.exceptions import FileFormatError
 
 CREASE_ANGLE = np.deg2rad(35.0)
 """Edges that bend more than this are drawn sharp, all others smooth [rad]."""
-
-_HEADER_BYTES = 84
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @dataclass(frozen=True)
@@ -39,12 +37,12 @@ class Surface:
         object.__setattr__(self, "faces", faces)
 
 
-def read_stl(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surface:
-    """Read a binary STL file as an indexed surface.
+def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surface:
+    """Read a mesh file, of any format that `collision.mesh_file` knows, as an indexed surface.
 
     Corners at the same place become one vertex unless a sharp edge runs between their triangles, so a viewer
-    that averages normals per vertex shades round parts smoothly and keeps hard edges, and the data shrinks to
-    about a quarter of the file's.
+    that averages normals per vertex shades round parts smoothly and keeps hard edges, and the data of an STL
+    file shrinks to about a quarter.
 
     Args:
         path: The file.
@@ -54,26 +52,12 @@ def read_stl(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surface:
         The surface, in the units of the file.
 
     Raises:
-        FileFormatError: The file cannot be read, is not binary STL, is cut short, holds no triangle or holds
-            NaN or infinite coordinates.
+        FileFormatError: The file cannot be read, is cut short, holds no triangle or holds NaN or infinite
+            coordinates.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise FileFormatError(path, f"cannot read the mesh: {error.strerror}") from error
-    if len(data) < _HEADER_BYTES:
-        raise FileFormatError(path, "not a binary STL file: shorter than its header of 84 bytes")
-    count = int.from_bytes(data[80:84], "little")
-    wanted = _HEADER_BYTES + count * _TRIANGLE.itemsize
-    if len(data) != wanted:
-        raise FileFormatError(
-            path, f"not a binary STL file: {count} triangles need {wanted} bytes, the file has {len(data)}"
-        )
-    corners = np.frombuffer(data, _TRIANGLE, count, _HEADER_BYTES)["corners"].reshape(-1, 3)
-    if not np.isfinite(corners).all():
-        raise FileFormatError(path, "a vertex of the mesh is NaN or infinite")
-    places, indices = np.unique(corners, axis=0, return_inverse=True)
-    faces = indices.reshape(-1, 3)
+    vertices, faces = read_mesh(path)
+    places, indices = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
+    faces = indices.reshape(-1)[faces]
     flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     if flat.all():
         raise FileFormatError(path, "the mesh holds no triangle")

@@ -172,7 +172,7 @@ def test_inertia_ellipsoids_have_the_mass_distribution_of_their_links(pepper):
 
 
 def test_merged_looks_fill_the_room_of_their_parts(pepper):
-    from pepper_kin.viewer.surface import read_stl
+    from pepper_kin.viewer.surface import read_surface
 
     drawn = layers_of(pepper, Targets(pepper))[LOOKS]
     q = pepper.posture("Stand")
@@ -182,7 +182,7 @@ def test_merged_looks_fill_the_room_of_their_parts(pepper):
         return vertices @ placed[:3, :3].T + placed[:3, 3]
 
     parts = [
-        corners(s.link, read_stl(s.geometry.path).vertices * s.geometry.scale, s.transform_shape_to_link)
+        corners(s.link, read_surface(s.geometry.path).vertices * s.geometry.scale, s.transform_shape_to_link)
         for s in pepper.visual_shapes
     ]
     whole = [corners(d.link, d.geometry.vertices, d.transform_shape_to_link) for d in drawn]

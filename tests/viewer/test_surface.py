@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.viewer.surface import capsule_surface, read_stl, split_at_creases
+from pepper_kin.viewer.surface import capsule_surface, read_surface, split_at_creases
 
 CUBE_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 CUBE_FACES = np.array(
@@ -21,6 +21,23 @@ def volume(vertices, faces):
     """Volume by the divergence theorem: sum of signed tetrahedra from the origin."""
     a, b, c = (vertices.astype(float)[faces[:, k]] for k in range(3))
     return np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+
+
+COLLADA = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><created>2020-01-01</created><modified>2020-01-01</modified><unit name="cm" meter="0.01"/>
+<up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="cube"><mesh>
+<source id="places"><float_array id="numbers" count="24">{positions}</float_array><technique_common>
+<accessor source="#numbers" count="8" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="corners"><input semantic="POSITION" source="#places"/></vertices>
+<triangles count="12"><input semantic="VERTEX" source="#corners" offset="0"/><p>{faces}</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="scene"><node id="node"><instance_geometry url="#cube"/></node>
+</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#scene"/></scene></COLLADA>
+"""
 
 
 def stl_bytes(triangles):
@@ -69,17 +86,30 @@ def test_a_round_body_shares_all_its_vertices():
 def test_reading_keeps_every_triangle_and_joins_equal_corners(tmp_path):
     path = tmp_path / "cube.stl"
     path.write_bytes(stl_bytes(CUBE_CORNERS[CUBE_FACES]))
-    surface = read_stl(path)
+    surface = read_surface(path)
     assert surface.faces.shape == (12, 3)
     assert len(surface.vertices) == 24
     assert volume(surface.vertices, surface.faces) == pytest.approx(1.0)
+
+
+def test_a_collada_file_is_read_by_its_numbers(tmp_path):
+    """As Pinocchio reads it for collisions: its unit and its upward axis are not looked at."""
+    path = tmp_path / "cube.dae"
+    corners = CUBE_CORNERS * [10.0, 30.0, 20.0]
+    path.write_text(COLLADA.format(
+        positions=" ".join(f"{x:g}" for x in corners.ravel()), faces=" ".join(map(str, CUBE_FACES.ravel())),
+    ))  # fmt: skip
+    surface = read_surface(path)
+    assert surface.faces.shape == (12, 3)
+    assert volume(surface.vertices, surface.faces) == pytest.approx(10 * 20 * 30)
+    np.testing.assert_allclose(np.ptp(surface.vertices, axis=0), [10, 30, 20], rtol=1e-5)
 
 
 def test_flat_triangles_are_dropped(tmp_path):
     path = tmp_path / "cube.stl"
     line = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 0]]], dtype=float)
     path.write_bytes(stl_bytes(np.concatenate([CUBE_CORNERS[CUBE_FACES], line])))
-    assert read_stl(path).faces.shape == (12, 3)
+    assert read_surface(path).faces.shape == (12, 3)
 
 
 def test_a_surface_is_read_only():
@@ -91,8 +121,8 @@ def test_a_surface_is_read_only():
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"short", "shorter than its header"),
-        (stl_bytes(CUBE_CORNERS[CUBE_FACES])[:-7], "12 triangles need 684 bytes, the file has 677"),
+        (b"short", "5 bytes do not hold"),
+        (stl_bytes(CUBE_CORNERS[CUBE_FACES])[:-7], "677 bytes do not hold the 12 triangles announced"),
         (stl_bytes(np.full((1, 3, 3), np.nan)), "NaN or infinite"),
         (stl_bytes(np.zeros((0, 3, 3))), "holds no triangle"),
         (stl_bytes(np.ones((2, 3, 3))), "holds no triangle"),
@@ -103,10 +133,10 @@ def test_a_broken_file_is_refused_with_the_reason(tmp_path, data, message):
     path = tmp_path / "broken.stl"
     path.write_bytes(data)
     with pytest.raises(FileFormatError, match=message) as caught:
-        read_stl(path)
+        read_surface(path)
     assert caught.value.path == str(path)
 
 
 def test_a_missing_file_is_refused_by_name(tmp_path):
-    with pytest.raises(FileFormatError, match=r"nowhere\.stl: cannot read the mesh"):
-        read_stl(tmp_path / "nowhere.stl")
+    with pytest.raises(FileFormatError, match=r"nowhere\.stl: cannot be read as a mesh"):
+        read_surface(tmp_path / "nowhere.stl")

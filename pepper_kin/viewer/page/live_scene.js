@@ -34,6 +34,11 @@ class LiveScene {
   }
 
   drawFrame() {
+    // Until poses come there is nothing to see but links piled up at the origin.
+    if (!this.poses) {
+      this.viewer.needs_render = false;
+      return;
+    }
     if (this.stale) this.find();
     this.quality.before();
     if (this.quality.sketched && Sketch.fits(this.viewer.renderer, this.bodies.length)) this.drawSketch();

@@ -162,7 +162,11 @@ class PageSocket(tornado.websocket.WebSocketHandler):
     def _write(self, message: str | bytes, binary: bool) -> None:
         try:
             self._unsent = self.write_message(message, binary=binary)
-            # Whoever goes away while something is sent is no fault; `on_close` follows.
-            self._unsent.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
+            self._unsent.add_done_callback(self._written)
         except tornado.websocket.WebSocketClosedError:
             self._unsent = None
+
+    def _written(self, sent: Any) -> None:
+        # Whoever goes away while something is sent is no fault; `on_close` follows.
+        if not sent.cancelled() and sent.exception() is None and self._late_poses:
+            self._hub.wake()

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, split_at_creases
 
+_PATIENCE = 3.0
+"""The power by which errors may grow from round to round; in the k-th, an edge goes whose squared error is
+below 1e-9 (k + 3)^3 [m^2].  After a hundred rounds, at three centimetres, what is left stays."""
+
 
 def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable, ...]:
     """Return drawables that together have about so many triangles, and look as alike as these can.
@@ -21,7 +25,8 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
 
     Args:
         drawables: Surfaces, as `merged` returns them; what is not a surface is left out.
-        triangles: How many to keep; fewer stay as they are.
+        triangles: How many to keep; fewer stay as they are.  Torn meshes, whose triangles share no corners,
+            keep more.
 
     Returns:
         The drawables in the same order, without those that vanish.
@@ -35,7 +40,9 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
     points = np.concatenate([places for places, _ in parts]).astype(np.float32)
     faces = np.concatenate([part + start for (_, part), start in zip(parts, starts, strict=True)])
     faces = faces.astype(np.int32)
-    collapses = fast_simplification.simplify(points, faces, target_count=triangles, return_collapses=True)[2]
+    collapses = fast_simplification.simplify(
+        points, faces, target_count=triangles, agg=_PATIENCE, return_collapses=True
+    )[2]
     points, faces, became = fast_simplification.replay_simplification(points, faces, collapses)
     owner = np.full(len(points), -1)
     owner[became] = np.repeat(np.arange(len(parts)), sizes)

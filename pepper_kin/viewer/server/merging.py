@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, PepperModel, Shape, Sphere
 from pepper_kin.viewer.drawable import Color, Drawable
-from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, capsule_surface, read_stl, split_at_creases
+from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, capsule_surface, read_surface, split_at_creases
 
 SEGMENTS, RINGS = 12, 3
 """Corners around a round shape and steps from its pole to its equator: enough for glass."""
@@ -83,7 +83,7 @@ def _surface(
         case Mesh():
             path = Path(geometry.path)
             if path not in surfaces:
-                surfaces[path] = read_stl(path)
+                surfaces[path] = read_surface(path)
             return surfaces[path], np.broadcast_to(np.asarray(geometry.scale, dtype=float), 3)
     raise AssertionError("links have no other geometry")
 
