@@ -93,13 +93,14 @@ def _agree_with_coal(pepper, q, distance, scene):
     return len(near)
 
 
+CLOUD = np.random.default_rng(5).uniform((0.1, 0.1, 0.8), (0.3, 0.3, 1.0), (20, 3))
 CROWD = (
     SCENE.add_sphere("ball", 0.1, (0.35, 0.2, 1.0))
     .add_cylinder("post", 0.05, 1.0, (0.1, -0.35, 0.8))
     .add_capsule("bar", 0.03, 0.5, (0.2, 0.4, 0.9))
     .add_half_space("slope", (0.1, 0.0, 1.0), 0.1)
-    .add_point_cloud("cloud", np.random.default_rng(5).uniform((0.1, 0.1, 0.8), (0.3, 0.3, 1.0), (20, 3)), 0.01)
-)  # fmt: skip
+    .add_point_cloud("cloud", CLOUD, 0.01)
+)
 
 
 @pytest.mark.parametrize("kind", KINDS)
