@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.scene import Scene
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
@@ -83,9 +85,7 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     Pairs of capsules, spheres and boxes of which one is no box are measured in machine code, all at once;
     coal measures the others that may be near, and those whose cores meet.
     """
-    from pepper_kin.collision.fast.nearness import find_near, slopes
-    from pepper_kin.collision.fast.placing import place_joints
-
+    place_joints, find_near, slopes = _compiled()
     tables, count = _tables_of(checker), checker.pair_count
     full = np.array(checker.pepper.to_full(q))
     poses, axes = np.empty((len(tables.joints), 12)), np.empty((len(tables.joints), 3))
@@ -117,6 +117,17 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
         indices=_frozen(indices),
         within=distance,
     )
+
+
+@lru_cache(maxsize=1)
+def _compiled() -> tuple[Callable[..., Any], ...]:
+    """Load, or on a machine's first use compile, the machine code; it is not imported before it is needed."""
+    first = Compilation("the distances of near pairs")
+    from pepper_kin.collision.fast.nearness import find_near, slopes
+    from pepper_kin.collision.fast.placing import place_joints
+
+    first.end(compiled=bool(find_near.stats.cache_misses))
+    return place_joints, find_near, slopes
 
 
 def _by_coal(
