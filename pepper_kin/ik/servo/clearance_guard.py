@@ -99,7 +99,7 @@ class ClearanceGuard:
         """
         gain = self._gain * caution
         least = -gain * np.maximum(near.distances - self._clearance, 0.0)
-        names = tuple(f"clearance of {a} and {b}" for a, b in near.names)
+        names = tuple([f"clearance of {a} and {b}" for a, b in near.names])
         return stacked(
             [VelocityRows(near.gradients, least, names), self._ranges.rows(q, stop, gain)],
             near.gradients.shape[1],
@@ -138,7 +138,9 @@ class ClearanceGuard:
         floors, tick = self._floors(near), 0
         everything = Obstacle(np.ones(q.size, dtype=bool), "clearance")
         for _ in range(LOOKS):
-            least = np.array([floors.get(pair, self._hard) for pair in near.names])
+            least = np.full(len(near), self._hard)
+            if floors:
+                least[:] = [floors.get(pair, self._hard) for pair in near.names]
             seen, doubts = _look_along(
                 shifts, tick, near.gradients, near.movers, near.cores, self._levers,
                 near.distances - least, near.within - self._hard,
@@ -146,7 +148,7 @@ class ClearanceGuard:
             # So far no pair that was not seen can have come too near.
             if seen < 1:
                 return everything
-            doubtful = np.flatnonzero(doubts)
+            doubtful = doubts.nonzero()[0]
             if doubtful.size:
                 path = q + shifts[tick + 1 : tick + seen + 1]
                 distances = distances_along(self._checker, path, near.indices[doubtful])

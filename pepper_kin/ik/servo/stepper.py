@@ -171,7 +171,7 @@ class Stepper:
             (v >= bounds.high - tiny, bounds.high_kind),
             (v <= bounds.low + tiny, bounds.low_kind),
         ):
-            for i in np.flatnonzero(hit).tolist():
+            for i in hit.nonzero()[0].tolist():
                 if kinds[i] != LOCKED:
                     found.append(f"{KINDS[kinds[i]]} of {names[i]}")
         return tuple(found)
