@@ -201,10 +201,10 @@ class CollisionChecker:
         import pinocchio
 
         geometry_data = pinocchio.GeometryData(self._model)
-        for request in geometry_data.distanceRequests:
-            request.enable_signed_distance = True
-        for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
-            request.security_margin = float(margin)
+        # Distances come signed, and without margins, as coal makes requests; a call for each pair costs time.
+        if self._margins.any():
+            for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
+                request.security_margin = float(margin)
         return geometry_data
 
     def _one(self, q: ArrayLike) -> NDArray[np.float64]:

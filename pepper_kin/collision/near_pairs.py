@@ -221,7 +221,7 @@ def _make_tables(checker: CollisionChecker) -> _Tables:
         joints=joint_table(pepper),
         shapes=shapes,
         pairs=np.array([pair_row(a, b, kinds) for a, b in listed], dtype=np.int64).reshape(-1, 4),
-        names=tuple((owners[a], owners[b]) for a, b in listed),
+        names=tuple([(owners[a], owners[b]) for a, b in listed]),
         sides=sides,
         movers=(sides != 0) @ (np.abs(pepper.full_map) > 0),
         cores=np.minimum(cores[first], cores[second]),

@@ -37,26 +37,24 @@ def shape_row(item: Any) -> list[float]:
     import coal
     import pinocchio
 
-    shape, radius, middle = item.geometry, 0.0, np.zeros(3)
+    shape, place, radius = item.geometry, item.placement, 0.0
     if isinstance(shape, coal.Sphere):
-        kind, half, radius = SEGMENT, np.zeros(3), float(shape.radius)
+        kind, half, radius = SEGMENT, [0.0, 0.0, 0.0], float(shape.radius)
     elif isinstance(shape, coal.Capsule):
-        kind, half, radius = SEGMENT, np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
+        kind, half, radius = SEGMENT, [0.0, 0.0, float(shape.halfLength)], float(shape.radius)
     elif isinstance(shape, coal.Box):
-        kind, half = BOX, np.array(shape.halfSide)
+        kind, half = BOX, shape.halfSide.tolist()
     elif isinstance(shape, coal.Halfspace):
         # Its z axis points out of it, and its origin lies on its surface.
         turn = pinocchio.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(shape.n))
-        place = item.placement * pinocchio.SE3(turn.matrix(), np.array(shape.n) * shape.d)
-        return [PLANE, item.parentJoint, *pose_of(place), *np.zeros(3), 0.0, 0.0]
+        place = place * pinocchio.SE3(turn.matrix(), np.array(shape.n) * shape.d)
+        kind, half = PLANE, [0.0, 0.0, 0.0]
     else:
         shape.computeLocalAABB()
-        box = shape.aabb_local
-        middle, half = (np.array(box.max_) + box.min_) / 2, (np.array(box.max_) - box.min_) / 2
-        kind = BOXED
-    place = item.placement * pinocchio.SE3(np.eye(3), middle)
-    reach = float(np.linalg.norm(half)) + radius
-    return [kind, item.parentJoint, *pose_of(place), *half, radius, reach]
+        low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+        place = place * pinocchio.SE3(np.eye(3), (low + high) / 2)
+        kind, half = BOXED, ((high - low) / 2).tolist()
+    return [kind, item.parentJoint, *pose_of(place), *half, radius, math.hypot(*half) + radius]
 
 
 def pair_row(a: int, b: int, kinds: list[int]) -> tuple[int, int, int, bool]:

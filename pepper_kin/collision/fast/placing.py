@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,9 @@ JOINT = 17
 A pose is the centre and the x, y and z axis, shape (12,)."""
 
 
+@lru_cache(maxsize=32)
 def joint_table(pepper: PepperModel) -> Array:
-    """Return the joints of `pinocchio_model`, the universe first, shape (njoints, JOINT)."""
+    """Return the joints of `pinocchio_model`, the universe first, shape (njoints, JOINT), kept."""
     from pepper_kin.symbolic.alignment import joint_axis
 
     model = pepper.pinocchio_model
@@ -33,7 +35,7 @@ def joint_table(pepper: PepperModel) -> Array:
 
 def pose_of(placement: Any) -> Array:
     """Return one of Pinocchio's placements as a pose."""
-    return np.concatenate([placement.translation, placement.rotation.T.ravel()])
+    return np.concatenate([placement.translation, placement.rotation.ravel("F")])
 
 
 @njit("void(float64[::1], float64[::1], float64[::1])", **OPTIONS)

@@ -13,7 +13,7 @@ from pepper_kin.ik.servo.braking import VelocityBounds, brake_path, ticks_to_res
 from pepper_kin.ik.servo.demand import Demand
 from pepper_kin.ik.servo.half_spaces import VelocityRows, stacked
 from pepper_kin.ik.servo.lever_arms import lever_arms
-from pepper_kin.ik.servo.range_rows import RangeRows
+from pepper_kin.ik.servo.range_rows import range_rows
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
@@ -64,7 +64,7 @@ class ClearanceGuard:
     def __init__(self, pepper: PepperModel, scene: Scene, clearance: float, gain: float) -> None:
         self._checker = checker_for(pepper, scene)
         self._levers = lever_arms(pepper)
-        self._ranges = RangeRows(pepper)
+        self._ranges = range_rows(pepper)
         self._clearance, self._gain = clearance, gain
         self._hard = HARD * clearance
         if not _look_along.signatures:

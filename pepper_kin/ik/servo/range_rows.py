@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -85,6 +86,12 @@ class RangeRows:
             if table.violated(path).any() and not table.violated(q):
                 return (table.first, table.second), self._envelopes[k].name
         return None
+
+
+@lru_cache(maxsize=32)
+def range_rows(pepper: PepperModel) -> RangeRows:
+    """Return the rows of a robot, made once."""
+    return RangeRows(pepper)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
