@@ -255,13 +255,14 @@ class CollisionChecker:
             return float("inf"), -1
         bounds, geometry_data = self._bounds(q), self._data[1]
         best, best_index = float("inf"), -1
-        for index in np.argsort(bounds):
-            if bounds[index] > best:
+        order = np.argsort(bounds)
+        listed = (order.tolist(), bounds[order].tolist(), self._paddings[order].tolist())
+        for index, bound, padding in zip(*listed, strict=True):
+            if bound > best:
                 break
-            result = pinocchio.computeDistance(self._model, geometry_data, int(index))
-            distance = result.min_distance - self._paddings[index]
+            distance = pinocchio.computeDistance(self._model, geometry_data, index).min_distance - padding
             if distance < best:
-                best, best_index = float(distance), int(index)
+                best, best_index = distance, index
         return best, best_index
 
     def _witness(
