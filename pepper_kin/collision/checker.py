@@ -201,10 +201,10 @@ class CollisionChecker:
         import pinocchio
 
         geometry_data = pinocchio.GeometryData(self._model)
-        for request in geometry_data.distanceRequests:
-            request.enable_signed_distance = True
-        for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
-            request.security_margin = float(margin)
+        # Distances come signed, and without margins, as coal makes requests; a call for each pair costs time.
+        if self._margins.any():
+            for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
+                request.security_margin = float(margin)
         return geometry_data
 
     def _one(self, q: ArrayLike) -> NDArray[np.float64]:
@@ -255,13 +255,14 @@ class CollisionChecker:
             return float("inf"), -1
         bounds, geometry_data = self._bounds(q), self._data[1]
         best, best_index = float("inf"), -1
-        for index in np.argsort(bounds):
-            if bounds[index] > best:
+        order = np.argsort(bounds)
+        listed = (order.tolist(), bounds[order].tolist(), self._paddings[order].tolist())
+        for index, bound, padding in zip(*listed, strict=True):
+            if bound > best:
                 break
-            result = pinocchio.computeDistance(self._model, geometry_data, int(index))
-            distance = result.min_distance - self._paddings[index]
+            distance = pinocchio.computeDistance(self._model, geometry_data, index).min_distance - padding
             if distance < best:
-                best, best_index = float(distance), int(index)
+                best, best_index = distance, index
         return best, best_index
 
     def _witness(

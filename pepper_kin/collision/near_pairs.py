@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -12,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.scene import Scene
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
@@ -77,39 +80,69 @@ def near_pairs(pepper: PepperModel, q: ArrayLike, distance: float, scene: Scene 
 
 
 def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPairs:
-    """Return the pairs nearer than a distance for a checker that is at hand; see `near_pairs`."""
+    """Return the pairs nearer than a distance for a checker that is at hand; see `near_pairs`.
+
+    Pairs of capsules, spheres and boxes of which one is no box are measured in machine code, all at once;
+    coal measures the others that may be near, and those whose cores meet.
+    """
+    place_joints, find_near, slopes = _compiled()
+    tables, count = _tables_of(checker), checker.pair_count
+    full = np.array(checker.pepper.to_full(q))
+    poses, axes = np.empty((len(tables.joints), 12)), np.empty((len(tables.joints), 3))
+    place_joints(tables.joints, full, poses, axes)
+    found, undecided = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    distances, points, normals = np.empty(count), np.empty((count, 2, 3)), np.empty((count, 3))
+    size, rest = find_near(
+        poses, tables.shapes, tables.pairs, checker._paddings, distance,
+        found, distances, points, normals, undecided,
+    )  # fmt: skip
+    if rest:
+        for index, apart, result in _by_coal(checker, full, undecided[:rest].tolist(), distance):
+            found[size], distances[size], normals[size] = index, apart, -result.normal
+            points[size] = result.getNearestPoint1(), result.getNearestPoint2()
+            size += 1
+    order = np.lexsort((found[:size], distances[:size]))
+    indices, points, normals = found[order], points[order], normals[order]
+    gradients = np.empty((size, full.size))
+    slopes(tables.joints, poses, axes, tables.sides[indices], points, normals, gradients)
+    pepper = checker.pepper
+    return NearPairs(
+        names=tuple([tables.names[index] for index in indices.tolist()]),
+        distances=_frozen(distances[order]),
+        points=_frozen(points),
+        normals=_frozen(normals),
+        gradients=_frozen(gradients @ pepper.full_map if pepper.is_coupled else gradients),
+        movers=_frozen(tables.movers[indices]),
+        cores=_frozen(tables.cores[indices]),
+        indices=_frozen(indices),
+        within=distance,
+    )
+
+
+@lru_cache(maxsize=1)
+def _compiled() -> tuple[Callable[..., Any], ...]:
+    """Load, or on a machine's first use compile, the machine code; it is not imported before it is needed."""
+    first = Compilation("the distances of near pairs")
+    from pepper_kin.collision.fast.nearness import find_near, slopes
+    from pepper_kin.collision.fast.placing import place_joints
+
+    first.end(compiled=bool(find_near.stats.cache_misses))
+    return place_joints, find_near, slopes
+
+
+def _by_coal(
+    checker: CollisionChecker, q_full: Array, indices: list[int], distance: float
+) -> Iterator[tuple[int, float, Any]]:
+    """Yield those of some pairs that are nearer than a distance: place, distance and coal's result."""
     import pinocchio
 
-    full, geometry_data = checker.pepper.to_full(q), checker._data[1]
-    tables = _tables_of(checker)
-    found: list[tuple[float, int, int]] = []
-    witnesses: list[tuple[Array, Array, Array]] = []
-    near = np.flatnonzero(checker._bounds(q) < distance) if checker.pair_count else np.empty(0, int)
-    for index in near.tolist():
+    model, (data, geometry_data) = checker.pepper.pinocchio_model, checker._data
+    pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, q_full)
+    for index in indices:
         result = pinocchio.computeDistance(checker._model, geometry_data, index)
         apart = result.min_distance - checker._paddings[index]
         if apart < distance:
-            found.append((apart, index, len(witnesses)))
-            witnesses.append((result.getNearestPoint1(), result.getNearestPoint2(), result.normal))
-    found.sort()
-    pairs = np.array([index for _, index, _ in found], dtype=int)
-    order = [place for _, _, place in found]
-    a, b = checker._pairs[0][pairs], checker._pairs[1][pairs]
-    owners = [body.owner for body in checker._bodies]
-    seen = np.array(witnesses).reshape(-1, 3, 3)[order]
-    points, normals = seen[:, :2], -seen[:, 2]
-    gradients = _gradients(checker, full, tables.bodies[a], tables.bodies[b], points, normals)
-    return NearPairs(
-        names=tuple((owners[i], owners[j]) for i, j in zip(a.tolist(), b.tolist(), strict=True)),
-        distances=_frozen(np.array([d for d, _, _ in found])),
-        points=_frozen(points),
-        normals=_frozen(normals),
-        gradients=_frozen(gradients),
-        movers=_frozen((tables.moved[a] ^ tables.moved[b]) @ tables.follows),
-        cores=_frozen(np.minimum(tables.cores[a], tables.cores[b])),
-        indices=_frozen(pairs),
-        within=distance,
-    )
+            yield index, apart, result
 
 
 def distances_along(checker: CollisionChecker, path: Array, indices: NDArray[np.intp]) -> Array:
@@ -136,14 +169,25 @@ def distances_along(checker: CollisionChecker, path: Array, indices: NDArray[np.
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """What of a checker's shapes never changes: their joint, what moves them, their straight part.
+    """What of a checker's shapes and pairs never changes.
 
-    `moved` is by the coordinates of Pinocchio's model, which follow the robot's joints as `follows` says.
+    Attributes:
+        joints: See `joint_table`.
+        shapes: See `shape_row`, one a shape.
+        pairs: See `pair_row`, one a pair.
+        names: The owners of each pair.
+        sides: Which of each pair the coordinates of Pinocchio's model move: 1 the first alone, -1 the second
+            alone, else 0.
+        movers: Which joints move the two of each pair against one another.
+        cores: Length of the straight part of each pair, see `NearPairs`.
     """
 
-    bodies: NDArray[np.intp]
-    moved: NDArray[np.bool_]
-    follows: NDArray[np.bool_]
+    joints: Array
+    shapes: Array
+    pairs: NDArray[np.int64]
+    names: tuple[tuple[str, str], ...]
+    sides: NDArray[np.int8]
+    movers: NDArray[np.bool_]
     cores: Array
 
 
@@ -153,21 +197,35 @@ _kept: WeakKeyDictionary[CollisionChecker, _Tables] = WeakKeyDictionary()
 def _tables_of(checker: CollisionChecker) -> _Tables:
     tables = _kept.get(checker)
     if tables is None:
-        model, pepper = checker.pepper.pinocchio_model, checker.pepper
-        objects = checker._model.geometryObjects
-        bodies = np.array([item.parentJoint for item in objects], dtype=int)
-        carried = np.zeros((model.njoints, model.nv), dtype=bool)
-        for joint in range(1, model.njoints):
-            for above in model.supports[joint].tolist()[1:]:
-                first = model.joints[above].idx_v
-                carried[joint, first : first + model.joints[above].nv] = True
-        tables = _kept[checker] = _Tables(
-            bodies=bodies,
-            moved=carried[bodies],
-            follows=np.abs(pepper.full_map) > 0,
-            cores=np.array([_core(item.geometry) for item in objects]),
-        )
+        tables = _kept[checker] = _make_tables(checker)
     return tables
+
+
+def _make_tables(checker: CollisionChecker) -> _Tables:
+    from pepper_kin.collision.fast.nearness import SHAPE, pair_row, shape_row
+    from pepper_kin.collision.fast.placing import joint_table
+
+    model, pepper, (first, second) = checker.pepper.pinocchio_model, checker.pepper, checker._pairs
+    objects = checker._model.geometryObjects
+    shapes = np.array([shape_row(item) for item in objects], dtype=float).reshape(-1, SHAPE)
+    kinds, listed = shapes[:, 0].astype(int).tolist(), list(zip(first.tolist(), second.tolist(), strict=True))
+    moved = np.zeros((model.njoints, model.nv), dtype=np.int8)
+    for joint in range(1, model.njoints):
+        moved[joint] = moved[model.parents[joint]]
+        moved[joint, model.joints[joint].idx_v] = 1
+    bodies = shapes[:, 1].astype(int)
+    sides = moved[bodies[first]] - moved[bodies[second]]
+    cores = np.array([_core(item.geometry) for item in objects])
+    owners = [body.owner for body in checker._bodies]
+    return _Tables(
+        joints=joint_table(pepper),
+        shapes=shapes,
+        pairs=np.array([pair_row(a, b, kinds) for a, b in listed], dtype=np.int64).reshape(-1, 4),
+        names=tuple([(owners[a], owners[b]) for a, b in listed]),
+        sides=sides,
+        movers=(sides != 0) @ (np.abs(pepper.full_map) > 0),
+        cores=np.minimum(cores[first], cores[second]),
+    )
 
 
 def _core(geometry: Any) -> float:
@@ -179,33 +237,6 @@ def _core(geometry: Any) -> float:
     if isinstance(geometry, coal.Capsule):
         return 2.0 * float(geometry.halfLength)
     return 2.0 * float(geometry.aabb_radius)
-
-
-def _gradients(
-    checker: CollisionChecker,
-    q_full: Array,
-    first: NDArray[np.intp],
-    second: NDArray[np.intp],
-    points: Array,
-    normals: Array,
-) -> Array:
-    """Return n . (J_a - J_b), as (n, p x n) . J with J of the body about the world's origin."""
-    import pinocchio
-
-    model, data = checker.pepper.pinocchio_model, checker.pepper.pinocchio_data
-    pinocchio.computeJointJacobians(model, data, q_full)
-    used = sorted({*first.tolist(), *second.tolist()})
-    place = np.zeros(model.njoints, dtype=int)
-    place[used] = np.arange(len(used))
-    jacobians = np.zeros((max(len(used), 1), 6, model.nv))
-    for row, body in enumerate(used):
-        if body:
-            jacobians[row] = pinocchio.getJointJacobian(model, data, body, pinocchio.WORLD)
-    moments = np.cross(points, normals[:, None, :])
-    gradients = (normals[:, None, :] @ (jacobians[place[first], :3] - jacobians[place[second], :3]))[:, 0]
-    gradients += (moments[:, None, 0] @ jacobians[place[first], 3:])[:, 0]
-    gradients -= (moments[:, None, 1] @ jacobians[place[second], 3:])[:, 0]
-    return gradients @ checker.pepper.full_map if checker.pepper.is_coupled else gradients
 
 
 def _frozen(array: NDArray) -> NDArray:

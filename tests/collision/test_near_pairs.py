@@ -52,16 +52,89 @@ def test_gradients_are_the_slopes_of_the_distances(kind):
     assert np.median(off) < 1e-3
 
 
-def _all_distances(pepper, q):
-    """Distance of every pair of shapes, in the checker's order."""
+def _all_distances(pepper, q, scene=SCENE):
+    """Distance of every pair of shapes by coal, in the checker's order."""
+    return (
+        np.array([result.min_distance for result in _by_coal(pepper, q, scene)])
+        - _checker(pepper, scene)._paddings
+    )
+
+
+def _checker(pepper, scene):
+    return pk.collision.checker_for(pepper, scene)
+
+
+def _by_coal(pepper, q, scene):
     import pinocchio
 
-    checker = pk.collision.checker_for(pepper, SCENE)
+    checker = _checker(pepper, scene)
     data, geometry = checker._data
     full = pepper.to_full(q)
     pinocchio.updateGeometryPlacements(pepper.pinocchio_model, data, checker._model, geometry, full)
     pinocchio.computeDistances(checker._model, geometry)
-    return np.array([result.min_distance for result in geometry.distanceResults])
+    return geometry.distanceResults
+
+
+def _agree_with_coal(pepper, q, distance, scene):
+    """Compare everything with coal; coal's distances from boxes are good to 1e-6 m."""
+    near, every = pk.collision.near_pairs(pepper, q, distance, scene), _all_distances(pepper, q, scene)
+    assert set(near.indices.tolist()) == set(np.flatnonzero(every < distance).tolist())
+    assert near.distances == pytest.approx(every[near.indices], abs=3e-6)
+    results, checker = _by_coal(pepper, q, scene), _checker(pepper, scene)
+    for place, index in enumerate(near.indices.tolist()):
+        first, second = (checker._bodies[pairs[index]] for pairs in checker._pairs)
+        assert near.names[place] == (first.owner, second.owner)
+        # The nearest points need not be the only ones, but the direction is.
+        if abs(every[index]) > 2e-3:
+            assert near.normals[place] == pytest.approx(-np.array(results[index].normal), abs=2e-2)
+    pads = checker._paddings[near.indices]
+    gap = near.points[:, 0] - near.points[:, 1]
+    assert np.einsum("ij,ij->i", near.normals, gap) == pytest.approx(near.distances + pads, abs=1e-5)
+    return len(near)
+
+
+CLOUD = np.random.default_rng(5).uniform((0.1, 0.1, 0.8), (0.3, 0.3, 1.0), (20, 3))
+CROWD = (
+    SCENE.add_sphere("ball", 0.1, (0.35, 0.2, 1.0))
+    .add_cylinder("post", 0.05, 1.0, (0.1, -0.35, 0.8))
+    .add_capsule("bar", 0.03, 0.5, (0.2, 0.4, 0.9))
+    .add_half_space("slope", (0.1, 0.0, 1.0), 0.1)
+    .add_point_cloud("cloud", CLOUD, 0.01)
+)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scene", [pk.Scene(), CROWD])
+def test_same_pairs_as_coal_finds(kind, scene):
+    pepper, found = pk.load_pepper(**kind), 0
+    for place, q in enumerate(postures(pepper, 25, 3)):
+        found += _agree_with_coal(pepper, q, (0.02, 0.08, 0.3)[place % 3], scene)
+    assert found > 300
+
+
+def test_same_pairs_as_coal_finds_all_along_the_way_of_a_servo():
+    pepper, generator = pk.load_pepper(), np.random.default_rng(7)
+    servo = pk.ik.Servo(pepper, pepper.posture("Stand"), scene=SCENE)
+    for tick in range(600):
+        if tick % 30 == 0:
+            left, right = generator.uniform((0.0, -0.2, 0.5), (0.6, 0.5, 1.3), (2, 3))
+            servo.set_target([pk.ik.HandPosition("left", left), pk.ik.HandPosition("right", right)])
+        state = servo.step()
+        if tick % 3 == 0:
+            _agree_with_coal(pepper, state.q, 0.08, SCENE)
+
+
+def test_shapes_that_overlap_are_parted_the_shortest_way():
+    """A box around a forearm: coal alone knows how deep, and moving along the normal by that parts them."""
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    arm = pk.kinematics.frame_pose(pepper, q, "LForeArm")[:3, 3]
+    scene = pk.Scene().add_box("block", (0.2, 0.2, 0.2), arm)
+    near = pk.collision.near_pairs(pepper, q, 0.01, scene)
+    assert near.distances[0] == pytest.approx(float(pk.collision.clearance(pepper, q, scene)), abs=1e-6)
+    assert near.distances[0] < -0.05
+    moved = pk.Scene().add_box("block", (0.2, 0.2, 0.2), arm + near.distances[0] * near.normals[0])
+    assert _all_distances(pepper, q, moved)[near.indices[0]] == pytest.approx(0.0, abs=1e-5)
 
 
 def test_normals_and_points_belong_together():

@@ -19,9 +19,9 @@ def clamp(x: float, h: float) -> float:
     return min(max(x, -h), h)
 
 
-@njit("float64(float64[::1], float64, float64[::1], float64)", **OPTIONS)
-def segment_to_segment(a: Array, ha: float, b: Array, hb: float) -> float:
-    """Return the distance of two segments [m].
+@njit("UniTuple(float64, 2)(float64[::1], float64, float64[::1], float64)", **OPTIONS)
+def nearest_on_segments(a: Array, ha: float, b: Array, hb: float) -> tuple[float, float]:
+    """Return where two segments are nearest, along their axes from their centres [m].
 
     With r = c_a - c_b and axes u_a, u_b, the nearest points of the lines are at
     s = ((u_a . u_b) (u_b . r) - u_a . r) / (1 - (u_a . u_b)^2) and t = (u_a . u_b) s + u_b . r; clamped to
@@ -44,6 +44,14 @@ def segment_to_segment(a: Array, ha: float, b: Array, hb: float) -> float:
     t = clamp(cosine * s + along_b, hb)
     s = clamp(cosine * t - along_a, ha)
     t = clamp(cosine * s + along_b, hb)
+    return s, t
+
+
+@njit("float64(float64[::1], float64, float64[::1], float64)", **OPTIONS)
+def segment_to_segment(a: Array, ha: float, b: Array, hb: float) -> float:
+    """Return the distance of two segments [m]; see `nearest_on_segments`."""
+    s, t = nearest_on_segments(a, ha, b, hb)
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     x, y, z = x + s * a[9] - t * b[9], y + s * a[10] - t * b[10], z + s * a[11] - t * b[11]
     return math.sqrt(x * x + y * y + z * z)
 
@@ -54,9 +62,9 @@ def _beyond(x: float, h: float) -> float:
     return x - clamp(x, h)
 
 
-@njit("float64(float64[::1], float64, float64[::1], float64[::1])", **OPTIONS)
-def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
-    """Return the distance of a segment to a solid box [m]; 0 where they meet.
+@njit("UniTuple(float64, 2)(float64[::1], float64, float64[::1], float64[::1])", **OPTIONS)
+def nearest_to_box(a: Array, ha: float, b: Array, half: Array) -> tuple[float, float]:
+    """Return where a segment is nearest to a solid box, along its axis from its centre, and the distance [m].
 
     The squared distance of the point p + t d to the box is convex in t; its derivative is piecewise linear
     and rises, with corners where a coordinate passes a face.  Bisection over the corners leaves one straight
@@ -117,4 +125,10 @@ def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
     if high > low and at_high > at_low:
         t = low + (high - low) * at_low / (at_low - at_high)
     x, y, z = _beyond(px + t * dx, hx), _beyond(py + t * dy, hy), _beyond(pz + t * dz, hz)
-    return math.sqrt(x * x + y * y + z * z)
+    return t, math.sqrt(x * x + y * y + z * z)
+
+
+@njit("float64(float64[::1], float64, float64[::1], float64[::1])", **OPTIONS)
+def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
+    """Return the distance of a segment to a solid box [m]; 0 where they meet."""
+    return nearest_to_box(a, ha, b, half)[1]

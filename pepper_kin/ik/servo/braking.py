@@ -122,6 +122,7 @@ def _bounds(
         high[i], low[i] = max(high[i], brake[i]), min(low[i], brake[i])
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def brake_path(v: Array, acceleration: Array, dt: float, ticks: np.ndarray) -> Array:
     """Return how far each joint has moved after some ticks, the first at v, the others braking.
 
@@ -134,14 +135,29 @@ def brake_path(v: Array, acceleration: Array, dt: float, ticks: np.ndarray) -> A
     Returns:
         Changes of position, with sign [rad or m], shape (m, n).
     """
-    quantum = np.minimum(acceleration * dt, 1e300)
-    moving = np.floor(np.abs(v) / quantum) + 1.0
-    count = np.minimum(np.asarray(ticks, dtype=float)[:, None], moving)
-    # Ticks that are not needed count 0 times the quantum, which may be huge.
-    loss = np.where(count > 1, quantum * (count - 1.0) / 2.0, 0.0)
-    return dt * np.sign(v) * count * (np.abs(v) - loss)
+    path = np.empty((ticks.size, v.size))
+    for i in range(v.size):
+        quantum, speed = min(acceleration[i] * dt, 1e300), abs(v[i])
+        moving, sign = math.floor(speed / quantum) + 1.0, np.sign(v[i])
+        for k in range(ticks.size):
+            count = min(float(ticks[k]), moving)
+            # Ticks that are not needed count 0 times the quantum, which may be huge.
+            loss = quantum * (count - 1.0) / 2.0 if count > 1.0 else 0.0
+            path[k, i] = dt * sign * count * (speed - loss)
+    return path
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def ticks_to_rest(v: Array, acceleration: Array, dt: float) -> int:
     """Return how many ticks of `brake_path` move."""
-    return int(np.max(np.floor(np.abs(v) / np.minimum(acceleration * dt, 1e300)), initial=0.0)) + 1
+    most = 0.0
+    for i in range(v.size):
+        most = max(most, math.floor(abs(v[i]) / min(acceleration[i] * dt, 1e300)))
+    return int(most) + 1
+
+
+def stopping_place(q: Array, v: Array, acceleration: Array, dt: float) -> Array:
+    """Return where the joints come to rest after one tick at v and the hardest brake, shape (n,)."""
+    last = np.array([ticks_to_rest(v, acceleration, dt)])
+    place: Array = q + brake_path(v, acceleration, dt, last)[0]
+    return place

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from pepper_kin.collision import NearPairs, Scene, checker_for
 from pepper_kin.collision.near_pairs import distances_along, pairs_within
@@ -12,9 +13,11 @@ from pepper_kin.ik.servo.braking import VelocityBounds, brake_path, ticks_to_res
 from pepper_kin.ik.servo.demand import Demand
 from pepper_kin.ik.servo.half_spaces import VelocityRows, stacked
 from pepper_kin.ik.servo.lever_arms import lever_arms
-from pepper_kin.ik.servo.range_rows import RangeRows
+from pepper_kin.ik.servo.range_rows import range_rows
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
 
 # Farthest that bodies are looked for [m], and how often one brake path is looked at anew.
 FARTHEST = 0.08
@@ -61,16 +64,28 @@ class ClearanceGuard:
     def __init__(self, pepper: PepperModel, scene: Scene, clearance: float, gain: float) -> None:
         self._checker = checker_for(pepper, scene)
         self._levers = lever_arms(pepper)
-        self._ranges = RangeRows(pepper)
+        self._ranges = range_rows(pepper)
         self._clearance, self._gain = clearance, gain
         self._hard = HARD * clearance
+        if not _look_along.signatures:
+            self._load(pepper)
+
+    def _load(self, pepper: PepperModel) -> None:
+        """Compile, or read from disk, here and not in the first tick what the look along a way needs."""
+        first = Compilation("the servo's look at distances")
+        near = pairs_within(self._checker, pepper.neutral(), FARTHEST)
+        still, dt = np.zeros(pepper.n), 1.0
+        limits = read_only(np.ones(pepper.n))
+        self.rows(pepper.neutral(), pepper.neutral(), near, 1.0)
+        self.obstacle(pepper.neutral(), still, near, limits, dt)
+        first.end(compiled=bool(_look_along.stats.cache_misses))
 
     def look(self, q: Array, bounds: VelocityBounds, acceleration: Array, dt: float) -> NearPairs:
         """Return the pairs that matter at q for any velocity within bounds."""
         fastest = np.maximum(np.abs(bounds.low), np.abs(bounds.high))
         damped = self._clearance + float(self._levers @ fastest) / self._gain
         last = np.array([ticks_to_rest(fastest, acceleration, dt)])
-        stopped = self._hard + float(brake_path(fastest, acceleration, dt, last)[0] @ self._levers)
+        stopped = self._hard + float(self._levers @ brake_path(fastest, acceleration, dt, last)[0])
         return pairs_within(self._checker, q, min(max(damped, stopped), FARTHEST))
 
     def rows(self, q: Array, stop: Array, near: NearPairs, caution: float) -> VelocityRows:
@@ -84,7 +99,7 @@ class ClearanceGuard:
         """
         gain = self._gain * caution
         least = -gain * np.maximum(near.distances - self._clearance, 0.0)
-        names = tuple(f"clearance of {a} and {b}" for a, b in near.names)
+        names = tuple([f"clearance of {a} and {b}" for a, b in near.names])
         return stacked(
             [VelocityRows(near.gradients, least, names), self._ranges.rows(q, stop, gain)],
             near.gradients.shape[1],
@@ -103,10 +118,10 @@ class ClearanceGuard:
     ) -> Obstacle | None:
         """Return None if one tick at v and the hardest brake after it stay clear; else what is in the way.
 
-        Most pairs are shown to stay apart all the way by how far the joints can move them, see `_used`; those
-        of which this says nothing are measured at every tick of the way.  No pair may come nearer than half
-        the clearance, or than 3/4 of its distance at q if that is
-        less; pairs that touch at q may part, and else not go deeper.
+        Most pairs are shown to stay apart all the way by how far the joints can move them, see `_look_along`;
+        those of which this says nothing are measured at every tick of the way.  No pair may come nearer than
+        half the clearance, or than 3/4 of its distance at q if that is less; pairs that touch at q may part,
+        and else not go deeper.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
@@ -123,13 +138,17 @@ class ClearanceGuard:
         floors, tick = self._floors(near), 0
         everything = Obstacle(np.ones(q.size, dtype=bool), "clearance")
         for _ in range(LOOKS):
-            used = self._used(near, shifts[tick:] - shifts[tick])
+            least = np.full(len(near), self._hard)
+            if floors:
+                least[:] = [floors.get(pair, self._hard) for pair in near.names]
+            seen, doubts = _look_along(
+                shifts, tick, near.gradients, near.movers, near.cores, self._levers,
+                near.distances - least, near.within - self._hard,
+            )  # fmt: skip
             # So far no pair that was not seen can have come too near.
-            seen = int(np.count_nonzero(used[:, -1] <= near.within - self._hard)) - 1
             if seen < 1:
                 return everything
-            least = np.array([floors.get(pair, self._hard) for pair in near.names])
-            doubtful = np.flatnonzero((used[: seen + 1, :-1] > near.distances - least).any(axis=0))
+            doubtful = doubts.nonzero()[0]
             if doubtful.size:
                 path = q + shifts[tick + 1 : tick + seen + 1]
                 distances = distances_along(self._checker, path, near.indices[doubtful])
@@ -152,24 +171,55 @@ class ClearanceGuard:
             floors.setdefault(pair, STEP_OF_NEAR * distance if distance > 0 else distance - DEEPER)
         return floors
 
-    def _used(self, near: NearPairs, shifts: Array) -> Array:
-        """Return by how much the distances may have shrunk after changes dq of position, shape (m, k + 1).
 
-        No point moves by more than sum R |dq| over the joints that move the pair.  And the plane between the
-        two bodies, taken along with the one, still parts them after the other has come nearer by no more than
+@njit(cache=True, nogil=True, error_model="numpy")
+def _look_along(
+    shifts: Array, first: int, gradients: Array, movers: np.ndarray, cores: Array, levers: Array,
+    spare: Array, reach: float,
+) -> tuple[int, np.ndarray]:  # fmt: skip
+    """Return how far along a path pairs that were not seen stay away, and which of those seen may not.
 
-            -g . dq + w L + w sum(R |dq|) / 2,    w = sum |dq|,
+    By changes dq of position no point moves by more than sum R |dq| over the joints that move a pair.  And
+    the plane between the two bodies, taken along with the one, still parts them after the other has come
+    nearer by no more than
 
-        with L the straight part of the shape (what turning adds) and the last term for second order.  The
-        smaller of both holds; the last column is for pairs that were too far to be seen.
+        -g . dq + w L + w sum(R |dq|) / 2,    w = sum |dq|,
 
-        Args:
-            near: The pairs at dq = 0.
-            shifts: dq, shape (m, n) [rad or m].
-        """
-        turned = np.abs(shifts)
-        travel = turned * self._levers
-        movers = near.movers.T
-        lever, turn = travel @ movers, turned @ movers
-        plane = -(shifts @ near.gradients.T) + turn * near.cores + 0.5 * turn * lever
-        return np.hstack([np.minimum(lever, plane), travel.sum(axis=1, keepdims=True)])
+    with L the straight part of the shape (what turning adds) and the last term for second order.  A pair's
+    distance has shrunk by no more than the smaller of both.
+
+    Args:
+        shifts: Positions along the path, shape (m, n) [rad or m].
+        first: Row of `shifts` where the pairs are known; dq is counted from there.
+        gradients: g, shape (k, n).
+        movers: Which joints move each pair, shape (k, n).
+        cores: L, shape (k,) [m].
+        levers: R, shape (n,) [m/rad or 1].
+        spare: By how much the distances may shrink, shape (k,) [m].
+        reach: By how much those of pairs that were not seen may [m].
+
+    Returns:
+        How many rows after `first` no pair unseen comes too near, -1 where that cannot be said of `first`;
+        and for each pair whether more than its spare may be used up until then, shape (k,).
+    """
+    doubts = np.zeros(spare.size, dtype=np.bool_)
+    turned = np.empty(levers.size)
+    for row in range(first, shifts.shape[0]):
+        travel = 0.0
+        for i in range(levers.size):
+            turned[i] = abs(shifts[row, i] - shifts[first, i])
+            travel += levers[i] * turned[i]
+        if travel > reach:
+            return row - first - 1, doubts
+        for k in range(spare.size):
+            if doubts[k]:
+                continue
+            lever, turn, plane = 0.0, 0.0, 0.0
+            for i in range(levers.size):
+                plane -= gradients[k, i] * (shifts[row, i] - shifts[first, i])
+                if movers[k, i]:
+                    turn += turned[i]
+                    lever += levers[i] * turned[i]
+            plane += turn * cores[k] + 0.5 * turn * lever
+            doubts[k] = min(lever, plane) > spare[k]
+    return shifts.shape[0] - first - 1, doubts

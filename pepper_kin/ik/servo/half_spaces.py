@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.ik.tasks.task import Array
 
@@ -30,31 +31,37 @@ class VelocityRows:
     def within(self, low: Array, high: Array) -> VelocityRows:
         """Return only those that some velocity within a box would break."""
         slowest = np.minimum(self.matrix * low, self.matrix * high).sum(axis=1)
-        kept = np.flatnonzero(slowest < self.least)
+        kept = (slowest < self.least).nonzero()[0]
         return VelocityRows(self.matrix[kept], self.least[kept], tuple(self.names[i] for i in kept))
 
     def admitting(self, v: Array) -> VelocityRows:
         """Return rows relaxed so far that a velocity keeps them."""
+        if not self.names:
+            return self
         return VelocityRows(self.matrix, np.minimum(self.least, self.matrix @ v), self.names)
 
     def attainable(self, low: Array, high: Array) -> VelocityRows:
         """Return rows relaxed so far that each of them can be kept by some velocity within a box."""
+        if not self.names:
+            return self
         best = np.maximum(self.matrix * low, self.matrix * high).sum(axis=1)
         return VelocityRows(self.matrix, np.minimum(self.least, best), self.names)
 
     def broken(self, v: Array) -> tuple[str, ...]:
         """Return the names of those that v breaks, each once."""
-        short = self.least - self.matrix @ v
-        return tuple(dict.fromkeys(self.names[i] for i in np.flatnonzero(short > NOTICEABLE)))
+        return self._named(self.least - self.matrix @ v > NOTICEABLE) if self.names else ()
 
     def active(self, v: Array) -> tuple[str, ...]:
         """Return the names of those that v touches, each once."""
-        slack = self.matrix @ v - self.least
-        return tuple(dict.fromkeys(self.names[i] for i in np.flatnonzero(slack < NOTICEABLE)))
+        return self._named(self.matrix @ v - self.least < NOTICEABLE) if self.names else ()
+
+    def _named(self, which: NDArray[np.bool_]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys([self.names[i] for i in which.nonzero()[0].tolist()]))
 
 
 def stacked(parts: Sequence[VelocityRows], n: int) -> VelocityRows:
     """Return several sets of rows as one."""
+    parts = [part for part in parts if part.names]
     if not parts:
         return VelocityRows(np.empty((0, n)), np.empty(0), ())
     if len(parts) == 1:

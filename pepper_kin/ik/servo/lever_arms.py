@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from pepper_kin.ik.tasks.task import Array
@@ -9,6 +11,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 
 
+@lru_cache(maxsize=32)
 def lever_arms(pepper: PepperModel) -> Array:
     """Return R, shape (n,) [m/rad or 1]: no point of the body moves by more than sum_i R_i |dq_i|.
 

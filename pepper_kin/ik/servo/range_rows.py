@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.ik.servo.half_spaces import VelocityRows
@@ -23,27 +24,9 @@ class _Envelope(NamedTuple):
     """One side of a table as a continuous curve on its safe side: side * (y - curve(x)) >= 0."""
 
     table: DependentRange
-    first: int
-    second: int
     side: float
-    x: list[float]
-    curve: list[float]
+    curve: Array
     name: str
-
-    def left(self, q: list[float]) -> tuple[float, float]:
-        """Return the angle left at q and the slope of the curve there."""
-        x, curve, at = self.x, self.curve, q[self.first]
-        place = min(max(bisect_left(x, at), 1), len(x) - 1)
-        slope = (curve[place] - curve[place - 1]) / (x[place] - x[place - 1])
-        return self.side * (q[self.second] - curve[place] - slope * (at - x[place])), slope
-
-    def holds_between(self, q: list[float], end: list[float]) -> bool:
-        """Whether all of the rectangle with these two corners is on the safe side."""
-        low, high = sorted((q[self.first], end[self.first]))
-        nearest = min(self.side * q[self.second], self.side * end[self.second])
-        between = self.curve[bisect_left(self.x, low) : bisect_left(self.x, high)]
-        curve = [self.side * place[self.second] - self.left(place)[0] for place in (q, end)]
-        return nearest >= max([*curve, *(self.side * value for value in between)])
 
 
 class RangeRows:
@@ -61,6 +44,20 @@ class RangeRows:
     def __init__(self, pepper: PepperModel) -> None:
         self._n = pepper.n
         self._envelopes = [e for table in dependent_ranges(pepper) for e in _envelopes(pepper, table)]
+        self._names = tuple(e.name for e in self._envelopes for _ in range(2))
+        ends = np.cumsum([0, *(e.curve.size for e in self._envelopes)])
+        # For the compiled loops: both joints, side, beginning and end of each curve; x and y of all curves.
+        self._heads = np.array(
+            [
+                (e.table.first, e.table.second, e.side, first, last)
+                for e, first, last in zip(self._envelopes, ends[:-1], ends[1:], strict=True)
+            ],
+            dtype=float,
+        ).reshape(-1, 5)
+        self._curves = np.zeros((2, ends[-1]))
+        if self._envelopes:
+            self._curves[0] = np.concatenate([e.table.positions for e in self._envelopes])
+            self._curves[1] = np.concatenate([e.curve for e in self._envelopes])
 
     def rows(self, q: Array, stop: Array, gain: float) -> VelocityRows:
         """Return the rows at q, shape (n,) [rad].
@@ -72,13 +69,8 @@ class RangeRows:
         """
         count = len(self._envelopes)
         matrix, least = np.zeros((2 * count, self._n)), np.zeros(2 * count)
-        here, there = q.tolist(), stop.tolist()
-        for k, envelope in enumerate(self._envelopes):
-            (left, _), (left_there, slope) = envelope.left(here), envelope.left(there)
-            matrix[2 * k, envelope.second] = envelope.side
-            matrix[2 * k + 1, envelope.first] = -envelope.side * slope
-            least[2 * k : 2 * k + 2] = -gain * max(min(left, left_there) - ANGLE_KEPT, 0.0)
-        return VelocityRows(matrix, least, tuple(e.name for e in self._envelopes for _ in range(2)))
+        _rows(self._heads, self._curves, q, stop, gain, matrix, least)
+        return VelocityRows(matrix, least, self._names)
 
     def entered(self, q: Array, path: Array) -> tuple[tuple[int, int], str] | None:
         """Return the joints and the name of a range that a path leaves although q is in it.
@@ -87,14 +79,70 @@ class RangeRows:
             q: Joint positions, shape (n,).
             path: Positions from there on along which every joint goes one way only, shape (m, n).
         """
-        here, end = q.tolist(), path[-1].tolist()
-        for envelope in self._envelopes:
-            if envelope.holds_between(here, end):
+        for k in range(len(self._envelopes)):
+            if _holds_between(self._heads[k], self._curves, q, path[-1]):
                 continue
-            table = envelope.table
+            table = self._envelopes[k].table
             if table.violated(path).any() and not table.violated(q):
-                return (table.first, table.second), envelope.name
+                return (table.first, table.second), self._envelopes[k].name
         return None
+
+
+@lru_cache(maxsize=32)
+def range_rows(pepper: PepperModel) -> RangeRows:
+    """Return the rows of a robot, made once."""
+    return RangeRows(pepper)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place(x: Array, at: float) -> int:
+    """Return the first place in x, which rises, of a number that is not below another."""
+    low, high = 0, x.size
+    while low < high:
+        middle = (low + high) // 2
+        if x[middle] < at:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _left(head: Array, curves: Array, q: Array) -> tuple[float, float]:
+    """Return the angle left at q below or above a curve, and the curve's slope there."""
+    x, curve = curves[0, int(head[3]) : int(head[4])], curves[1, int(head[3]) : int(head[4])]
+    at = q[int(head[0])]
+    place = min(max(_place(x, at), 1), x.size - 1)
+    slope = (curve[place] - curve[place - 1]) / (x[place] - x[place - 1])
+    return head[2] * (q[int(head[1])] - curve[place] - slope * (at - x[place])), slope
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rows(
+    heads: Array, curves: Array, q: Array, stop: Array, gain: float, matrix: Array, least: Array
+) -> None:
+    """Write the rows of `RangeRows.rows`."""
+    for k in range(heads.shape[0]):
+        left = _left(heads[k], curves, q)[0]
+        left_there, slope = _left(heads[k], curves, stop)
+        matrix[2 * k, int(heads[k, 1])] = heads[k, 2]
+        matrix[2 * k + 1, int(heads[k, 0])] = -heads[k, 2] * slope
+        least[2 * k : 2 * k + 2] = -gain * max(min(left, left_there) - ANGLE_KEPT, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _holds_between(head: Array, curves: Array, q: Array, end: Array) -> bool:
+    """Whether all of the rectangle with these two corners is on the safe side of a curve."""
+    first, second, side = int(head[0]), int(head[1]), head[2]
+    x, curve = curves[0, int(head[3]) : int(head[4])], curves[1, int(head[3]) : int(head[4])]
+    nearest = min(side * q[second], side * end[second])
+    highest = max(
+        side * q[second] - _left(head, curves, q)[0], side * end[second] - _left(head, curves, end)[0]
+    )
+    low, high = min(q[first], end[first]), max(q[first], end[first])
+    for place in range(_place(x, low), _place(x, high)):
+        highest = max(highest, side * curve[place])
+    return bool(nearest >= highest)
 
 
 def _envelopes(pepper: PepperModel, table: DependentRange) -> list[_Envelope]:
@@ -109,6 +157,5 @@ def _envelopes(pepper: PepperModel, table: DependentRange) -> list[_Envelope]:
         # Where a limit of the joint comes first, or nothing is free, it is all one how far beyond it lies.
         curve = side * np.clip(tight, side * near - BEYOND, side * far + BEYOND)
         name = f"clearance of {table.links[0]} and {table.links[1]}"
-        x = table.positions.tolist()
-        found.append(_Envelope(table, table.first, table.second, side, x, curve.tolist(), name))
+        found.append(_Envelope(table, side, curve, name))
     return found

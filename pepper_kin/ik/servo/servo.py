@@ -12,7 +12,6 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.servo.balance_rows import BalanceRows
-from pepper_kin.ik.servo.braking import velocity_bounds
 from pepper_kin.ik.servo.clearance_guard import ClearanceGuard
 from pepper_kin.ik.servo.commands import Targets, Twist
 from pepper_kin.ik.servo.demand import Demand, Pace, rate_demand
@@ -110,8 +109,8 @@ class Servo:
         self._stepper = Stepper(pepper, limits, dt, self._q, dearness, guard, rows)
         self._v = read_only(np.zeros(pepper.n))
         # What is compiled should be so before the first tick.
-        rate_demand(np.eye(6, pepper.n), np.ones(6), self._v, 1.0, "", self._pace)
-        velocity_bounds(self._q, self._v, limits, dt)
+        still = rate_demand(np.eye(6, pepper.n), np.zeros(6), self._v, 1.0, "", self._pace)
+        self._stepper.step(self._q, self._v, [still])
         self._tick, self._caution = 0, 1.0
         self._targets = Targets()
         self._twists: dict[str, Twist] = {}

@@ -13,8 +13,7 @@ from pepper_kin.ik.servo.braking import (
     KINDS,
     LOCKED,
     VelocityBounds,
-    brake_path,
-    ticks_to_rest,
+    stopping_place,
     velocity_bounds,
 )
 from pepper_kin.ik.servo.clearance_guard import ClearanceGuard
@@ -80,8 +79,8 @@ class Stepper:
         balance: BalanceRows | None,
     ) -> None:
         self._pepper, self._limits, self._dt = pepper, limits, dt
-        self._dearness = dearness
-        self._rest, self._cost = rest, DAMPING**2 * dearness**2 + REST_WEIGHT**2
+        self._squares = dearness**2
+        self._rest, self._cost = rest, DAMPING**2 * self._squares + REST_WEIGHT**2
         self.guard = guard
         self._balance = balance
         self._programme = Programme(pepper.n)
@@ -96,6 +95,7 @@ class Stepper:
             caution: Factor on the speed of approach to obstacles, up to 1.
         """
         limits, dt = self._limits, self._dt
+        q, v = np.array(q), np.array(v)  # writeable: the compiled functions have one form, not two
         bounds = velocity_bounds(q, v, limits, dt)
         near = self.guard.look(q, bounds, limits.acceleration, dt) if self.guard is not None else None
         clearance = None if near is None else float(near.distances[0]) if len(near) else float("inf")
@@ -129,8 +129,7 @@ class Stepper:
         limits, dt, nothing = self._limits, self._dt, VelocityRows(np.empty((0, q.size)), np.empty(0), ())
         clearance = balance = nothing
         if self.guard is not None and near is not None:
-            ticks = np.array([ticks_to_rest(bounds.brake, limits.acceleration, dt)])
-            stop = q + brake_path(bounds.brake, limits.acceleration, dt, ticks)[0]
+            stop = stopping_place(q, bounds.brake, limits.acceleration, dt)
             clearance = self.guard.rows(q, stop, near, caution)
         if self._balance is not None:
             balance = self._balance.rows(q, v, dt)
@@ -157,12 +156,12 @@ class Stepper:
 
     def _objective(self, q: Array, demands: Sequence[Demand]) -> tuple[Array, Array]:
         if not demands:  # the joints to rest, each as hard as it is dear
-            return np.diag(self._dearness**2), np.zeros(q.size)
+            return np.diag(self._squares), np.zeros(q.size)
         jacobian = np.concatenate([demand.weight * demand.jacobian for demand in demands])
         rate = np.concatenate([demand.weight * demand.rate for demand in demands])
         hessian = jacobian.T @ jacobian
         extra = sum(demand.damping for demand in demands)
-        hessian[np.diag_indices_from(hessian)] += self._cost + extra * self._dearness**2
+        hessian.reshape(-1)[:: q.size + 1] += self._cost + extra * self._squares
         return hessian, -(rate @ jacobian) - REST_WEIGHT**2 * REST_GAIN * (self._rest - q)
 
     def _at_bounds(self, v: Array, bounds: VelocityBounds) -> tuple[str, ...]:
@@ -172,7 +171,7 @@ class Stepper:
             (v >= bounds.high - tiny, bounds.high_kind),
             (v <= bounds.low + tiny, bounds.low_kind),
         ):
-            for i in np.flatnonzero(hit).tolist():
+            for i in hit.nonzero()[0].tolist():
                 if kinds[i] != LOCKED:
                     found.append(f"{KINDS[kinds[i]]} of {names[i]}")
         return tuple(found)

@@ -6,10 +6,9 @@ import struct
 from collections.abc import Mapping
 
 import numpy as np
+import pinocchio
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.layers import MASS, MASS_BODY, ZMP, ZMP_BODY, target_body
 from pepper_kin.viewer.server.readings import balance_points
@@ -36,7 +35,8 @@ class BodyPoses:
     """
 
     def __init__(self, pepper: PepperModel, links: tuple[str, ...], targets: Targets) -> None:
-        self._pepper, self._links, self._targets = pepper, links, targets
+        self._pepper, self._targets = pepper, targets
+        self._frames = [pepper.frame_id(link) for link in links]
         self._balance = np.zeros((2, 3))
         self.names = (*links, MASS_BODY, ZMP_BODY, *(target_body(name) for name in targets.names))
 
@@ -44,12 +44,13 @@ class BodyPoses:
         """Return the message: its kind, the stamp, and seven float32 a body (x, y, z, quaternion xyzw)."""
         if shown.get(MASS) or shown.get(ZMP):
             self._balance[:] = balance_points(self._pepper, q, v, a)
-        poses = frame_poses(self._pepper, q, self._links)
         values = np.zeros((len(self.names), 7), dtype="<f4")
         values[:, 6] = 1.0
-        count = len(self._links)
-        values[:count, :3] = poses[:, :3, 3]
-        values[:count, 3:] = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+        count = len(self._frames)
+        model, data = self._pepper.pinocchio_model, self._pepper.pinocchio_data
+        pinocchio.forwardKinematics(model, data, self._pepper.to_full(q))
+        for row, frame in enumerate(self._frames):
+            values[row] = pinocchio.SE3ToXYZQUAT(pinocchio.updateFramePlacement(model, data, frame))
         values[count : count + 2, :3] = self._balance
         values[count + 2 :, :3] = self._targets.positions()
         return struct.pack("<II", POSES, stamp) + values.tobytes()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.ik import HandPosition, LookAt
 from pepper_kin.ik.tasks import Task
-from pepper_kin.kinematics import frame_pose
+from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.drawable import Color
 
@@ -77,10 +77,11 @@ class Targets:
 
     def keep_with(self, q: NDArray[np.float64]) -> None:
         """Move the targets that nobody has set to where hands and gaze are at q, shape (n,)."""
-        for name, target in self._targets.items():
-            if not target.on:
-                pose = frame_pose(self._pepper, q, _FRAMES[name])
-                target.position = pose[:3, 3] + (GAZE_DISTANCE * pose[:3, 0] if name == "gaze" else 0.0)
+        free = [name for name, target in self._targets.items() if not target.on]
+        poses = frame_poses(self._pepper, q, [_FRAMES[name] for name in free])
+        for name, pose in zip(free, poses, strict=True):
+            ahead = GAZE_DISTANCE * pose[:3, 0] if name == "gaze" else 0.0
+            self._targets[name].position = pose[:3, 3] + ahead
 
     def tasks(self) -> list[Task]:
         """Return what the servo and the planner are to do."""
