@@ -164,9 +164,17 @@ def gesture(
         ),
     ],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the files.")] = None,
-    side: Annotated[str, typer.Option(help="right or left.", autocompletion=one_of(SIDES))] = "right",
-    amplitude: Annotated[float, typer.Option(help="Share of the authored way, up to 1.25.")] = 1.0,
-    tempo: Annotated[float, typer.Option(help="Speed relative to the authored one, 0.25 to 4.")] = 1.0,
+    side: Annotated[
+        str | None,
+        typer.Option(help="right or left; right if left out.", autocompletion=one_of(SIDES)),
+    ] = None,
+    amplitude: Annotated[
+        float | None, typer.Option(help="Share of the authored way, up to 1.25; 1 if left out.")
+    ] = None,
+    tempo: Annotated[
+        float | None,
+        typer.Option(help="Speed relative to the authored one, 0.25 to 4; 1 if left out."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Make a gesture of the library and examine it, or replay one of the paper's table 5 on the twin.
@@ -177,14 +185,23 @@ def gesture(
     from pepper_kin.model import load_pepper
     from pepper_kin.twin import GESTURES, replay
 
+    if output is not None:
+        check_folder(output)
     pepper = load_pepper()
     if name in GESTURES:
+        _refuse_options(name, side=side, amplitude=amplitude, tempo=tempo)
         replayed = replay(pepper, name)
         if output is not None:
             write_gesture(replayed, output)
         _print(replayed, as_json)
         return
-    made = make_gesture(pepper, name, side=side, amplitude=amplitude, tempo=tempo)
+    made = make_gesture(
+        pepper,
+        name,
+        side="right" if side is None else side,
+        amplitude=1.0 if amplitude is None else amplitude,
+        tempo=1.0 if tempo is None else tempo,
+    )
     if output is not None:
         write_library_gesture(made, output)
     _print(made, as_json)
@@ -241,6 +258,15 @@ def view(
         motion=None if file is None else load(file, pepper),
         on_start=announce,
     )
+
+
+def _refuse_options(gesture: str, **options: object) -> None:
+    """Refuse options of authored gestures where one of the paper's is replayed, which has none."""
+    for option, value in options.items():
+        if value is not None:
+            raise InvalidValueError(
+                f"--{option}", value, f"to be left out: {gesture!r} is replayed as the paper has it"
+            )
 
 
 def _scene(boxes: list[str]) -> Any:

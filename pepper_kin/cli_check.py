@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from pepper_kin.atomic_file import check_folder, make_folder, write_text
 from pepper_kin.cli_terminal import FAILED, Json, progress
 
 app = typer.Typer(
@@ -94,6 +95,8 @@ def paper(
     """
     from pepper_kin.jobs import check_paper, write_paper_check
 
+    if output is not None:
+        check_folder(output)
     with progress("replaying the paper's movements") as told:
         found = check_paper(seed=seed, progress=told)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
@@ -114,16 +117,17 @@ def physics(
 
     Example: pepper-kin check physics -o validation
     """
-    from pepper_kin.atomic_file import write_bytes
     from pepper_kin.jobs import check_physics
 
+    if output is not None:
+        check_folder(output)
     with progress("running both engines") as told:
         found = check_physics(seed=seed, progress=told)
     numbers = json.dumps(found.as_dict(), indent=2)
     print(numbers if as_json else found.report())
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
+        make_folder(output)
         for name, text in (("physics.txt", found.report()), ("physics.json", numbers)):
-            print(f"wrote {write_bytes(output / name, (text + chr(10)).encode())}", file=sys.stderr)
+            print(f"wrote {write_text(output / name, text + chr(10))}", file=sys.stderr)
     if not found.ok:
         raise typer.Exit(FAILED)

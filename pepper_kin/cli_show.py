@@ -65,10 +65,21 @@ def render(
         Path, typer.Option("--output", "-o", help="Film (.mp4, .gif), picture (.png) or page (.html).")
     ],
     scene: Annotated[Path | None, typer.Option(help="Scene to show around the robot: JSON.")] = None,
-    fps: Annotated[float, typer.Option(help="Frames per second of a film.")] = 30.0,
-    size: Annotated[str, typer.Option(help="Width x height of a film or picture, in pixels.")] = "1280x800",
-    view: Annotated[str, typer.Option(help=", ".join(VIEWS) + ".", autocompletion=one_of(VIEWS))] = VIEWS[0],
-    at_time: Annotated[float | None, typer.Option(help="Time that a picture shows, in seconds.")] = None,
+    fps: Annotated[float | None, typer.Option(help="Frames per second of a film; 30 if left out.")] = None,
+    size: Annotated[
+        str | None,
+        typer.Option(help="Width x height of a film or picture, in pixels; 1280x800 if left out."),
+    ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            help=f"View of a film or picture: {', '.join(VIEWS)}; the first if left out.",
+            autocompletion=one_of(VIEWS),
+        ),
+    ] = None,
+    at_time: Annotated[
+        float | None, typer.Option(help="Time that a picture shows, in seconds; 0 if left out.")
+    ] = None,
     base: Base = "fixed",
     hands: Hands = "locked",
     as_json: Json = False,
@@ -82,7 +93,7 @@ def render(
     from pepper_kin.model import load_pepper
     from pepper_kin.viewer import render_motion
 
-    pixels = _size(size)
+    pixels = None if size is None else _size(size)
     pepper = load_pepper(base=base, hands=hands)
     motion = read_motion(file, pepper)
     around = None if scene is None else Scene.load(scene)
@@ -91,7 +102,7 @@ def render(
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)
     with progress("rendering") as told:
         path = render_motion(
-            pepper, motion, output, scene=around, fps=fps, size=pixels, view=cast("CameraView", view),
+            pepper, motion, output, scene=around, fps=fps, size=pixels, view=cast("CameraView | None", view),
             at_time=at_time, on_frame=told,
         )  # fmt: skip
     print_written([path], as_json)

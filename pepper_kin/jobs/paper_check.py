@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import LimitsTable, PepperModel, limits_table, load_pepper
 from pepper_kin.model.text_table import text_table
 from pepper_kin.twin import GESTURES, GestureReport, Run, Twin, replay
@@ -128,8 +129,13 @@ def check_paper(
     Returns:
         Tables, runs and measurements.
 
+    Raises:
+        InvalidValueError: for a negative seed.
+
     Source: Sekkat et al., Heliyon (2024), tables 4 and 5, figures 6 and 7, section 3.3.
     """
+    if seed < 0:
+        raise InvalidValueError("seed", seed, "at least 0")
     pepper = load_pepper() if pepper is None else pepper
     movements = []
     for index, name in enumerate(GESTURES):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.atomic_file import write_bytes
+from pepper_kin.atomic_file import make_folder, write_bytes
 from pepper_kin.exceptions import MissingDependencyError
 from pepper_kin.jobs.paper_check import ITERATIONS, MovementCheck, PaperCheck
 
@@ -31,8 +31,7 @@ def write_paper_check(check: PaperCheck, folder: str | Path) -> dict[str, Path]:
         MissingDependencyError: where matplotlib is not installed.
         FileFormatError: where a file cannot be written.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = make_folder(folder)
     numbers = json.dumps(check.as_dict(), indent=2) + "\n"
     written = {
         "report": write_bytes(folder / "paper.txt", (check.report() + "\n").encode()),

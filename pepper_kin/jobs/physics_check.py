@@ -179,8 +179,10 @@ def check_physics(
 
     Raises:
         MissingDependencyError: where mujoco is not installed.
-        InvalidValueError: for a timestep that is not positive, or fewer than two.
+        InvalidValueError: for a timestep that is not positive, fewer than two, or a negative seed.
     """
+    if seed < 0:
+        raise InvalidValueError("seed", seed, "at least 0")
     try:
         import mujoco
     except ImportError as error:

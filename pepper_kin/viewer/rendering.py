@@ -6,14 +6,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pepper_kin.collision import Scene
-from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.browser import CameraView
 from pepper_kin.viewer.joint_motion import Playable
 from pepper_kin.viewer.video import VIDEO_SUFFIXES
 from pepper_kin.viewer.viewer import Viewer
 
-RENDER_SUFFIXES = (*VIDEO_SUFFIXES, ".png", ".html")
+PICTURE_SUFFIX = ".png"
+RENDER_SUFFIXES = (*VIDEO_SUFFIXES, PICTURE_SUFFIX, ".html")
+
+FPS = 30.0
+"""Frames per second of a film, if nothing else is said."""
+SIZE = (1280, 800)
+"""Width and height of a film or picture, if nothing else is said [pixel]."""
+VIEW: CameraView = "three-quarter"
+"""Where a film or picture is seen from, if nothing else is said."""
 
 
 def render_motion(
@@ -22,9 +30,9 @@ def render_motion(
     path: str | Path,
     *,
     scene: Scene | None = None,
-    fps: float = 30.0,
-    size: tuple[int, int] = (1280, 800),
-    view: CameraView = "three-quarter",
+    fps: float | None = None,
+    size: tuple[int, int] | None = None,
+    view: CameraView | None = None,
     at_time: float | None = None,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
@@ -35,10 +43,10 @@ def render_motion(
         motion: A trajectory, a run of the twin, a `JointMotion`, or joint positions of shape (n,).
         path: .mp4 or .gif (a film), .png (a picture) or .html (a page that plays and scrubs).
         scene: What stands around the robot.
-        fps: Frames per second of a film.
-        size: Width and height of a film or picture [pixel].
-        view: "three-quarter", "front", "side" or "top"; not for a page, which has all of them.
-        at_time: Time that a picture shows [s]; None for the start.
+        fps: Frames per second of a film, `FPS` if omitted.
+        size: Width and height of a film or picture [pixel], `SIZE` if omitted.
+        view: Of a film or picture: "three-quarter" (if omitted), "front", "side" or "top".
+        at_time: Time that a picture shows [s]; the start if omitted.
         on_frame: Called with the number of a film's frames done and of all.
 
     Returns:
@@ -46,11 +54,14 @@ def render_motion(
 
     Raises:
         UnknownNameError: for another suffix.
+        InvalidValueError: for an option that this kind of file does not have.
         PepperKinError: as `Viewer.save_video`, `Viewer.save_image` and `Viewer.save_html`.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in RENDER_SUFFIXES:
         raise UnknownNameError("suffix", suffix, RENDER_SUFFIXES)
+    _refuse_what_has_no_effect(suffix, fps=fps, size=size, view=view, at_time=at_time)
+    fps, size, view = FPS if fps is None else fps, size or SIZE, VIEW if view is None else view
     with Viewer(pepper) as viewer:
         if scene is not None:
             viewer.add_scene(scene)
@@ -59,3 +70,19 @@ def render_motion(
         if suffix == ".png":
             return viewer.save_image(path, motion, at_time=at_time, size=size, view=view)
         return viewer.save_html(path, motion, title=Path(path).stem)
+
+
+def _refuse_what_has_no_effect(suffix: str, **options: object) -> None:
+    """Refuse options that a file with this suffix would silently ignore."""
+    takers = {
+        "fps": (VIDEO_SUFFIXES, "a film's frames per second; a page plays as smoothly as the browser can"),
+        "size": ((*VIDEO_SUFFIXES, PICTURE_SUFFIX), "the size of a film or picture; a page fills its window"),
+        "view": ((*VIDEO_SUFFIXES, PICTURE_SUFFIX), "the view of a film or picture; a page has all of them"),
+        "at_time": ((PICTURE_SUFFIX,), "the time of a picture; films and pages show the whole motion"),
+    }
+    for name, value in options.items():
+        suffixes, meaning = takers[name]
+        if value is not None and suffix not in suffixes:
+            raise InvalidValueError(
+                name, value, f"nothing for {suffix}: it is {meaning} (it goes with {', '.join(suffixes)})"
+            )

@@ -1,0 +1,64 @@
+"""What cannot be done is refused in one line, before long work, and nothing is ignored silently."""
+
+import pytest
+
+import pepper_kin as pk
+
+
+@pytest.fixture(scope="module")
+def nod(tmp_path_factory):
+    path = tmp_path_factory.mktemp("nod") / "nod.npz"
+    pk.trajectory.save(pk.motion.gesture(pk.load_pepper(), "nod"), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    "command", [("gesture", "nod"), ("gesture", "head"), ("check", "paper"), ("check", "physics")]
+)
+def test_a_folder_that_is_a_file_is_told_before_the_work(run, tmp_path, command):
+    (tmp_path / "taken").write_text("mine")
+    done = run(*command, "-o", "taken", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""  # the report comes after the work
+    assert len(done.stderr.splitlines()) == 1
+    assert f"taken: cannot be made a folder: {tmp_path / 'taken'} is a file" in done.stderr
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+@pytest.mark.parametrize("check", ["paper", "physics", "dynamics"])
+def test_a_negative_seed_is_misuse(run, tmp_path, check):
+    done = run("check", check, "--seed", "-3", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("pepper-kin: seed: got -3, expected ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("option", "value"), [("--side", "right"), ("--amplitude", "1"), ("--tempo", "3")])
+def test_options_that_a_movement_of_the_paper_lacks_are_refused(run, tmp_path, option, value):
+    done = run("gesture", "left-arm", option, value, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"pepper-kin: {option}: got ")
+    assert "'left-arm' is replayed as the paper has it" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "option", "value", "suffixes"),
+    [
+        ("a.html", "--fps", "12", ".mp4, .gif"),
+        ("a.html", "--fps", "nan", ".mp4, .gif"),
+        ("a.html", "--size", "320x240", ".mp4, .gif, .png"),
+        ("a.html", "--view", "front", ".mp4, .gif, .png"),
+        ("a.html", "--at-time", "0.5", ".png"),
+        ("a.gif", "--at-time", "0.5", ".png"),
+        ("a.png", "--fps", "12", ".mp4, .gif"),
+    ],
+)
+def test_render_refuses_what_a_kind_of_file_does_not_have(run, nod, tmp_path, file, option, value, suffixes):
+    done = run("render", str(nod), "-o", file, option, value, cwd=tmp_path)
+    assert done.returncode == 2
+    last = done.stderr.splitlines()[-1]
+    name = option.removeprefix("--").replace("-", "_")
+    assert last.startswith(f"pepper-kin: {name}: got ")
+    assert f"nothing for {file[1:]}" in last
+    assert last.endswith(f"(it goes with {suffixes})")
+    assert list(tmp_path.iterdir()) == []
