@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 _FIELDS = {"header", "joint_names", "points"}
 _LISTS = ("positions", "velocities", "accelerations", "effort")
 _POINT = {*_LISTS, "time_from_start"}
+_DEEPEST = 16  # lists and mappings in one another; a trajectory has five
 
 
 def write_ros(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
@@ -94,8 +95,10 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     text = read_utf8(path)
     if not text.endswith("\n"):
         raise FileFormatError(path, "is truncated: its last line has no end", text.count("\n") + 1)
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        root = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        _check_depth(path, text, loader)
+        root = yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as error:
         line = None if error.problem_mark is None else error.problem_mark.line + 1
         raise FileFormatError(path, f"is not whole YAML: {error.problem}", line) from error
@@ -103,6 +106,25 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         raise FileFormatError(path, f"is not YAML: {error}") from error
     message = _Reader(path).mapping(root, _FIELDS, {"joint_names", "points"}, "JointTrajectory")
     return _trajectory(_Reader(path), message, pepper)
+
+
+def _check_depth(path: PathName, text: str, loader: Any) -> None:
+    """Refuse what is nested deeper than any trajectory: composing it would overflow the stack of libyaml.
+
+    Raises:
+        FileFormatError: naming the line.
+    """
+    import yaml
+
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > _DEEPEST:
+                line = event.start_mark.line + 1
+                raise FileFormatError(path, f"is no JointTrajectory: nested more than {_DEEPEST} deep", line)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
 
 
 def _trajectory(read: _Reader, message: dict[str, Any], pepper: PepperModel | None) -> Trajectory:
