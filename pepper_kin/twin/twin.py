@@ -107,7 +107,10 @@ class Twin:
         return self._pushes
 
     def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> TwinState:
-        """Put the twin somewhere and set its clock to zero; pushes stay.
+        """Put the twin somewhere and set its clock to zero; pushes stay, and so does the world around it.
+
+        What lies in a world stays where it lies: `execute` resets too, and shall not take away what was put
+        there.  `twin.world.reset()` puts its bodies back where they were added.
 
         Args:
             q: Position [rad or m], shape (n,); the neutral posture (Stand) if omitted.
