@@ -132,7 +132,8 @@ class IKResult:
         solver: Name of the solver.
         seed: Seed of the restarts.
         evidence: Computes the certificate.
-        hint: What else was found out, such as that more joints would help; may be empty.
+        hint: What else was found out, such as that more joints would help or, where time ran out, that the
+            target is beyond reach whatever the posture; may be empty.
     """
 
     status: Status
@@ -226,9 +227,15 @@ class IKResult:
     @property
     def advice(self) -> str:
         """What to do next, in a sentence; or in two, where hard tasks are met and others are not."""
+        if self._is_proven_out_of_reach:
+            return f"Time ran out, but more of it would not help.  {Status.CLOSEST_UNREACHABLE.advice}"
         if self._only_hard_met:
             return f"Use q if the soft tasks may fall short.  Otherwise: {self.status.advice}"
         return self.status.advice
+
+    @property
+    def _is_proven_out_of_reach(self) -> bool:
+        return self.status is Status.TIMED_OUT and bool(self.hint)
 
     @property
     def _only_hard_met(self) -> bool:
@@ -262,6 +269,8 @@ class IKResult:
             Status.CLOSEST_COLLISION: "not reached: blocked by collision; this is the closest found",
             Status.TIMED_OUT: "not reached: time ran out; this is the closest found so far",
         }[self.status]
+        if self._is_proven_out_of_reach:
+            words = "not reached: time ran out, but it is beyond reach; this is the closest found so far"
         if self._only_hard_met:
             return words.replace("not reached", "every hard task is met, not every soft one")
         if self.success or self.hard_met:

@@ -21,6 +21,7 @@ from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
 from pepper_kin.ik.obstruction import find_status, what_would_help
 from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import Found, IKResult, Status
 from pepper_kin.ik.search import Budget, search
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
@@ -101,7 +102,7 @@ def solve(
         found = _find(request, solver)
     if found.status not in (Status.SOLVED, Status.TIMED_OUT) and is_ordered(parts):
         found = _in_order(request, solver, found)
-    hint = "" if movable is None or movable.all() else _hint(found.status, request, solver)
+    hint = _hint(found.status, request, solver)
     return IKResult(
         status=found.status,
         q=found.q,
@@ -195,7 +196,10 @@ def _in_order(request: Request, solver: str, found: Found) -> Found:
 
 
 def _hint(status: Status, request: Request, solver: str) -> str:
-    if status not in (Status.CLOSEST_LIMITS, Status.CLOSEST_UNREACHABLE):
+    if status is Status.TIMED_OUT:
+        return why_beyond_reach(request.problem())
+    freed = request.movable is None or request.movable.all()
+    if freed or status not in (Status.CLOSEST_LIMITS, Status.CLOSEST_UNREACHABLE):
         return ""
     joints = what_would_help(request.problem(), request.problem(whole=True), solver, request.budget)
     return f"with {joints} free it would be reached" if joints else ""
