@@ -8,11 +8,12 @@ found = descend(objective, spline.fit(states), duration)
 from .assembly import Bounds, Objective
 from .descend import Descent, OptimisationStatus, descend
 from .effort import EffortMotion, EffortStatus, minimum_effort
-from .general import descend_by
+from .general import FATROP, check_no_timeout, descend_by
 from .rows import Rows, Term, Wall, Weights
 from .spline import RestSpline
 
 __all__ = [
+    "FATROP",
     "Bounds",
     "Descent",
     "EffortMotion",
@@ -24,6 +25,7 @@ __all__ = [
     "Term",
     "Wall",
     "Weights",
+    "check_no_timeout",
     "descend",
     "descend_by",
     "minimum_effort",

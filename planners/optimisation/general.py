@@ -16,7 +16,8 @@ from .linearised import Linearised
 from .rows import Term, Wall
 from .stages import Stages
 
-SOLVERS = ("ipopt", "fatrop")
+FATROP = "fatrop"
+SOLVERS = ("ipopt", FATROP)
 _BROKEN = 1e-4  # shares of the limits by which a motion may exceed them and still count as one
 _ROUNDS, _REACH, _LEAST = 25, 0.4, 1e-3
 _ENOUGH = 3e-4  # share of the cost that a round must save
@@ -53,18 +54,21 @@ def descend_by(
             use of the stages.
         free_duration: Whether the duration may change.
         max_iterations: Of the solver.
-        timeout: Wall time [s], for ipopt only.
+        timeout: Wall time [s]; "fatrop" cannot be stopped by the clock, and takes none but infinity.
 
     Returns:
         The descent; `mu` is nan.  Where no motion within the limits was found its status is START_INFEASIBLE.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, an unknown solver, or a spline of another degree.
+        InvalidValueError: for a wrong shape, NaN, an unknown solver, a spline of another degree, or a timeout
+            for "fatrop".
     """
     begin = time.perf_counter()
     spline = objective.spline
     if solver not in SOLVERS:
         raise InvalidValueError("solver", repr(solver), f"one of {', '.join(map(repr, SOLVERS))}")
+    if solver == FATROP:
+        check_no_timeout(timeout if timeout < float("inf") else None)
     if spline.degree != 3:
         raise InvalidValueError("degree", spline.degree, "3 for a general solver")
     x = np.array(finite_points("unknowns", unknowns, spline.n))
@@ -77,6 +81,17 @@ def descend_by(
         status, walk.x, walk.t = OptimisationStatus.START_INFEASIBLE, x, float(duration)
     cost, spent = objective.cost(spline.control_points(walk.x), walk.t), time.perf_counter() - begin
     return Descent(status, read_only(walk.x), walk.t, cost, first_cost, walk.steps, float("nan"), spent)
+
+
+def check_no_timeout(timeout: float | None) -> None:
+    """Refuse a time that "fatrop" would not keep: nothing in it looks at a clock.
+
+    Raises:
+        InvalidValueError: for any timeout.
+    """
+    if timeout is not None:
+        allowed = f"none with solver {FATROP!r}, which cannot be stopped by the clock: give max_iterations"
+        raise InvalidValueError("timeout", timeout, allowed)
 
 
 class _Walk:

@@ -97,6 +97,9 @@ def test_misuse_is_named():
     objective, start = problem()
     with pytest.raises(InvalidValueError, match="solver: got 'snopt', expected one of 'ipopt', 'fatrop'"):
         descend_by(objective, start, 1.0, solver="snopt")
+    for timeout in (1e-3, 60.0):
+        with pytest.raises(InvalidValueError, match=f"timeout: got {timeout}, expected none with"):
+            descend_by(objective, start, 1.0, solver="fatrop", timeout=timeout)
     stiff = RestSpline([0.0, 0.0], [1.0, 0.2], 16, 5)
     with pytest.raises(InvalidValueError, match="degree: got 5"):
         descend_by(Objective(stiff, BOUNDS, Weights(1.0, 1e-3, ONE)), np.zeros((stiff.size, 2)), 1.0)

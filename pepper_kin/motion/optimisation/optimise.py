@@ -20,7 +20,7 @@ from pepper_kin.motion.constraints import as_constraints
 from pepper_kin.motion.optimisation.cost import Cost, figures_of
 from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
 from pepper_kin.motion.plan_result import Plan
-from pepper_kin.planners.optimisation import Descent, OptimisationStatus
+from pepper_kin.planners.optimisation import FATROP, Descent, OptimisationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.trajectory.limit_use import Limits, measure_use
 from pepper_kin.trajectory.path import PathLike
@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SOLVERS = ("newton", "ipopt", "fatrop")
+SOLVERS = ("newton", "ipopt", FATROP)
+TIMEOUT = 5.0
+"""Wall time of a search, if nothing else is said [s]."""
 _STEP = 0.001  # [s], between the states at which the result is examined
 _COAL_STATES = 16  # of them, the nearest to anything, are measured by coal
 _CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
@@ -55,7 +57,7 @@ def optimise(
     balance: float | None = None,
     constraints: Sequence[Task | TaskGroup] = (),
     max_iterations: int = 40,
-    timeout: float = 5.0,
+    timeout: float | None = None,
     solver: str = "newton",
 ) -> Optimised:
     """Make a motion cheaper, path and timing together, within all limits.
@@ -84,7 +86,7 @@ def optimise(
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
         max_iterations: Newton steps at most; ten times as many of a general solver.
-        timeout: Wall time of the search [s]; the best motion so far is then taken.  "fatrop" takes no notice.
+        timeout: Wall time of the search [s], then the best is taken; `TIMEOUT` if omitted; not for "fatrop".
         solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver: references, slower.
 
     Returns:
@@ -99,7 +101,7 @@ def optimise(
 
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
-    wanted = _checked(margin, timeout, duration)
+    wanted, seconds = _checked(margin, timeout, duration, solver)
     before = _timed(pepper, path, velocity_scale, acceleration_scale, torque_scale, balance)
     velocity, acceleration = pepper.velocity_limits, pepper.acceleration_limits
     torque = pepper.effort_limits * torque_scale
@@ -108,15 +110,24 @@ def optimise(
     tasks = as_constraints(pepper, constraints) if constraints else ()
     problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks)
     judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks)
-    judged = judge(problem.descend(wanted, max_iterations, timeout, solver))
+    judged = judge(problem.descend(wanted, max_iterations, seconds, solver))
     return replace(judged, time=time.perf_counter() - begin)
 
 
-def _checked(margin: float, timeout: float, duration: float | None) -> float | None:
+def _checked(
+    margin: float, timeout: float | None, duration: float | None, solver: str
+) -> tuple[float | None, float]:
+    """Return the duration wanted, if any, and the time that the search may take [s]."""
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    check_positive("timeout", timeout, "s")
-    return None if duration is None else check_positive("duration", duration, "s")
+    if timeout is not None:
+        check_positive("timeout", timeout, "s")
+    if solver == FATROP:
+        check_no_timeout(timeout)
+        seconds = float("inf")
+    else:
+        seconds = TIMEOUT if timeout is None else timeout
+    return None if duration is None else check_positive("duration", duration, "s"), seconds
 
 
 def _timed(
