@@ -23,6 +23,7 @@ from pepper_kin.cli_terminal import (
     Seed,
     complete_gesture,
     complete_posture,
+    drop_output,
     one_of,
     print_json,
     print_written,
@@ -350,12 +351,21 @@ def main() -> None:
     Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, told in one line; 130 Ctrl-C.
     """
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()  # here, where it can still be told that it could not be written
     except InfeasibleError as error:
         print(f"pepper-kin: {error}", file=sys.stderr)
         sys.exit(FAILED)
     except PepperKinError as error:
         print(f"pepper-kin: {error}", file=sys.stderr)
         sys.exit(MISUSED)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        print(f"pepper-kin: the output cannot be written: {error.strerror or error}", file=sys.stderr)
+        drop_output()
+        sys.exit(FAILED)
     except KeyboardInterrupt:  # while the command line was being read
         sys.exit(INTERRUPTED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -61,6 +62,13 @@ Hands = Annotated[str, typer.Option(help="locked, mimic or independent.", autoco
 def print_json(told: Any) -> None:
     """Print plain values as JSON."""
     print(json.dumps(told, indent=2))
+
+
+def drop_output() -> None:
+    """Send to nowhere what is left to print: Python would try again as it ends, and complain."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 def print_written(paths: list[Path], as_json: bool) -> None:

@@ -1,5 +1,9 @@
 """What cannot be done is refused in one line, before long work, and nothing is ignored silently."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 import pepper_kin as pk
@@ -62,3 +66,16 @@ def test_render_refuses_what_a_kind_of_file_does_not_have(run, nod, tmp_path, fi
     assert f"nothing for {file[1:]}" in last
     assert last.endswith(f"(it goes with {suffixes})")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
+@pytest.mark.parametrize("arguments", [("--version",), ("export", "urdf"), ("check", "limits", "--json")])
+def test_an_output_that_cannot_be_written_is_told_in_one_line(tmp_path, arguments):
+    program = "import sys; sys.argv[0] = 'pepper-kin'; from pepper_kin.cli import main; main()"
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", program, *arguments],
+            stdout=full, stderr=subprocess.PIPE, text=True, cwd=tmp_path, timeout=120, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr == "pepper-kin: the output cannot be written: No space left on device\n"
