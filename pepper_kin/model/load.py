@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.model.neighbours import neighbouring_pairs
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.plain_urdf import plain_urdf
 from pepper_kin.model.semantics import Semantics, parse_srdf
@@ -84,7 +86,8 @@ def load_robot(
 
     Args:
         urdf: Path of a URDF file, or its text.
-        srdf: Path or text of an SRDF with groups and postures, if there is one.
+        srdf: Path or text of an SRDF with groups, postures and pairs of links that are not checked for
+            collision, if there is one. Without such pairs, links one joint apart are not checked.
         package_dirs: Folders that hold packages, for `package://` mesh names.
 
     Returns:
@@ -96,6 +99,8 @@ def load_robot(
     """
     document = parse_urdf(read_source(urdf), [Path(folder) for folder in package_dirs])
     semantics = parse_srdf(read_source(srdf), document) if srdf is not None else Semantics()
+    if not semantics.disabled_pairs:
+        semantics = replace(semantics, disabled_pairs=neighbouring_pairs(document))
     return build_model(document, semantics)
 
 
