@@ -20,7 +20,7 @@ from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.shapes import Shape, read_only
 from pepper_kin.model.sphere_set import pepper_spheres
 from pepper_kin.model.urdf_document import Joint, UrdfDocument, parse_urdf
-from pepper_kin.model.urdf_source import read_source
+from pepper_kin.model.urdf_source import mesh_folders, read_source
 from pepper_kin.model.vendor_meshes import with_vendor_meshes
 
 BASES = ("fixed", "planar")
@@ -88,7 +88,8 @@ def load_robot(
         urdf: Path of a URDF file, or its text.
         srdf: Path or text of an SRDF with groups, postures and pairs of links that are not checked for
             collision, if there is one. Without such pairs, links one joint apart are not checked.
-        package_dirs: Folders that hold packages, for `package://` mesh names.
+        package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
+            sought too, and file names without a folder beside it.
 
     Returns:
         The same kind of object as `load_pepper` gives.
@@ -97,7 +98,7 @@ def load_robot(
         FileFormatError: where a file cannot be read.
         ModelError: where the description is malformed; names the element.
     """
-    document = parse_urdf(read_source(urdf), [Path(folder) for folder in package_dirs])
+    document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
     semantics = parse_srdf(read_source(srdf), document) if srdf is not None else Semantics()
     if not semantics.disabled_pairs:
         semantics = replace(semantics, disabled_pairs=neighbouring_pairs(document))

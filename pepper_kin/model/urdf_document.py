@@ -309,7 +309,10 @@ def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> G
 
 
 def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
-    """Turn a `package://`, `file://` or plain file name into a path (which may not exist)."""
+    """Turn a `package://`, `file://` or plain file name into a path (which may not exist).
+
+    Packages and relative file names are sought in the folders, the first first.
+    """
     if filename.startswith("package://"):
         rest = filename.removeprefix("package://")
         for folder in package_dirs:
@@ -321,7 +324,9 @@ def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
 
             return Path(str(files("pepper_kin.urdf"))) / rest.removeprefix(own)
         return Path(rest)
-    return Path(filename.removeprefix("file://"))
+    path = Path(filename.removeprefix("file://"))
+    found = (folder / path for folder in package_dirs if (folder / path).exists())
+    return path if path.is_absolute() else next(found, path)
 
 
 def _merge_capsules(shapes: list[Shape]) -> list[Shape]:
