@@ -222,6 +222,8 @@ def _joint(element: ET.Element) -> Joint:
 
 
 def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
+    if not links:
+        raise ModelError("URDF: the robot has no link")
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
         seen: set[str] = set()
         for name in names:

@@ -55,6 +55,11 @@ def test_unreadable_file_is_named(tmp_path):
         pk.load_robot(tmp_path / "missing.urdf")
 
 
+def test_a_robot_without_links_is_no_loop():
+    with pytest.raises(ModelError, match="URDF: the robot has no link"):
+        pk.load_robot('<robot name="nothing"/>')
+
+
 def test_mimic_loop_is_refused():
     loop = ARM.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="turn"/>').replace(
         '<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="slide"/>'
