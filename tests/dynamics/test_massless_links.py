@@ -1,4 +1,4 @@
-"""Joints that move no mass have no forward dynamics: every way of asking says so by name."""
+"""Links without mass: joints that move none are named, and inertia counts where it comes alone."""
 
 from __future__ import annotations
 
@@ -50,3 +50,18 @@ def test_joints_about_one_axis_with_nothing_between_are_named():
     robot, q = robot_of(*parts), np.zeros(2)
     with pytest.raises(ModelError, match=r"no mass is moved when these move together: first, second$"):
         pk.dynamics.forward_dynamics(robot, q, q, q + 1)
+
+
+def test_inertia_without_mass_counts():
+    """As Newton's and Euler's laws say, and Pinocchio: a foot of no mass still resists being turned."""
+    foot = """<link name="foot"><inertial><mass value="0"/>
+      <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.3" iyz="0" izz="0.2"/></inertial></link>"""
+    weld = '<joint name="weld" type="fixed"><parent link="arm"/><child link="foot"/></joint>'
+    parts = ['<link name="base"/>', LINK.format("arm"), JOINT.format("lift", "base", "arm", "")]
+    robot = robot_of(*parts, foot, weld)
+    tau = pk.dynamics.newton_euler(robot, [0.0], [0.0], [1.0])
+    by_hand = 0.01 + 1.0 * 0.1**2 + 0.3 - 9.81 * 0.1
+    np.testing.assert_allclose(tau, [by_hand], rtol=1e-12)
+    np.testing.assert_allclose(
+        pk.dynamics.inverse_dynamics(robot, [0.0], [0.0], [1.0]), [by_hand], rtol=1e-12
+    )
