@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -13,6 +14,7 @@ import numpy as np
 
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.model.kinematic_tree import kinematic_tree
 from pepper_kin.model.neighbours import neighbouring_pairs
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.plain_urdf import plain_urdf
@@ -116,6 +118,7 @@ def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Sha
     joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
     if not joints:
         raise ModelError(f"URDF: robot {document.name!r} has no moving joint")
+    _refuse_what_is_malformed(document)
     try:
         model = pinocchio.buildModelFromXML(plain_urdf(document))
     except (ValueError, RuntimeError) as error:
@@ -146,6 +149,23 @@ def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Sha
         full_map=read_only(full_map),
         full_offset=read_only(full_offset),
     )
+
+
+def _refuse_what_is_malformed(document: UrdfDocument) -> None:
+    """Refuse what Pinocchio's reader would refuse unnamed, or leave out: a link then has no mass.
+
+    Raises:
+        ModelError: naming the joint or link.
+    """
+    kinematic_tree(document)
+    for link in ET.fromstring(document.text).findall("link"):
+        for inertial in link.findall("inertial"):
+            mass, inertia = inertial.find("mass"), inertial.find("inertia")
+            keys = [] if inertia is None else ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]
+            missing = ["mass"] if mass is None or mass.get("value") is None else []
+            missing += ["inertia"] if inertia is None else [key for key in keys if inertia.get(key) is None]
+            if missing:
+                raise ModelError(f"URDF: inertial of link {link.get('name')} has no {', '.join(missing)}")
 
 
 def _mimic_map(
