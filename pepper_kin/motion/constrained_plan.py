@@ -17,7 +17,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, hardened, manifold_of
-from pepper_kin.motion.ends import fault_of_start, free_joints, goals_of
+from pepper_kin.motion.ends import STAYS, fault_of_start, free_joints, goals_of, is_there
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
 
@@ -82,9 +82,9 @@ def plan_constrained(
     if not len(goals):
         return ended(*(fault or next(off for off in faults if off is not None)), ik=ik)
     free = free_joints(pepper, joints, q_start, goals)
-    if free.size == 0:
+    if is_there(q_start, goals):
         said: dict[str, Any] = {"ik": ik, "constraint_errors": largest_errors(pepper, q_start[None], tasks)}
-        return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", **said)
+        return ended.solved(checks.exact, q_start[None], STAYS, **said)
     room, manifold = (
         path_problem(checks, q_start, goals, free, margin),
         manifold_of(pepper, tasks, q_start, free),

@@ -21,6 +21,8 @@ from pepper_kin.motion.validity import holds
 
 OTHER_SOLVER = "placo"
 """Where nothing shall be compiled, and for tasks that the fast solver does not know."""
+STAYS = "Start and goal are the same."
+_SAME = 1e-9  # [rad or m]
 
 
 def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tuple[PlanStatus, str] | None:
@@ -129,6 +131,11 @@ def _are_tasks(goal: object) -> bool:
     return isinstance(goal, Sequence) and len(goal) > 0 and isinstance(goal[0], (Task, TaskGroup))
 
 
+def is_there(start: NDArray[np.float64], goals: NDArray[np.float64]) -> bool:
+    """Whether one of the goals, shape (m, n), is the start, shape (n,): then nothing need move."""
+    return bool((np.abs(goals - start) <= _SAME).all(axis=1).any())
+
+
 def free_joints(
     pepper: PepperModel,
     joints: str | Sequence[str] | None,
@@ -147,7 +154,7 @@ def free_joints(
         InvalidValueError: where a goal differs from the start in a joint that may not move.
         UnknownNameError: for an unknown joint or group.
     """
-    moved = np.flatnonzero(np.any(np.abs(goals - start) > 1e-9, axis=0))
+    moved = np.flatnonzero(np.any(np.abs(goals - start) > _SAME, axis=0))
     if joints is None:
         return moved
     names = pepper.joint_group(joints) if isinstance(joints, str) else tuple(joints)

@@ -14,7 +14,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_plan import plan_constrained
-from pepper_kin.motion.ends import fault_of_start, free_joints, goals_of
+from pepper_kin.motion.ends import STAYS, fault_of_start, free_joints, goals_of, is_there
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
 from pepper_kin.motion.search import PLANNERS, check_planner, find_path
@@ -81,8 +81,8 @@ def plan(
     if fault is not None:
         return ended(*fault, ik=ik)
     free = free_joints(pepper, joints, q_start, goals)
-    if free.size == 0:
-        return ended.solved(checks.exact, q_start[None], "Start and goal are the same.", ik=ik)
+    if is_there(q_start, goals):
+        return ended.solved(checks.exact, q_start[None], STAYS, ik=ik)
     coarse = checks.compiled and planner == PLANNERS[0]
     room = path_problem(checks, q_start, goals, free, margin, COARSE if coarse else RESOLUTION)
     result, path = _searched(room, planner, seed, begin, timeout, ik is not None, coarse)

@@ -287,3 +287,14 @@ def test_results_travel_between_processes():
     again = pickle.loads(pickle.dumps(result))
     assert again.certificate == result.certificate
     assert again.report() == result.report()
+
+
+@pytest.mark.parametrize("away", [0.0, 3e-7, 2e-3, 0.05])
+def test_a_point_in_the_camera_is_not_called_met_unless_it_is_looked_at(away):
+    """Nearer than a micrometre a point has no direction; what is called solved is so by the task."""
+    q = PEPPER.posture("Stand")
+    origin = pk.kinematics.frame_pose(PEPPER, q, "CameraTop_frame")[:3, 3]
+    task = pk.ik.LookAt(origin + np.array([0.0, away, 0.0]))
+    result = pk.ik.solve(PEPPER, task, q, solver="fast")
+    assert result.success == (task.error(PEPPER, result.q) <= task.tolerance * (1 + 1e-6))
+    assert result.errors[0].value == pytest.approx(task.error(PEPPER, result.q), abs=1e-12)

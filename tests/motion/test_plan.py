@@ -173,3 +173,20 @@ def test_metric_bounds_the_motion_of_the_body():
     for frame in ("LArm_effector", "RArm_effector", "CameraTop_frame"):
         a, b = (pk.kinematics.frame_pose(pepper, x, frame)[:, :3, 3] for x in (q, q + move))
         assert np.all(np.linalg.norm(b - a, axis=1) <= 1.02 * (np.abs(move) @ reach))
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("constrained", [False, True])
+def test_a_target_that_is_met_already_needs_no_motion(compiled, constrained):
+    """Also where inverse kinematics knows other postures that meet it."""
+    pepper = pk.load_pepper()
+    q = pepper.joint_vector({"LShoulderPitch": 0.9, "LElbowRoll": -1.0, "LShoulderRoll": 0.2})
+    place = pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:3, 3]
+    tasks = [pk.ik.HandPosition("left", place)]
+    constraints = [pk.ik.HandPosition("right", pk.kinematics.frame_pose(pepper, q, "RArm_effector")[:3, 3])]
+    more = {"constraints": constraints} if constrained else {"compiled": compiled}
+    for start in (q, q + 1e-7):
+        plan = pk.plan(pepper, start, tasks, seed=1, **more)
+        assert plan.success
+        assert plan.message == "Start and goal are the same."
+        np.testing.assert_array_equal(plan.path, start[None])

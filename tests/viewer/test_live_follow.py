@@ -184,3 +184,28 @@ def test_without_a_target_there_is_nothing_to_plan(open_live, until, fresh):
     page = open_live(fresh.url)
     page.click("#plan")
     until(page, "document.getElementById('message').textContent.startsWith('Nothing to plan to')")
+
+
+def test_an_answer_stands_while_the_body_still_settles(fresh, pepper):
+    """Planning to where the hand is already says so; the servo's reports do not take it away."""
+    place = hand(fresh, pepper) + np.array([0.0, 0.02, 0.03])
+    fresh.call(lambda session: session.move_target("left hand", place))
+    near(fresh, pepper, place, 1e-4)
+    deadline = time.monotonic() + 20
+    while not fresh.call(lambda session: session.document["message"]["text"]).count("arrived"):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    fresh.call(lambda session: session.plan())
+    while fresh.call(lambda session: session.document["busy"]) is not None:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    begin = fresh.call(lambda session: session._now)
+    fresh.call(lambda session: session.touch())
+    while not fresh.call(lambda session: session.resting or session._now > begin + 1.0):
+        time.sleep(0.02)
+    said = fresh.call(lambda session: session.document["message"])
+    assert said["text"] == "The body is at its targets already: nothing to plan."
+    fresh.call(lambda session: session.move_target("left hand", place + np.array([0.0, 0.0, 0.02])))
+    while fresh.call(lambda session: session.document["message"]) == said:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gc
 import os
 import socket
 import struct
@@ -65,3 +66,13 @@ def test_a_page_that_takes_long_to_load_gets_its_poses_although_nothing_moves(se
     assert kinds[0] == "text"
     assert kinds.count(POSES) == 1
     link.close()
+
+
+def test_a_server_ends_without_a_word(pepper, caplog):
+    """Whatever it was about to do: asyncio complains of tasks that are thrown away."""
+    for _ in range(5):
+        server = ViewerServer(pepper, port=0)
+        server.call(lambda session: session.set_joint("HeadYaw", 0.3))
+        server.close()
+    gc.collect()
+    assert caplog.text == ""

@@ -103,8 +103,9 @@ def _look_at(pepper: PepperModel, task: Structure, motion: Motion, target: Any) 
     pose, jacobian = motion.frames[task.frame]
     axis, turn = np.array(task.axis), pose[:, :3].T
     line = target - pose[:, 3]
-    distance = casadi.fmax(casadi.sqrt(casadi.sumsqr(line)), NEAREST)
-    sight = line / distance
+    length = casadi.sqrt(casadi.sumsqr(line))
+    distance, near = casadi.fmax(length, NEAREST), length < NEAREST
+    sight = (1 - near) * line / distance + near * np.array([1.0, 0.0, 0.0])  # as `LookAt.sight` says
     residual, slope = direction_residual(axis, sideways_basis(axis), turn @ sight)
     ahead = slope @ turn
     across = (ahead - (ahead @ sight) @ sight.T) / distance

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import secrets
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -116,9 +115,13 @@ class Hub:
 
     async def _nap(self, seconds: float) -> None:
         """Let time pass, but no longer than until something happens."""
+        # Not by `asyncio.wait_for`: until Python 3.12 it may swallow that the task is cancelled.
         self._wake.clear()
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._wake.wait(), max(0.0, seconds))
+        alarm = asyncio.get_running_loop().call_later(max(0.0, seconds), self._wake.set)
+        try:
+            await self._wake.wait()
+        finally:
+            alarm.cancel()
 
     def _behind(self) -> bool:
         """Whether some page has not been told the latest."""

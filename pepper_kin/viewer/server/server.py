@@ -129,6 +129,7 @@ class ViewerServer:
         server.stop()
         self._hub.close_pages()
         await server.close_all_connections()
+        await asyncio.gather(ticking, return_exceptions=True)  # it has yet to hear of its end
 
 
 def _bound(host: str, port: int | None) -> list[socket.socket]:

@@ -159,6 +159,11 @@ class Session:
         self._messages += 1
         self.document.set("message", {"text": text, "kind": kind, "count": self._messages})
 
+    def answer(self, text: str, kind: str) -> None:
+        """Say what somebody asked for: the servo's reports leave it there until there is a new aim."""
+        self._explained = True
+        self.say(text, kind)
+
     # ---- targets
 
     def move_target(self, name: str, position: Array, stamp: int = 0) -> None:
@@ -251,7 +256,7 @@ class Session:
                 self.board.draw((*ROBOT_ROOT, "held", _as_path(name)), (drawable,))
         for name in before.attached.keys() - scene.attached.keys():
             self.board.erase((*ROBOT_ROOT, "held", _as_path(name)))
-        self._scene_waits = True
+        self._scene_waits, self._explained = True, False
         self.touch()
 
     def _carry(self, frame: str) -> None:
@@ -285,7 +290,7 @@ class Session:
         """Plan from here to the targets that are set; the outcome comes later, in the message line."""
         tasks = self.targets.tasks()
         if not tasks:
-            self.say("Nothing to plan to: set a target first, by dragging a coloured ball.", "bad")
+            self.answer("Nothing to plan to: set a target first, by dragging a coloured ball.", "bad")
             return
         self._tasks.plan(self, tasks)
 
@@ -392,7 +397,8 @@ class Session:
             self._tasks.explain(self, self.targets.tasks())
         elif follower.resting or self._now - self._reported_at >= REPORT_STEP:
             self._reported_at = self._now
-            self.say(state.report(), "good" if state.status is ServoStatus.ARRIVED else "info")
+            self._explained = state.status is ServoStatus.ARRIVED  # what drifts from then on is no news
+            self.say(state.report(), "good" if self._explained else "info")
 
     # ---- for the pages
 

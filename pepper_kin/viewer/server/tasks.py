@@ -63,7 +63,7 @@ class LongTasks:
             if fault is not None:
                 session.fail(fault)
                 return
-            session.say(planned.report, "bad" if planned.shown is None else "good")
+            session.answer(planned.report, "bad" if planned.shown is None else "good")
             if planned.shown is not None:
                 session.load(planned.shown, play=False)
 
@@ -82,10 +82,10 @@ class LongTasks:
             # Whatever was said meanwhile is newer than the question.
             if fault is None and session.document["message"]["count"] == count:
                 if result.success:
-                    session.say(
+                    session.answer(
                         "Something is in the way of the straight way there: plan a motion to it.", "bad"
                     )
                 else:
-                    session.say(result.report(), "bad")
+                    session.answer(result.report(), "bad")
 
         self._worker.do(lambda: solve(self._pepper, tasks, q, scene=scene, restarts=8), done)
