@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.mesh_file import check_is_file
 from pepper_kin.collision.solids import (
     ConvexMesh,
     HalfSpace,
@@ -71,8 +72,7 @@ def _tree(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
 
 
 def _mesh_of_file(mesh: Mesh) -> Any:
-    if not mesh.path.is_file():
-        raise FileFormatError(mesh.path, "cannot be read as a mesh: there is no such file")
+    check_is_file(mesh.path)
     state = mesh.path.stat()
     return _read_mesh(mesh, (state.st_mtime_ns, state.st_size))
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import are_vectors, over_states
 from pepper_kin.dynamics.external_force import external_torque
+from pepper_kin.dynamics.mass import solved
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
@@ -39,6 +40,7 @@ def forward_dynamics(
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
         UnknownNameError: for a force at a frame that the robot lacks.
+        ModelError: where M has no inverse, naming the joints that move no mass.
     """
     if forces:
         driven = as_joint_vectors(pepper, tau, "tau") + external_torque(pepper, q, forces)
@@ -53,11 +55,13 @@ def forward_dynamics(
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], tau: NDArray[np.float64]) -> NDArray[np.float64]:
         if not pepper.is_coupled:
-            return np.asarray(pinocchio.aba(model, data, q, v, tau))
+            a = np.asarray(pinocchio.aba(model, data, q, v, tau))
+            if np.isfinite(a).all():
+                return a
         q_full, v_full = pepper.to_full(q), pepper.rate_to_full(v)
         upper = np.triu(pinocchio.crba(model, data, q_full))
         mass = full_map.T @ (upper + np.triu(upper, 1).T) @ full_map
         bias = pinocchio.nonLinearEffects(model, data, q_full, v_full) @ full_map
-        return np.asarray(np.linalg.solve(mass, tau - bias))
+        return solved(pepper, mass, tau - bias)
 
     return over_states(pepper, one, (pepper.n,), ("forward_dynamics",), q=q, v=v, tau=tau)

@@ -86,8 +86,28 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64
 
 
 def _inverse(pepper: PepperModel, mass: NDArray[np.float64]) -> NDArray[np.float64]:
+    inverse = solved(pepper, mass, np.eye(pepper.n))
+    return np.asarray((inverse + inverse.T) / 2)
+
+
+def solved(pepper: PepperModel, mass: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return M^-1 times a load, shape (n,) or (n, k).
+
+    Raises:
+        ModelError: where M has no inverse, naming the joints that move no mass, or those that can move
+            against each other without moving any.
+    """
     idle = [name for name, m in zip(pepper.joint_names, np.diag(mass), strict=True) if m <= 0]
     if idle:
         raise ModelError(f"the mass matrix has no inverse: no mass is moved by {', '.join(idle)}")
-    inverse = np.linalg.inv(mass)
-    return np.asarray((inverse + inverse.T) / 2)
+    try:
+        found = np.linalg.solve(mass, load)
+    except np.linalg.LinAlgError:
+        found = np.full_like(load, np.nan)
+    if not np.isfinite(found).all():
+        still = np.abs(np.linalg.eigh(mass)[1][:, 0])
+        names = [name for name, share in zip(pepper.joint_names, still, strict=True) if share > 1e-3]
+        raise ModelError(
+            f"the mass matrix has no inverse: no mass is moved when these move together: {', '.join(names)}"
+        )
+    return np.asarray(found)

@@ -117,7 +117,7 @@ def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") 
 
 @lru_cache(maxsize=8)
 def _read_bodies(urdf: str) -> tuple[_Body, ...]:
-    """Return the links that count, parents first: those that move, have mass, or carry one that does."""
+    """Return the links that count, parents first: those that move, have inertia, or carry one that does."""
     root = ET.fromstring(urdf)
     links = {str(link.get("name")): link for link in root.findall("link")}
     joints = root.findall("joint")
@@ -138,8 +138,8 @@ def _read_bodies(urdf: str) -> tuple[_Body, ...]:
 
 
 def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
-    """Leave out links without mass that are fixed and carry nothing, such as the frames of sensors."""
-    keep = [body.mass > 0 or body.kind != "fixed" or body.parent < 0 for body in bodies]
+    """Leave out links without inertia that are fixed and carry nothing, such as the frames of sensors."""
+    keep = [body.mass > 0 or body.inertia.any() or body.kind != "fixed" or body.parent < 0 for body in bodies]
     for i in reversed(range(len(bodies))):
         if keep[i] and bodies[i].parent >= 0:
             keep[bodies[i].parent] = True

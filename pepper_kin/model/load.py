@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,13 +14,15 @@ import numpy as np
 
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.model.kinematic_tree import kinematic_tree
+from pepper_kin.model.neighbours import neighbouring_pairs
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.plain_urdf import plain_urdf
 from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.shapes import Shape, read_only
 from pepper_kin.model.sphere_set import pepper_spheres
 from pepper_kin.model.urdf_document import Joint, UrdfDocument, parse_urdf
-from pepper_kin.model.urdf_source import read_source
+from pepper_kin.model.urdf_source import mesh_folders, read_source
 from pepper_kin.model.vendor_meshes import with_vendor_meshes
 
 BASES = ("fixed", "planar")
@@ -84,8 +88,10 @@ def load_robot(
 
     Args:
         urdf: Path of a URDF file, or its text.
-        srdf: Path or text of an SRDF with groups and postures, if there is one.
-        package_dirs: Folders that hold packages, for `package://` mesh names.
+        srdf: Path or text of an SRDF with groups, postures and pairs of links that are not checked for
+            collision, if there is one. Without such pairs, links one joint apart are not checked.
+        package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
+            sought too, and file names without a folder beside it.
 
     Returns:
         The same kind of object as `load_pepper` gives.
@@ -94,8 +100,10 @@ def load_robot(
         FileFormatError: where a file cannot be read.
         ModelError: where the description is malformed; names the element.
     """
-    document = parse_urdf(read_source(urdf), [Path(folder) for folder in package_dirs])
+    document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
     semantics = parse_srdf(read_source(srdf), document) if srdf is not None else Semantics()
+    if not semantics.disabled_pairs:
+        semantics = replace(semantics, disabled_pairs=neighbouring_pairs(document))
     return build_model(document, semantics)
 
 
@@ -110,6 +118,7 @@ def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Sha
     joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
     if not joints:
         raise ModelError(f"URDF: robot {document.name!r} has no moving joint")
+    _refuse_what_is_malformed(document)
     try:
         model = pinocchio.buildModelFromXML(plain_urdf(document))
     except (ValueError, RuntimeError) as error:
@@ -140,6 +149,23 @@ def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Sha
         full_map=read_only(full_map),
         full_offset=read_only(full_offset),
     )
+
+
+def _refuse_what_is_malformed(document: UrdfDocument) -> None:
+    """Refuse what Pinocchio's reader would refuse unnamed, or leave out: a link then has no mass.
+
+    Raises:
+        ModelError: naming the joint or link.
+    """
+    kinematic_tree(document)
+    for link in ET.fromstring(document.text).findall("link"):
+        for inertial in link.findall("inertial"):
+            mass, inertia = inertial.find("mass"), inertial.find("inertia")
+            keys = [] if inertia is None else ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]
+            missing = ["mass"] if mass is None or mass.get("value") is None else []
+            missing += ["inertia"] if inertia is None else [key for key in keys if inertia.get(key) is None]
+            if missing:
+                raise ModelError(f"URDF: inertial of link {link.get('name')} has no {', '.join(missing)}")
 
 
 def _mimic_map(

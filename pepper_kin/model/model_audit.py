@@ -12,7 +12,7 @@ from pepper_kin.model.fault import Fault
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.text_table import text_table
 from pepper_kin.model.tolerant_urdf import read_tolerantly
-from pepper_kin.model.urdf_source import read_source
+from pepper_kin.model.urdf_source import mesh_folders, read_source
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,8 @@ def audit(source: PepperModel | str | Path, package_dirs: Sequence[str | Path] =
 
     Args:
         source: A loaded robot, the text of a URDF, or the path of one.
-        package_dirs: Folders that hold packages, for `package://` mesh names.
+        package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
+            sought too, and file names without a folder beside it.
 
     Returns:
         The findings; `ok` where there is no fault.
@@ -100,7 +101,7 @@ def audit(source: PepperModel | str | Path, package_dirs: Sequence[str | Path] =
     Raises:
         FileFormatError: where a path cannot be read.
     """
-    facts = read_tolerantly(read_source(source), [Path(folder) for folder in package_dirs])
+    facts = read_tolerantly(read_source(source), mesh_folders(source, package_dirs))
     faults = list(facts.faults)
     links, notes = audit_links(facts, faults)
     joints = audit_joints(facts, faults)

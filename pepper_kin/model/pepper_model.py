@@ -106,7 +106,7 @@ class PepperModel:
     @property
     def posture_names(self) -> tuple[str, ...]:
         """Names that `posture` takes."""
-        return self.semantics.postures()
+        return tuple(self.semantics.postures())
 
     @property
     def group_names(self) -> tuple[str, ...]:
@@ -166,14 +166,16 @@ class PepperModel:
     def posture(self, name: str) -> NDArray[np.float64]:
         """Return a named posture of the whole body, shape (n,) [rad or m].
 
+        Postures are the states of the SRDF's group `whole_body`, or of all its groups where that has none.
         Joints that the posture does not mention (a moving base) are at zero, or at the nearest limit.
 
         Raises:
             UnknownNameError: listing all postures.
         """
-        if name not in self.posture_names:
-            raise UnknownNameError("posture", name, self.posture_names)
-        values = self.semantics.states[("whole_body", name)]
+        postures = self.semantics.postures()
+        if name not in postures:
+            raise UnknownNameError("posture", name, postures)
+        values = postures[name]
         q = np.array([values.get(joint, 0.0) for joint in self.joint_names])
         return np.clip(q, self.lower_limits, self.upper_limits)
 

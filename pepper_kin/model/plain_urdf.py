@@ -11,7 +11,7 @@ UNBOUNDED = 1e9
 
 
 def plain_urdf(document: UrdfDocument) -> str:
-    """Return the URDF without shapes and mimic elements, and continuous joints as revolute.
+    """Return the URDF without shapes and mimic elements, continuous joints as revolute, limits written out.
 
     So each joint has one coordinate in Pinocchio, placo and MuJoCo alike, and no mesh is looked for.
 
@@ -30,12 +30,12 @@ def plain_urdf(document: UrdfDocument) -> str:
         if element.get("type") in MOVING_TYPES:
             for mimic in element.findall("mimic"):
                 element.remove(mimic)
-        if element.get("type") == "continuous":
-            element.set("type", "revolute")
             limit = element.find("limit")
             limit = ET.SubElement(element, "limit") if limit is None else limit
-            limit.set("lower", f"{-UNBOUNDED}")
-            limit.set("upper", f"{UNBOUNDED}")
             limit.set("effort", limit.get("effort", f"{UNBOUNDED}"))
             limit.set("velocity", limit.get("velocity", f"{UNBOUNDED}"))
+            if element.get("type") == "continuous":
+                element.set("type", "revolute")
+                limit.set("lower", f"{-UNBOUNDED}")
+                limit.set("upper", f"{UNBOUNDED}")
     return ET.tostring(root, encoding="unicode")

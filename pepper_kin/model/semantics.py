@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 
 from pepper_kin.exceptions import ModelError, UnknownNameError
-from pepper_kin.model.urdf_document import UrdfDocument, refuse_document_types
+from pepper_kin.model.urdf_document import Joint, UrdfDocument, refuse_document_types
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,18 @@ class Semantics:
     disabled_pairs: dict[tuple[str, str], str] = field(default_factory=dict)
     text: str = field(default="", repr=False)
 
-    def postures(self) -> tuple[str, ...]:
-        """Names of the states of the group `whole_body`."""
-        return tuple(state for group, state in self.states if group == "whole_body")
+    def postures(self) -> dict[str, dict[str, float]]:
+        """Postures of the whole body: name -> joint name -> value.
+
+        They are the states of the group `whole_body`; where it has none (most SRDFs name no such group), the
+        states of all groups, those of one name joined.
+        """
+        whole = any(group == "whole_body" for group, _ in self.states)
+        found: dict[str, dict[str, float]] = {}
+        for (group, name), values in self.states.items():
+            if group == "whole_body" or not whole:
+                found[name] = {**found.get(name, {}), **values}
+        return found
 
 
 def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
@@ -36,14 +45,15 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
 
     Args:
         text: The XML.
-        urdf: The robot; joints of the SRDF that it lacks (fingers of a locked hand) are left out.
+        urdf: The robot; joints, links and chains of the SRDF that it lacks (fingers of a locked hand) are
+            left out.
 
     Returns:
         Groups, states and disabled pairs.
 
     Raises:
-        ModelError: on malformed XML, an unknown sub-group, a chain whose tip does not hang on its base, or a
-            state whose value is no finite number.
+        ModelError: on malformed XML, an unknown sub-group or one that holds itself, or a state whose value is
+            no finite number.
     """
     refuse_document_types(text, "SRDF")
     try:
@@ -51,10 +61,11 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
     except ET.ParseError as error:
         raise ModelError(f"SRDF: not well-formed XML: {error}") from error
     moving = [joint.name for joint in urdf.joints if joint.type != "fixed"]
+    elements = {element.get("name", ""): element for element in root.findall("group")}
     groups: dict[str, tuple[str, ...]] = {}
-    for element in root.findall("group"):
-        members = _members(element, urdf, groups)
-        groups[element.get("name", "")] = tuple(name for name in moving if name in members)
+    for group in elements:
+        members = _members(group, elements, urdf)
+        groups[group] = tuple(name for name in moving if name in members)
     states = {
         (state.get("group", ""), state.get("name", "")): _state_values(state)
         for state in root.findall("group_state")
@@ -87,24 +98,36 @@ def _sorted_pair(a: str, b: str) -> tuple[str, str]:
     return (a, b) if a <= b else (b, a)
 
 
-def _members(element: ET.Element, urdf: UrdfDocument, groups: dict[str, tuple[str, ...]]) -> set[str]:
+def _members(
+    group: str, elements: dict[str, ET.Element], urdf: UrdfDocument, above: tuple[str, ...] = ()
+) -> set[str]:
+    """Return the joints of a group, whose sub-groups may stand anywhere in the text."""
+    if group not in elements:
+        raise ModelError(str(UnknownNameError("group in the SRDF", group, elements)))
+    if group in above:
+        raise ModelError(f"SRDF: group {group!r} holds itself: {' > '.join((*above, group))}")
+    element = elements[group]
     parent_joint = {joint.child: joint for joint in urdf.joints}
     members = {str(joint.get("name")) for joint in element.findall("joint")}
     for sub in element.findall("group"):
-        name = sub.get("name", "")
-        if name not in groups:
-            raise ModelError(str(UnknownNameError("group in the SRDF", name, groups)))
-        members.update(groups[name])
+        members |= _members(sub.get("name", ""), elements, urdf, (*above, group))
     for chain in element.findall("chain"):
-        base, link = chain.get("base_link", ""), chain.get("tip_link", "")
-        while link != base:
-            if link not in parent_joint:
-                group, tip = element.get("name"), chain.get("tip_link")
-                raise ModelError(f"SRDF: chain of group {group!r}: {tip!r} does not hang on {base!r}")
-            members.add(parent_joint[link].name)
-            link = parent_joint[link].parent
+        ends = chain.get("base_link", ""), chain.get("tip_link", "")
+        if all(link in urdf.links for link in ends):
+            # What both ends hang on lies beyond the chain, which may go up one branch and down another.
+            up, down = (_joints_above(link, parent_joint) for link in ends)
+            members |= up ^ down
     for link_element in element.findall("link"):
         joint = parent_joint.get(link_element.get("name", ""))
         if joint is not None:
             members.add(joint.name)
     return members
+
+
+def _joints_above(link: str, parent_joint: dict[str, Joint]) -> set[str]:
+    joints = set()
+    while link in parent_joint:
+        joint = parent_joint[link]
+        joints.add(joint.name)
+        link = joint.parent
+    return joints

@@ -222,6 +222,8 @@ def _joint(element: ET.Element) -> Joint:
 
 
 def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
+    if not links:
+        raise ModelError("URDF: the robot has no link")
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
         seen: set[str] = set()
         for name in names:
@@ -309,7 +311,10 @@ def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> G
 
 
 def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
-    """Turn a `package://`, `file://` or plain file name into a path (which may not exist)."""
+    """Turn a `package://`, `file://` or plain file name into a path (which may not exist).
+
+    Packages and relative file names are sought in the folders, the first first.
+    """
     if filename.startswith("package://"):
         rest = filename.removeprefix("package://")
         for folder in package_dirs:
@@ -321,7 +326,9 @@ def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
 
             return Path(str(files("pepper_kin.urdf"))) / rest.removeprefix(own)
         return Path(rest)
-    return Path(filename.removeprefix("file://"))
+    path = Path(filename.removeprefix("file://"))
+    found = (folder / path for folder in package_dirs if (folder / path).exists())
+    return path if path.is_absolute() else next(found, path)
 
 
 def _merge_capsules(shapes: list[Shape]) -> list[Shape]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pepper_kin.exceptions import FileFormatError
@@ -16,9 +17,26 @@ def read_source(source: PepperModel | str | Path) -> str:
     """
     if isinstance(source, PepperModel):
         return source.urdf
-    if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
+    if isinstance(source, str) and is_text(source):
         return source.lstrip("\ufeff \t\r\n")
     try:
         return Path(source).read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise FileFormatError(source, f"cannot be read as text: {error}") from error
+
+
+def mesh_folders(source: PepperModel | str | Path, package_dirs: Sequence[str | Path]) -> list[Path]:
+    """Return the folders in which a description's mesh files are sought, the first first.
+
+    They are those given, then (for a description in a file) the one it lies in and all above that: a robot's
+    package usually holds its URDF beside its meshes.
+    """
+    folders = [Path(folder) for folder in package_dirs]
+    if isinstance(source, Path) or (isinstance(source, str) and not is_text(source)):
+        folders += Path(source).absolute().parents
+    return folders
+
+
+def is_text(source: str) -> bool:
+    """Whether this is a description itself, and no file's name."""
+    return source.lstrip("\ufeff \t\r\n").startswith("<")

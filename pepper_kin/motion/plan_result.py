@@ -41,7 +41,7 @@ class PlanStatus(Enum):
 _ADVICE = {
     PlanStatus.SOLVED: "Time the path with retime().",
     PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
-    PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold, such as Stand.",
+    PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold against gravity.",
     PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
     PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
     PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pepper_kin.collision.mesh_file import read_mesh
+from pepper_kin.collision.mesh_file import read_mesh, unique_rows
 from pepper_kin.exceptions import FileFormatError
 
 CREASE_ANGLE = np.deg2rad(35.0)
@@ -56,8 +56,8 @@ def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surfac
             coordinates.
     """
     vertices, faces = read_mesh(path)
-    places, indices = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
-    faces = indices.reshape(-1)[faces]
+    places, indices = unique_rows(vertices.astype(np.float32))
+    faces = indices[faces]
     flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     if flat.all():
         raise FileFormatError(path, "the mesh holds no triangle")

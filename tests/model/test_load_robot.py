@@ -55,6 +55,41 @@ def test_unreadable_file_is_named(tmp_path):
         pk.load_robot(tmp_path / "missing.urdf")
 
 
+def test_limits_without_effort_or_velocity_are_none():
+    robot = pk.load_robot(ARM.replace(' effort="10" velocity="1"', ""))
+    np.testing.assert_array_equal(robot.effort_limits, [np.inf, np.inf])
+    np.testing.assert_array_equal(robot.velocity_limits, [np.inf, np.inf])
+    np.testing.assert_array_equal([robot.lower_limits[1], robot.upper_limits[1]], [0, 0.5])
+    force = pk.dynamics.inverse_dynamics(robot, [0.0, 0.2], [2.0, 0.0], [0.0, 0.0])
+    assert force[1] == pytest.approx(-1.0 * 2.0**2 * (0.2 + 0.1))  # m omega^2 r, inwards
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('<mass value="1"/>', "", "URDF: inertial of link upper has no mass"),
+        ('ixy="0" ', "", "URDF: inertial of link upper has no ixy"),
+        (
+            '<mass value="1"/>',
+            '<mass value="heavy"/>',
+            "inertial of link upper: value='heavy' is not a number",
+        ),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', "axis of joint turn: '0 1' is not 3 finite numbers"),
+        ('<axis xyz="0 0 1"/>', '<origin xyz="a"/>', "origin of joint turn: 'a' is not 3 finite numbers"),
+    ],
+)
+def test_what_pinocchio_refuses_is_named(old, new, message):
+    assert old in ARM
+    with pytest.raises(ModelError) as caught:
+        pk.load_robot(ARM.replace(old, new, 1))
+    assert message in str(caught.value)
+
+
+def test_a_robot_without_links_is_no_loop():
+    with pytest.raises(ModelError, match="URDF: the robot has no link"):
+        pk.load_robot('<robot name="nothing"/>')
+
+
 def test_mimic_loop_is_refused():
     loop = ARM.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="turn"/>').replace(
         '<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="slide"/>'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pepper_kin.collision.mesh_file import unique_rows
 from pepper_kin.exceptions import FileFormatError
 from pepper_kin.viewer.surface import capsule_surface, read_surface, split_at_creases
 
@@ -140,3 +141,14 @@ def test_a_broken_file_is_refused_with_the_reason(tmp_path, data, message):
 def test_a_missing_file_is_refused_by_name(tmp_path):
     with pytest.raises(FileFormatError, match=r"nowhere\.stl: cannot be read as a mesh"):
         read_surface(tmp_path / "nowhere.stl")
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("count", [0, 1, 2000])
+def test_rows_are_joined_as_numpy_joins_them(kind, count):
+    grid = np.random.default_rng(1).integers(-4, 5, (count, 3)).astype(kind) * kind(0.1)
+    theirs, index = np.unique(grid, axis=0, return_inverse=True)
+    ours, places = unique_rows(grid)
+    np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(places, index.reshape(-1))
+    assert ours.dtype == kind

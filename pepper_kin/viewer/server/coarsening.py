@@ -8,6 +8,7 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.mesh_file import unique_rows
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, split_at_creases
 
@@ -55,8 +56,8 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
 
 def _welded(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return the places of a surface's corners, each once, and its triangles by them."""
-    places, index = np.unique(surface.vertices, axis=0, return_inverse=True)
-    return places, index.reshape(-1)[surface.faces]
+    places, index = unique_rows(surface.vertices)
+    return places, index[surface.faces]
 
 
 def _surface(points: NDArray[np.float32], faces: NDArray[np.int32]) -> Surface:

@@ -1,0 +1,85 @@
+"""SRDFs as the makers of robots write them, against Pinocchio's reader of reference configurations."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import ModelError, UnknownNameError
+
+SHARE = Path(importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix/share"))
+ROBOTS = SHARE / "example-robot-data" / "robots"
+
+FORK = """<robot name="fork"><link name="trunk"/><link name="left"/><link name="right"/><link name="tip"/>
+  <joint name="l" type="continuous"><parent link="trunk"/><child link="left"/></joint>
+  <joint name="r" type="continuous"><parent link="trunk"/><child link="right"/></joint>
+  <joint name="t" type="continuous"><parent link="right"/><child link="tip"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("urdf", "srdf", "posture"),
+    [
+        ("talos_data/robots/talos_reduced", "talos_data/srdf/talos", "half_sitting"),
+        ("panda_description/urdf/panda", "panda_description/srdf/panda", "default"),
+        ("xarm_description/urdf/xarm7", "xarm_description/srdf/xarm7", "home"),
+        (
+            "anymal_b_simple_description/robots/anymal-kinova",
+            "anymal_b_simple_description/srdf/anymal-kinova",
+            "standing_with_arm_up",
+        ),
+        (
+            "simple_humanoid_description/urdf/simple_humanoid",
+            "simple_humanoid_description/srdf/simple_humanoid",
+            "half_sitting",
+        ),
+        ("kinova_description/robots/kinova", "kinova_description/srdf/kinova", "arm_up"),
+        ("icub_description/robots/icub", "icub_description/srdf/icub", "half_sitting"),
+    ],
+)
+def test_postures_are_those_that_pinocchio_reads(urdf, srdf, posture):
+    robot = pk.load_robot(ROBOTS / f"{urdf}.urdf", ROBOTS / f"{srdf}.srdf")
+    model = pinocchio.buildModelFromUrdf(str(ROBOTS / f"{urdf}.urdf"))
+    pinocchio.loadReferenceConfigurations(model, str(ROBOTS / f"{srdf}.srdf"), False)
+    theirs = model.referenceConfigurations[posture]
+
+    q = robot.posture(posture)
+
+    for name, value in zip(robot.joint_names, q, strict=True):
+        joint = model.joints[model.getJointId(name)]
+        part = theirs[joint.idx_q : joint.idx_q + joint.nq]
+        angle = float(part[0]) if joint.nq == 1 else float(np.arctan2(part[1], part[0]))
+        turned = value if joint.nq == 1 else np.angle(np.exp(1j * value))
+        limits = robot.lower_limits[robot.joint_index(name)], robot.upper_limits[robot.joint_index(name)]
+        assert turned == pytest.approx(np.clip(angle, *limits), abs=1e-9), name
+    with pytest.raises(UnknownNameError, match=rf"unknown posture 'sit'; available: .*{posture}"):
+        robot.posture("sit")
+
+
+def groups(text):
+    return pk.load_robot(FORK, f'<robot name="fork">{text}</robot>').semantics.groups
+
+
+def test_a_chain_may_go_up_one_branch_and_down_another():
+    chain = '<group name="all"><chain base_link="left" tip_link="tip"/></group>'
+    assert groups(chain) == {"all": ("l", "r", "t")}
+    assert groups(chain.replace('"left"', '"right"')) == {"all": ("t",)}
+
+
+def test_groups_may_be_told_after_those_that_hold_them():
+    text = '<group name="all"><group name="a"/></group><group name="a"><joint name="t"/></group>'
+    assert groups(text) == {"all": ("t",), "a": ("t",)}
+    with pytest.raises(ModelError, match="unknown group in the SRDF 'b'; available: all, a"):
+        groups(text.replace('<group name="a"/>', '<group name="b"/>'))
+    with pytest.raises(ModelError, match="SRDF: group 'all' holds itself: all > a > all"):
+        groups(text.replace('<joint name="t"/>', '<group name="all"/>'))
+
+
+def test_chains_of_links_that_the_robot_lacks_are_left_out():
+    """One SRDF serves variants of a robot, as Pepper's serves locked hands."""
+    text = '<group name="arm"><chain base_link="trunk" tip_link="finger"/><joint name="r"/></group>'
+    assert groups(text) == {"arm": ("r",)}
