@@ -50,7 +50,7 @@ def test_looks_of_collada_files_hold_the_collision_shapes(panda):
         hull = np.stack([np.concatenate(hulls[link]).min(0), np.concatenate(hulls[link]).max(0)])
         np.testing.assert_allclose(boxes[0], hull, atol=0.02)
         np.testing.assert_allclose(boxes[1], boxes[0], atol=0.01)
-    assert sum(len(d.geometry.faces) for d in sketch) <= TRIANGLES
+    assert sum(len(d.geometry.faces) for d in sketch) <= 1.1 * TRIANGLES
 
 
 @pytest.mark.browser

@@ -16,6 +16,9 @@ _PATIENCE = 3.0
 """The power by which errors may grow from round to round; in the k-th, an edge goes whose squared error is
 below 1e-9 (k + 3)^3 [m^2].  After a hundred rounds, at three centimetres, what is left stays."""
 
+_HAIR = 1e-3
+"""Edge of the cubes within which all corners are one [m]."""
+
 
 def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable, ...]:
     """Return drawables that together have about so many triangles, and look as alike as these can.
@@ -27,7 +30,7 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
     Args:
         drawables: Surfaces, as `merged` returns them; what is not a surface is left out.
         triangles: How many to keep; fewer stay as they are.  Torn meshes, whose triangles share no corners,
-            keep more.
+            may keep more.
 
     Returns:
         The drawables in the same order, without those that vanish.
@@ -55,9 +58,15 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
 
 
 def _welded(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the places of a surface's corners, each once, and its triangles by them."""
-    places, index = unique_rows(surface.vertices)
-    return places, index[surface.faces]
+    """Return one corner for each cube of a fine grid that has any, and the triangles that are left by them.
+
+    Edges that run beside each other a hair apart would tear, and nothing there could collapse.
+    """
+    cubes, cube = unique_rows(np.round(surface.vertices / _HAIR))
+    first = np.empty(len(cubes), dtype=np.intp)
+    first[cube[::-1]] = np.arange(len(cube))[::-1]
+    faces = cube[surface.faces]
+    return surface.vertices[first], faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 
 
 def _surface(points: NDArray[np.float32], faces: NDArray[np.int32]) -> Surface:
