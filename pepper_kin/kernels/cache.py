@@ -3,8 +3,8 @@
 One file per kernel, named after a hash of everything that its code depends on, so a stale file is never read:
 it is just not found.  A file is written under a temporary name and then renamed, which is atomic: readers and
 other writers see a whole file or none.  A checksum in front finds files damaged otherwise; they count as
-missing and are written anew.  A folder that cannot be written means no cache, not an error.  Of several processes
-that need a kernel that nobody has compiled, one compiles it and the others wait.
+missing and are written anew.  A folder that cannot be written means no cache, not an error.  Where
+several processes need a kernel that nobody has compiled, one compiles it and the others wait.
 
 The files hold machine code that is run without further questions.  The folder is made readable by its owner
 only; do not point `PEPPER_KIN_CACHE` to a place where others can write.
@@ -106,8 +106,8 @@ def write_image(key: str, image: KernelImage) -> bool:
 def only_compiler(key: str) -> Iterator[None]:
     """Let one process at a time compile a kernel, and look for it again first.
 
-    The lock spares work, and correctness does not rest on it: where files cannot be locked, or the holder's file
-    is removed meanwhile, two processes compile the same.
+    The lock spares work, and correctness does not rest on it: where files cannot be locked, or the file of the
+    one that compiles is removed meanwhile, two compile the same.
     """
     path = cache_folder() / f"{key}{_LOCK}"
     with contextlib.ExitStack() as stack:
