@@ -106,7 +106,7 @@ def write_image(key: str, image: KernelImage) -> bool:
 def only_compiler(key: str) -> Iterator[None]:
     """Let one process at a time compile a kernel, and look for it again first.
 
-    The lock spares work, and correctness does not rest on it: where files cannot be locked, or the file of the
+    The lock spares work; correctness does not rest on it. Where files cannot be locked, or the file of the
     one that compiles is removed meanwhile, two compile the same.
     """
     path = cache_folder() / f"{key}{_LOCK}"
