@@ -39,7 +39,13 @@ COMPILED = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let the processes of one run compile each function of Numba once, not each of them all."""
+    """Let the processes of one run compile each function of Numba once, not each of them all.
+
+    Bytecode is kept even where the environment says otherwise: assertions take long to rewrite, each process
+    would do it again in each run, and machine code lies in the same folders.
+    """
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if "PYTEST_XDIST_WORKER" not in os.environ or fcntl is None or not hasattr(config, "cache"):
         return
     folder, held, compile_here = config.cache.mkdir("compiling"), set(), Dispatcher.compile
