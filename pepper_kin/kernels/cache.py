@@ -3,7 +3,8 @@
 One file per kernel, named after a hash of everything that its code depends on, so a stale file is never read:
 it is just not found.  A file is written under a temporary name and then renamed, which is atomic: readers and
 other writers see a whole file or none.  A checksum in front finds files damaged otherwise; they count as
-missing and are written anew.  A folder that cannot be written means no cache, not an error.
+missing and are written anew.  A folder that cannot be written means no cache, not an error.  Where
+several processes need a kernel that nobody has compiled, one compiles it and the others wait.
 
 The files hold machine code that is run without further questions.  The folder is made readable by its owner
 only; do not point `PEPPER_KIN_CACHE` to a place where others can write.
@@ -17,15 +18,22 @@ import logging
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 from pepper_kin.kernels.image import KernelImage
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 CACHE_VARIABLE = "PEPPER_KIN_CACHE"
 """Environment variable that names the folder; the platform's cache folder if it is not set."""
 
 _SUFFIX = ".kernel"
+_LOCK = ".lock"
 _DIGEST_SIZE = hashlib.sha256().digest_size
 _logger = logging.getLogger(__name__)
 
@@ -94,6 +102,27 @@ def write_image(key: str, image: KernelImage) -> bool:
     return True
 
 
+@contextlib.contextmanager
+def only_compiler(key: str) -> Iterator[None]:
+    """Let one process at a time compile a kernel, and look for it again first.
+
+    The lock spares work; correctness does not rest on it. Where files cannot be locked, or the file of the
+    one that compiles is removed meanwhile, two compile the same.
+    """
+    path = cache_folder() / f"{key}{_LOCK}"
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            file = stack.enter_context(path.open("a"))
+            if fcntl is not None:
+                fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+
+
 def clear_cache() -> int:
     """Remove all kept kernels, and what interrupted writers left behind.
 
@@ -102,7 +131,7 @@ def clear_cache() -> int:
     """
     removed = 0
     folder = cache_folder()
-    for pattern in (f"*{_SUFFIX}", "*.tmp"):
+    for pattern in (f"*{_SUFFIX}", f"*{_LOCK}", "*.tmp"):
         for path in folder.glob(pattern):
             with contextlib.suppress(OSError):
                 path.unlink()

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.arrays import Rows, make_outputs, read_inputs, refuse_not_finite
-from pepper_kin.kernels.cache import cache_key, read_image, write_image
+from pepper_kin.kernels.cache import cache_key, only_compiler, read_image, write_image
 from pepper_kin.kernels.codegen import module_ir
 from pepper_kin.kernels.compiler import LoadedCode, compile_ir
 from pepper_kin.kernels.image import KernelImage
@@ -181,14 +181,23 @@ def compile_function(
     else:
         content = f"key {key}"
     full_key = cache_key(content, dtype, repr(target), str(CHUNK_LENGTH), *_versions())
-    image = read_image(full_key) if cache else None
+    if not cache:
+        return Kernel(_compile(_made(function), target, dtype), target)
+    image = read_image(full_key)
     if image is not None:
         return Kernel(image, target, from_cache=True)
-    made = function if hasattr(function, "class_name") else function()
-    image = _compile(cast("casadi.Function", made), target, dtype)
-    if cache:
+    with only_compiler(full_key):
+        image = read_image(full_key)  # somebody may have compiled it while this one waited
+        if image is not None:
+            return Kernel(image, target, from_cache=True)
+        image = _compile(_made(function), target, dtype)
         write_image(full_key, image)
     return Kernel(image, target)
+
+
+def _made(function: casadi.Function | Callable[[], casadi.Function]) -> casadi.Function:
+    """The function itself, or what the callable makes."""
+    return cast("casadi.Function", function if hasattr(function, "class_name") else function())
 
 
 def kernel_ir(function: casadi.Function, *, dtype: str = "float64", target: Target | None = None) -> str:

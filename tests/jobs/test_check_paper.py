@@ -2,6 +2,10 @@
 
 import csv
 import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,9 +16,37 @@ from pepper_kin.jobs import PaperCheck, check_paper, write_paper_check
 from pepper_kin.jobs.paper_check import ITERATIONS, TRACKING_LIMIT
 
 
+class Run(NamedTuple):
+    """One run of the command: how it ended, where its files are, what the job told and gave back."""
+
+    exit_code: int
+    stdout: str
+    folder: Path
+    told: list[tuple[int, int]]
+    found: PaperCheck
+
+
 @pytest.fixture(scope="module")
-def found() -> PaperCheck:
-    return check_paper()
+def run_of_command(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The job takes long: what the command makes is kept on its way, for all tests to look at."""
+    folder, told, kept = tmp_path_factory.mktemp("paper") / "validation", [], []
+
+    def kept_check(*, progress: Callable[[int, int], None], **options: object) -> PaperCheck:
+        def tell(done: int, total: int) -> None:
+            told.append((done, total))
+            progress(done, total)
+
+        kept.append(check_paper(progress=tell, **options))
+        return kept[-1]
+
+    with mock.patch("pepper_kin.jobs.check_paper", kept_check):
+        ended = CliRunner().invoke(app, ["check", "paper", "--json", "-o", str(folder)])
+    return Run(ended.exit_code, ended.stdout, folder, told, *kept)
+
+
+@pytest.fixture(scope="module")
+def found(run_of_command: Run) -> PaperCheck:
+    return run_of_command.found
 
 
 def test_every_movement_is_tracked_to_a_tenth_of_the_papers_error(found):
@@ -58,8 +90,11 @@ def test_files_are_whole_and_agree(found, tmp_path):
         assert files[f"figure_{movement.name}.png"].read_bytes().startswith(b"\x89PNG")
 
 
-def test_command_prints_json(tmp_path):
-    done = CliRunner().invoke(app, ["check", "paper", "--json", "-o", str(tmp_path)])
-    assert done.exit_code == 0
-    assert json.loads(done.stdout)["worst_tracking"] < TRACKING_LIMIT
-    assert (tmp_path / "figure_head.png").is_file()
+def test_command_prints_json_and_writes_files(run_of_command):
+    assert run_of_command.exit_code == 0
+    assert json.loads(run_of_command.stdout)["worst_tracking"] < TRACKING_LIMIT
+    assert (run_of_command.folder / "figure_head.png").is_file()
+
+
+def test_progress_is_told_from_nothing_to_all(run_of_command):
+    assert run_of_command.told == [(k, 3) for k in range(4)]

@@ -1,8 +1,8 @@
-"""Long jobs tell how far they are, from nothing done to all."""
+"""Long jobs tell how far they are, from nothing done to all; `check_paper`: see its own tests."""
 
 import pytest
 
-from pepper_kin.jobs import check_dynamics, check_paper, check_physics
+from pepper_kin.jobs import check_dynamics, check_physics
 from pepper_kin.model import load_pepper
 
 
@@ -11,10 +11,9 @@ from pepper_kin.model import load_pepper
     ("job", "parts"),
     [
         (lambda tell: check_dynamics(load_pepper(), states=5, progress=tell), 4),
-        (lambda tell: check_paper(progress=tell), 3),
         (lambda tell: check_physics(timesteps=(4e-3, 2e-3), seconds=0.05, progress=tell), 4),
     ],
-    ids=["dynamics", "paper", "physics"],
+    ids=["dynamics", "physics"],
 )
 def test_progress_is_told_from_nothing_to_all(job, parts):
     told = []

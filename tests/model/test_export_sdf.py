@@ -39,20 +39,27 @@ class SdfModel:
         leader = self.position(self.joints[mimic.get("joint")], values)
         return float(mimic.find("multiplier").text) * leader + float(mimic.find("offset").text)
 
-    def pose(self, name, values):
-        """The pose of a link or frame in the model frame."""
+    def pose(self, name, values, known=None):
+        """The pose of a link or frame in the model frame; `known` keeps those on the way to it."""
+        known = {} if known is None else known
+        if name not in known:
+            known[name] = self.place(name, values, known)
+        return known[name]
+
+    def place(self, name, values, known):
         if name in ("__model__", "world"):
             return np.eye(4)
         if name in self.frames:
             frame = self.frames[name]
-            return self.pose(frame.get("attached_to", "__model__"), values) @ pose_of(frame.find("pose"))
+            above = frame.get("attached_to", "__model__")
+            return self.pose(above, values, known) @ pose_of(frame.find("pose"))
         placement = self.links[name].find("pose")
         above = placement.get("relative_to")
         if above is None:
             return pose_of(placement)
         joint = self.joints[above]
         assert joint.find("child").text == name
-        base = self.pose(joint.find("pose").get("relative_to"), values) @ pose_of(joint.find("pose"))
+        base = self.pose(joint.find("pose").get("relative_to"), values, known) @ pose_of(joint.find("pose"))
         motion, value = np.eye(4), self.position(joint, values)
         if joint.get("type") != "fixed":
             axis = np.array([float(v) for v in joint.find("axis/xyz").text.split()])
@@ -63,10 +70,11 @@ class SdfModel:
                 motion[:3, :3] = np.eye(3) + np.sin(value) * cross + (1 - np.cos(value)) * cross @ cross
         return base @ motion @ pose_of(placement)
 
-    def bodies(self, values):
+    def bodies(self, values, known=None):
         """(mass, centre, inertia about it) of each link, in the model frame."""
+        known = {} if known is None else known
         for name, link in self.links.items():
-            pose, inertial = self.pose(name, values), link.find("inertial")
+            pose, inertial = self.pose(name, values, known), link.find("inertial")
             offset = inertial.find("pose")
             pose = pose if offset is None else pose @ pose_of(offset)
             i = {e.tag: float(e.text) for e in inertial.find("inertia")}
@@ -82,18 +90,19 @@ class SdfModel:
 
     def mass_matrix(self, names, q, step=1e-5):
         """Sum over bodies of m Jc' Jc + Jw' I Jw, with Jacobians by central differences."""
-        here = list(self.bodies(dict(zip(names, q, strict=True))))
+        poses = {}
+        here = list(self.bodies(dict(zip(names, q, strict=True)), poses))
         matrix = np.zeros((len(names), len(names)))
         linear, angular = [], []
-        reference = [self.pose(link, dict(zip(names, q, strict=True)))[:3, :3] for link in self.links]
+        reference = [poses[link][:3, :3] for link in self.links]
         for k in range(len(names)):
             columns = []
             for sign in (1, -1):
                 moved = np.array(q, dtype=float)
                 moved[k] += sign * step
-                values = dict(zip(names, moved, strict=True))
-                turned = [self.pose(link, values)[:3, :3] for link in self.links]
-                columns.append(([c for _, c, _ in self.bodies(values)], turned))
+                poses = {}
+                centers = [c for _, c, _ in self.bodies(dict(zip(names, moved, strict=True)), poses)]
+                columns.append((centers, [poses[link][:3, :3] for link in self.links]))
             linear.append([(a - b) / (2 * step) for a, b in zip(columns[0][0], columns[1][0], strict=True)])
             spin = [
                 ((a - b) / (2 * step)) @ r.T
