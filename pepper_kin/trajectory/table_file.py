@@ -127,7 +127,7 @@ def read_table(path: PathName, expected: Sequence[str] | None = None) -> dict[st
 
 def _lines(path: PathName) -> tuple[list[str], list[str]]:
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")  # spreadsheets begin a file with a mark of order
     except OSError as error:
         raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
@@ -158,12 +158,21 @@ def _check_header(path: PathName, names: list[str], expected: Iterable[str] | No
     wanted = list(expected)
     missing, unknown = [n for n in wanted if n not in names], [n for n in names if n not in wanted]
     if unknown:
-        raise FileFormatError(path, f"unknown column {unknown[0]!r}", 1)
+        raise FileFormatError(path, f"unknown column {unknown[0]!r}{_known(unknown[0], wanted)}", 1)
     if missing:
         raise FileFormatError(path, f"column {missing[0]!r} is missing", 1)
     if names != wanted:
         name, place = next((n, w) for n, w in zip(names, wanted, strict=True) if n != w)
         raise FileFormatError(path, f"columns in another order: {name!r} where {place!r} belongs", 1)
+
+
+def _known(name: str, wanted: list[str]) -> str:
+    """Return what a column may be named that is named wrongly."""
+    parts = [column.rpartition(".") for column in wanted if column != TIME]
+    joint = name.rpartition(".")[0]
+    kinds = ", ".join(quantity for owner, _, quantity in parts if owner == joint)
+    joints = ", ".join(dict.fromkeys(owner for owner, _, _ in parts))
+    return f"; of {joint} there can be {kinds}" if kinds else f"; the joints are {joints}" if joints else ""
 
 
 def _numbers(path: PathName, line: int, row: str, names: list[str]) -> list[float]:

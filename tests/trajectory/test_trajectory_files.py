@@ -208,3 +208,19 @@ def test_permissions_are_the_usual_ones(tmp_path):
     ours.chmod(0o600)
     atomic_file.write_bytes(ours, b"y")
     assert ours.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_mark_of_byte_order_is_no_fault(good):
+    """Spreadsheets put one before what they save."""
+    plain = read_table(good)
+    good.write_bytes(b"\xef\xbb\xbf" + good.read_bytes())
+    again = read_table(good)
+    assert list(again) == list(plain)
+    np.testing.assert_array_equal(again["A.position"], plain["A.position"])
+
+
+def test_what_a_wrong_column_might_have_been_is_said(good):
+    with pytest.raises(FileFormatError, match=r"unknown column 'A.position'; the joints are B$"):
+        read_table(good, ["time", "B.position", "B.velocity"])
+    with pytest.raises(FileFormatError, match=r"'A.position'; of A there can be velocity, torque$"):
+        read_table(good, ["time", "A.velocity", "A.torque"])
