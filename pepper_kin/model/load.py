@@ -22,7 +22,7 @@ from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.shapes import Shape, read_only
 from pepper_kin.model.sphere_set import pepper_spheres
 from pepper_kin.model.urdf_document import Joint, UrdfDocument, parse_urdf
-from pepper_kin.model.urdf_source import mesh_folders, read_source
+from pepper_kin.model.urdf_source import mesh_folders, read_source, told_of
 from pepper_kin.model.vendor_meshes import with_vendor_meshes
 
 BASES = ("fixed", "planar")
@@ -100,11 +100,16 @@ def load_robot(
         FileFormatError: where a file cannot be read.
         ModelError: where the description is malformed; names the element.
     """
-    document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
-    semantics = parse_srdf(read_source(srdf), document) if srdf is not None else Semantics()
+    with told_of(urdf):
+        document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
+    semantics = Semantics()
+    if srdf is not None:
+        with told_of(srdf):
+            semantics = parse_srdf(read_source(srdf), document)
     if not semantics.disabled_pairs:
         semantics = replace(semantics, disabled_pairs=neighbouring_pairs(document))
-    return build_model(document, semantics)
+    with told_of(urdf):
+        return build_model(document, semantics)
 
 
 def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Shape, ...] = ()) -> PepperModel:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pepper_kin.exceptions import FileFormatError
+from pepper_kin.exceptions import FileFormatError, ModelError
 from pepper_kin.model.pepper_model import PepperModel
 
 
@@ -23,6 +24,17 @@ def read_source(source: PepperModel | str | Path) -> str:
         return Path(source).read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise FileFormatError(source, f"cannot be read as text: {error}") from error
+
+
+@contextlib.contextmanager
+def told_of(source: PepperModel | str | Path) -> Iterator[None]:
+    """Begin what is said of a malformed description with the name of its file, where it has one."""
+    try:
+        yield
+    except ModelError as error:
+        if isinstance(source, PepperModel) or (isinstance(source, str) and is_text(source)):
+            raise
+        raise ModelError(f"{source}: {error}") from error
 
 
 def mesh_folders(source: PepperModel | str | Path, package_dirs: Sequence[str | Path]) -> list[Path]:

@@ -114,3 +114,20 @@ def test_states_of_a_free_flyer_are_left_out():
 def test_a_state_without_a_number_is_named(value):
     with pytest.raises(ModelError, match="SRDF: state 'rest': joint 'turn' has no number as value"):
         pk.load_robot(ARM, state(value))
+
+
+def test_what_is_wrong_in_a_file_begins_with_its_name(tmp_path):
+    urdf, srdf = tmp_path / "arm.urdf", tmp_path / "arm.srdf"
+    urdf.write_text("<robot name='arm'")
+    with pytest.raises(ModelError, match=r"arm\.urdf: URDF: not well-formed XML"):
+        pk.load_robot(urdf)
+    urdf.write_text("<robot name='arm'><link name='a'/></robot>")
+    with pytest.raises(ModelError, match=r"arm\.urdf: URDF: robot 'arm' has no moving joint"):
+        pk.load_robot(str(urdf))
+    joint = "<joint name='j' type='continuous'><parent link='a'/><child link='b'/></joint>"
+    urdf.write_text(f"<robot name='arm'><link name='a'/><link name='b'/>{joint}</robot>")
+    srdf.write_text("<robot")
+    with pytest.raises(ModelError, match=r"arm\.srdf: SRDF: not well-formed XML"):
+        pk.load_robot(urdf, srdf)
+    with pytest.raises(ModelError, match=r"^URDF: not well-formed XML"):
+        pk.load_robot("<robot")
