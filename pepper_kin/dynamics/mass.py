@@ -91,12 +91,14 @@ def _inverse(pepper: PepperModel, mass: NDArray[np.float64]) -> NDArray[np.float
 
 
 def solved(pepper: PepperModel, mass: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return M^-1 times a load, shape (n,) or (n, k).
+    """Return M^-1 times a load, shape (n,) or (n, k); NaN where one of them has overflown.
 
     Raises:
         ModelError: where M has no inverse, naming the joints that move no mass, or those that can move
             against each other without moving any.
     """
+    if not (np.isfinite(mass).all() and np.isfinite(load).all()):
+        return np.full_like(load, np.nan)
     idle = [name for name, m in zip(pepper.joint_names, np.diag(mass), strict=True) if m <= 0]
     if idle:
         raise ModelError(f"the mass matrix has no inverse: no mass is moved by {', '.join(idle)}")
