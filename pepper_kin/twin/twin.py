@@ -107,10 +107,9 @@ class Twin:
         return self._pushes
 
     def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> TwinState:
-        """Put the twin somewhere and set its clock to zero; pushes stay, and so does the world around it.
+        """Put the twin somewhere and set its clock to zero; pushes stay.
 
-        What lies in a world stays where it lies: `execute` resets too, and shall not take away what was put
-        there.  `twin.world.reset()` puts its bodies back where they were added.
+        What lies in a world stays where it lies, for `execute` resets too: see `twin.world.reset()`.
 
         Args:
             q: Position [rad or m], shape (n,); the neutral posture (Stand) if omitted.
