@@ -11,8 +11,9 @@ Rooms are imported when first used, so that importing the package itself is quic
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin import (
@@ -97,17 +98,4 @@ __all__ = [
     "viewer",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _NAMES:
-        value = getattr(importlib.import_module(f"{__name__}.{_NAMES[name]}"), name)
-    elif name in _ROOMS:
-        value = importlib.import_module(f"{__name__}.{name}")
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{room: room for room in _ROOMS}})

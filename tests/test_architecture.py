@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TOWER = (
+    "lazy_names",
     "exceptions",
     "atomic_file",
     "model",
@@ -36,6 +37,7 @@ ONLY = {
     "planners": {"exceptions"},
     "urdf": {"exceptions"},
     "exceptions": set(),
+    "lazy_names": set(),
     "atomic_file": {"exceptions"},
 }
 """Rooms that know nothing of the robot."""

@@ -6,8 +6,9 @@ No module has the name of a job: importing it would hide the job.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin.jobs.bench import BenchResult, BenchRow, run_bench
@@ -73,14 +74,4 @@ __all__ = [
     "write_paper_check",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazily(__name__, _MODULES)

@@ -5,8 +5,9 @@ What is named here is loaded when it is first asked for: parts of this room are 
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin.collision.fast.checker import FastChecker, fast_checker_for
@@ -16,14 +17,4 @@ _MODULES = {"CompiledValidity": "compiled", "FastChecker": "checker", "fast_chec
 
 __all__ = ["CompiledValidity", "FastChecker", "fast_checker_for"]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazily(__name__, _MODULES)
