@@ -79,7 +79,7 @@ class Robot:
     def __init__(self, hands: str) -> None:
         self.pepper = pk.load_pepper(hands=hands)
         self.tree = kinematic_tree(self.pepper.document)
-        self.full_names = list(self.pepper.pinocchio_model.names)[1:]
+        self.full_names = list(self.pepper.inner_model.names)[1:]
         self.solids: dict[str, list[Solid]] = {}
         for shape in self.pepper.collision_shapes:
             body, pose = self.body_of(shape.link)

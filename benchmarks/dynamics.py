@@ -75,7 +75,7 @@ class Loops:
 
     def __init__(self, pepper: pk.PepperModel) -> None:
         self.pepper = pepper
-        self.model, self.data = pepper.pinocchio_model, pepper.pinocchio_model.createData()
+        self.model, self.data = pepper.inner_model, pepper.inner_model.createData()
         self.map = np.array(pepper.full_map)
         self.frame = pepper.frame_id(FRAME)
         self.joints = [self.model.getJointId(name) for name in pepper.joint_names]
@@ -153,7 +153,7 @@ class Engine:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         names = [self.model.joint(i).name for i in range(self.model.njnt)]
-        self.order = [list(pepper.pinocchio_model.names)[1:].index(name) for name in names]
+        self.order = [list(pepper.inner_model.names)[1:].index(name) for name in names]
         self.pepper = pepper
 
     def inverse_dynamics(self, q, v, a):
@@ -262,7 +262,7 @@ def kernel_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, .
 
 def single_calls(pepper: pk.PepperModel) -> list[tuple[str, Callable[[], object], Callable[[], object]]]:
     """Name, our call for one state, and what of Pinocchio a user would call for the same."""
-    model, data = pepper.pinocchio_model, pepper.pinocchio_model.createData()
+    model, data = pepper.inner_model, pepper.inner_model.createData()
     q, v, a = (x[0].copy() for x in random_states(pepper, 1))
     frame, d, k = pepper.frame_id(FRAME), pk.dynamics, pk.kinematics
 

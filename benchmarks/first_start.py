@@ -1,7 +1,9 @@
 """A newcomer's first quarter of an hour, timed: clone, environment, install, demonstration, README.
 
 Everything is new: the clone, the environment, the folders for machine code.  Packages come from where pip
-finds them, its download cache included.  Prints Markdown.
+finds them, its download cache included.  Then new processes are timed to their first answers, each several
+times, and the README once more as on a processor that the package's machine code does not fit.  Prints
+Markdown.
 
 python benchmarks/first_start.py [--repository ADDRESS] [--python PYTHON]
 """
@@ -11,6 +13,8 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -18,6 +22,16 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
+START = "import pepper_kin as pk; pepper = pk.load_pepper()"
+IK = "tasks = [pk.ik.HandPosition('left', (0.38, 0.22, 0.82)), pk.ik.LookAt((0.38, 0.22, 0.82))]"
+SCENE = "scene = pk.Scene().add_box('table', size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))"
+PROGRAMS = {
+    "an empty program": "pass",
+    "`import numpy`": "import numpy",
+    "`load_pepper()`": START,
+    "first answer of `ik.solve`": f"{START}; {IK}; assert pk.ik.solve(pepper, tasks).success",
+    "first `plan`": f"{START}; {IK}; {SCENE}; assert pk.plan(pepper, pepper.neutral(), tasks, scene).success",
+}
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
@@ -28,14 +42,27 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        print("| step | time [s] |")
-        print("|---|---|", flush=True)
+        print("| step | wall [s] | processor [s] |")
+        print("|---|---|---|", flush=True)
         total = 0.0
         for step, command, where in steps(options.repository, options.python, place):
-            seconds = timed(command, where, environment(place))
+            seconds, processor = timed(command, where, environment(place))
             total += seconds
-            print(f"| {step} | {seconds:.0f} |", flush=True)
-        print(f"| together | {total:.0f} |")
+            print(f"| {step} | {seconds:.1f} | {processor:.1f} |", flush=True)
+        print(f"| together | {total:.0f} | |")
+        print("\n| new process, median of 9 | wall [s] | processor [s] |")
+        print("|---|---|---|", flush=True)
+        new = str(place / "clone" / "env" / "bin" / "python")
+        for words, program in PROGRAMS.items():
+            runs = [timed([new, "-c", program], place, environment(place)) for _ in range(9)]
+            wall, processor = (statistics.median(values) for values in zip(*runs, strict=True))
+            print(f"| {words} | {wall:.2f} | {processor:.2f} |", flush=True)
+        variables = environment(place) | {
+            "PEPPER_KIN_CPU": "x86-64-v2",
+            "PEPPER_KIN_CACHE": str(place / "other"),
+        }
+        seconds, processor = timed([new, "readme.py"], place / "work", variables)
+        print(f"| the README's Python where nothing shipped fits | {seconds:.1f} | {processor:.1f} |")
 
 
 def steps(repository: str, python: str, place: Path) -> list[tuple[str, list[str], Path]]:
@@ -52,7 +79,7 @@ def steps(repository: str, python: str, place: Path) -> list[tuple[str, list[str
         ("`pip install -e .`", [new, "-m", "pip", "install", "--quiet", "-e", "."], clone),
         ("`pepper-kin demo`", [program, "demo"], clone),
         ("`pepper-kin demo` again", [program, "demo"], clone),
-        ("the README's Python, compiling", [new, str(script)], script.parent),
+        ("the README's Python", [new, str(script)], script.parent),
         ("the README's Python again", [new, str(script)], script.parent),
     ]
 
@@ -68,13 +95,15 @@ def environment(place: Path) -> dict[str, str]:
     }
 
 
-def timed(command: list[str], where: Path, variables: dict[str, str]) -> float:
-    """Return the wall time of a command; what it says is shown only where it fails."""
-    begin = time.perf_counter()
+def timed(command: list[str], where: Path, variables: dict[str, str]) -> tuple[float, float]:
+    """Return wall and processor time of a command; what it says is shown only where it fails."""
+    begin, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(command, cwd=where, env=variables, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"{' '.join(command)} failed with {done.returncode}:\n{done.stdout}{done.stderr}")
-    return time.perf_counter() - begin
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.perf_counter() - begin, processor
 
 
 if __name__ == "__main__":

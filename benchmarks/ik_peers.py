@@ -110,7 +110,7 @@ def lean_pink(qp: str) -> Solver | None:
     if qp not in qpsolvers.available_solvers:
         print(f"Pink with {qp} is left out: qpsolvers lacks {qp}")
         return None
-    model = PEPPER.pinocchio_model
+    model = PEPPER.inner_model
     start = PEPPER.neutral()
     direction_task = _pink_direction_task(pink)
 

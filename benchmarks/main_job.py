@@ -101,7 +101,7 @@ class Peer:
 
     def __init__(self, scene: pk.Scene) -> None:
         checker = pk.collision.CollisionChecker(PEPPER, scene, MARGIN, 0.0)
-        self.model, self.checker = PEPPER.pinocchio_model, checker
+        self.model, self.checker = PEPPER.inner_model, checker
         self.data, self.geometry = checker._data
         self.robot = robot_of(PEPPER)
         self.retime = Direct(True, GRIDPOINTS)

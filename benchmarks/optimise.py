@@ -17,7 +17,7 @@ import numpy as np
 import pepper_kin as pk
 from pepper_kin.collision import checker_for
 from pepper_kin.motion import Cost, Optimised, optimise
-from pepper_kin.motion.validity import holds
+from pepper_kin.motion.checks import holds
 
 PEPPER = pk.load_pepper()
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))

@@ -1,7 +1,7 @@
-"""Planners on toy problems, in machine code and in Python: python benchmarks/planners.py [--full].
+"""Planners on toy problems: python benchmarks/planners.py [--full].
 
 Worlds are boxes and balls in the unit cube, as machine code that takes one to two tenths of a microsecond a
-state.  "Python" is the same planner with the same oracle behind a Python callable, which is called with
+state.  "Python" is the same planner with the same validity behind a Python callable, which is called with
 batches of states.  Both take each problem in turn, in one process; times are those of one whole call.  Paths
 are checked here, at a tenth of the resolution, against the world without the margin.
 """
@@ -17,13 +17,13 @@ import numpy as np
 from numba import cfunc, types
 
 from pepper_kin import planners
-from pepper_kin.planners import CompiledValidity, Path, Problem
+from pepper_kin.planners import CompiledMotionValidator, Path, Problem
 
 NUMBERS = types.CPointer(types.float64)
 
 
 @cfunc(types.int64(NUMBERS, NUMBERS, types.int64, NUMBERS), error_model="numpy", cache=True)
-def valid_prefix(a, b, steps, memory):  # type: ignore[no-untyped-def]
+def last_valid_step(a, b, steps, memory):  # type: ignore[no-untyped-def]
     """Boxes and balls, which are in the memory behind n and their numbers."""
     n = int(memory[0])
     for j in range(1, steps + 1):
@@ -60,18 +60,20 @@ class Toy:
     balls: tuple = ()
     resolution: float = 0.01
 
-    def code(self, margin: float) -> CompiledValidity:
+    def code(self, margin: float) -> CompiledMotionValidator:
         n = self.start.size
         rows = [n, len(self.boxes), len(self.balls)]
         rows += [x for low, high in self.boxes for x in (*(low - margin), *(high + margin))]
         rows += [x for center, radius in self.balls for x in (*center, radius + margin)]
-        return CompiledValidity(valid_prefix.address, n, np.array(rows, dtype=float).copy, valid_prefix)
+        return CompiledMotionValidator(
+            last_valid_step.address, n, np.array(rows, dtype=float).copy, last_valid_step
+        )
 
     def problems(self) -> tuple[Problem, Problem]:
         n, code = self.start.size, self.code(self.resolution / 2)
         return tuple(
-            Problem(np.zeros(n), np.ones(n), self.start, self.goal, oracle, resolution=self.resolution)
-            for oracle in (code, lambda states: code(states))
+            Problem(np.zeros(n), np.ones(n), self.start, self.goal, validity, resolution=self.resolution)
+            for validity in (code, lambda states: code(states))
         )  # type: ignore[return-value]
 
     def require_free(self, path: Path) -> None:
@@ -167,13 +169,13 @@ def queries(count: int) -> None:
         problem = toy.problems()[0]
         roadmap, rng = planners.Roadmap(problem), np.random.default_rng(0)
         states = rng.random((50 * count, toy.start.size))
-        pairs = states[problem.oracle(states)][: 2 * count].reshape(-1, 2, toy.start.size)
+        pairs = states[problem.validity(states)][: 2 * count].reshape(-1, 2, toy.start.size)
         times, searched = [], []
         for start, goal in pairs:
             taken, result = timed(lambda a=start, b=goal, r=roadmap: r.solve(a, b, timeout=60.0))
             toy.require_free(result.path)
             times.append(taken)
-            alone = Problem(problem.lower, problem.upper, start, goal, problem.oracle, None, toy.resolution)
+            alone = Problem(problem.lower, problem.upper, start, goal, problem.validity, None, toy.resolution)
             searched.append(timed(lambda p=alone: planners.rrt_connect(p, timeout=60.0))[0])
         first, later, search = times[0], np.median(times[1:]), np.median(searched)
         print(

@@ -28,8 +28,8 @@ import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.collision.fast import FastChecker, fast_checker_for
-from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.metric import joint_reaches
+from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.motion.checks import Checks, holds
 from pepper_kin.trajectory.path import as_cubic_path
 
 MARGINS = (0.005, 0.001)
@@ -42,11 +42,19 @@ def toy(problem: Problem, *, compiled: bool) -> planners.Problem:
     """Return the planning problem of the joints that move."""
     pepper = problem.pepper
     free = np.array([pepper.joint_index(name) for name in problem.joints])
-    checks = Checks(pepper, problem.scene, compiled)
+    validity = Checks(pepper, problem.scene).validity(problem.start, free, MARGINS, for_edges=True)
+    if not compiled:
+        coal = pk.collision.checker_for(pepper, problem.scene, *MARGINS)
+
+        def validity(states: np.ndarray) -> np.ndarray:
+            q = np.tile(problem.start, (len(states), 1))
+            q[:, free] = states
+            return holds(pepper, q) & ~coal.in_collision(q)
+
     return planners.Problem(
         lower=pepper.lower_limits[free], upper=pepper.upper_limits[free], start=problem.start[free],
-        goals=problem.goal[free], oracle=checks.oracle(problem.start, free, MARGINS, for_edges=True),
-        weights=joint_reaches(pepper)[free], resolution=RESOLUTION,
+        goals=problem.goal[free], validity=validity,
+        weights=motion_bounds(pepper)[free], resolution=RESOLUTION,
     )  # fmt: skip
 
 
@@ -117,7 +125,7 @@ def race(kind: Kind, count: int, peer: Roboplan | None) -> None:
 
     def other(problem: Problem, seed: int) -> bool:
         assert peer is not None
-        weights = joint_reaches(problem.pepper)[[PEPPER.joint_index(name) for name in problem.joints]]
+        weights = motion_bounds(problem.pepper)[[PEPPER.joint_index(name) for name in problem.joints]]
         step = RESOLUTION / float(np.sqrt(np.mean(weights**2)))
         return (
             peer.connect(problem.start, problem.goal, " and ".join(kind.groups), step, seed, 5.0) is not None
@@ -151,7 +159,7 @@ def race(kind: Kind, count: int, peer: Roboplan | None) -> None:
 def is_clear(problem: Problem, plan: pk.motion.Plan) -> bool:
     """Whether coal finds nothing that touches along the spline through a plan's way-points."""
     spline = as_cubic_path(problem.pepper, plan.path)
-    reach, lengths = joint_reaches(problem.pepper), np.diff(spline.breaks)
+    reach, lengths = motion_bounds(problem.pepper), np.diff(spline.breaks)
     for i, length in enumerate(lengths):
         coarse = spline.at(np.full(20, i), np.linspace(0, length, 20))
         moved = np.abs(np.diff(coarse, axis=0)) @ reach

@@ -78,10 +78,10 @@ class Direct:
 
     def __init__(self, torque: bool, gridpoints: int) -> None:
         self.torque, self.gridpoints = torque, gridpoints
-        self.data = PEPPER.pinocchio_model.createData()
+        self.data = PEPPER.inner_model.createData()
 
     def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        return pin.rnea(PEPPER.pinocchio_model, self.data, q, v, a)
+        return pin.rnea(PEPPER.inner_model, self.data, q, v, a)
 
     def __call__(self, points: np.ndarray) -> float:
         chords = np.diff(points, axis=0)
@@ -289,7 +289,7 @@ def certificate(count: int) -> None:
 
 
 def cold() -> None:
-    """Time of the first call on a machine: with an empty cache of machine code, in a process of its own."""
+    """Time of the first call in a process of its own, with an empty cache and with what that left there."""
     code = (
         "import time, pepper_kin as pk; p = pk.load_pepper(); q = p.posture('Stand');"
         "begin = time.perf_counter();"
@@ -307,7 +307,7 @@ def cold() -> None:
                 capture_output=True,
                 text=True,
                 check=True,
-                env={**os.environ, "NUMBA_CACHE_DIR": folder},
+                env={**os.environ, "PEPPER_KIN_CACHE": folder},
             )
             rows.append((name, f"{float(done.stdout):.1f}"))
     table(("first call in a process", "time [s]"), rows)

@@ -98,7 +98,7 @@ def pinocchio_loop(
 ) -> np.ndarray:
     """The same scheme as the twin's, with the articulated-body algorithm called from Python."""
     servo = actuator_parameters(pepper)
-    model = pinocchio.Model(pepper.pinocchio_model)
+    model = pinocchio.Model(pepper.inner_model)
     data = model.createData()
     model.armature = np.array(model.armature) + H * H * servo.stiffness + H * servo.damping
     q, v, states = start.copy(), np.zeros(pepper.n), np.empty_like(position)
@@ -286,21 +286,17 @@ def recorded(pepper: pk.PepperModel, seconds: float) -> None:
 
 
 def cold() -> None:
-    """Print the time of the first execution in a process, with and without machine code on disk."""
+    """Print the time of the first step in a process, with and without machine code on disk."""
     code = (
-        "import time, pepper_kin as pk; p = pk.load_pepper(); t = pk.Twin(p, compiled={}); "
+        "import time, pepper_kin as pk; p = pk.load_pepper(); t = pk.Twin(p); "
         "begin = time.perf_counter(); t.step(p.posture('Stand')); print(time.perf_counter() - begin)"
     )
     print("\nFirst step in a process:\n\n| way | time [s] |\n|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        kept = {**os.environ, "NUMBA_CACHE_DIR": folder, "PEPPER_KIN_CACHE": folder}
-        for name, compiled in (
-            ("compiled, nothing on disk", True),
-            ("compiled, machine code on disk", True),
-            ("compiled=False", False),
-        ):
+        kept = {**os.environ, "PEPPER_KIN_CACHE": folder}
+        for name in ("nothing on disk", "machine code on disk"):
             done = subprocess.run(
-                [sys.executable, "-c", code.format(compiled)],
+                [sys.executable, "-c", code],
                 capture_output=True, text=True, check=True, env=kept,
             )  # fmt: skip
             print(f"| {name} | {float(done.stdout):.2f} |")

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 import pepper_kin as pk
+from pepper_kin.files import save
 from pepper_kin.motion import gesture, gesture_meaning, gesture_names
-from pepper_kin.trajectory import save
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("-o", "--output", default="gestures", help="folder for the scripts for the robot")

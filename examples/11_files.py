@@ -7,7 +7,8 @@ import numpy as np
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.trajectory import import_timeline, load, naoqi_timeline, plot, save
+from pepper_kin.files import load, naoqi_timeline, save
+from pepper_kin.trajectory import import_timeline, plot
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("-o", "--output", default="files", help="folder for the files")

@@ -4,7 +4,6 @@ import numpy as np
 
 import pepper_kin as pk
 from pepper_kin.motion import plan_constrained
-from pepper_kin.trajectory.path import as_cubic_path
 
 pepper = pk.load_pepper()
 scene = pk.Scene().add_box("post", size=(0.05, 0.05, 1.0), position=(0.33, 0.17, 0.85))
@@ -22,11 +21,11 @@ target = np.array([0.30, 0.05, 0.85])
 goal = [pk.ik.HandPosition("left", target)]
 plan = plan_constrained(pepper, start.q, goal, scene, [level], joints="left_arm")
 print(plan.report())
-trajectory = pk.retime(pepper, plan.path)
+trajectory = pk.retime(pepper, plan)
 print(f"{trajectory.duration:.2f} s")
 
-# An independent look at the spline that retime draws: the tilt from the pose alone, distances by coal.
-spline = as_cubic_path(pepper, plan.path)
+# An independent look at the curve that retime follows: the tilt from the pose alone, distances by coal.
+spline = plan.curve
 pieces = np.repeat(np.arange(len(spline.breaks) - 1), 200)
 within = np.tile(np.linspace(0.0, 1.0, 200), len(spline.breaks) - 1)
 q = spline.at(pieces, within * np.diff(spline.breaks)[pieces])

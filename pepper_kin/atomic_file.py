@@ -6,8 +6,12 @@ import contextlib
 import os
 import tempfile
 from pathlib import Path
+from typing import TypeAlias
 
 from pepper_kin.exceptions import FileFormatError
+
+PathName: TypeAlias = str | os.PathLike[str]
+"""The name of a file or folder."""
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:

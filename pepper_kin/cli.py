@@ -27,6 +27,7 @@ from pepper_kin.cli_terminal import (
     one_of,
     print_json,
     print_written,
+    progress,
     stages,
 )
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
@@ -121,6 +122,26 @@ def reach(
             pepper, hand, at, look_at, scene, start=begin, seed=seed, timeout=timeout, on_stage=on_stage
         )
     _finish_reach(pepper, outcome, output, as_json)
+
+
+@app.command("warm-up")
+def warm_up(
+    native: Annotated[
+        bool, typer.Option("--native", help="Make and use code for this very processor, not the package's.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Make all machine code that this processor needs, on all cores, once.
+
+    Needed only where the code that comes with the package does not fit; otherwise it is done in a moment.
+
+    Example: pepper-kin warm-up --native
+    """
+    from pepper_kin.jobs import warm_up as run_warm_up
+
+    with progress("machine code") as on_progress:
+        made = run_warm_up(native, on_progress)
+    _print(made, as_json)
 
 
 @app.command()
@@ -239,8 +260,8 @@ def view(
     import webbrowser
 
     from pepper_kin.collision import Scene
+    from pepper_kin.files import load
     from pepper_kin.model import load_pepper
-    from pepper_kin.trajectory import load
     from pepper_kin.viewer.server import Access, serve
 
     access = Access.of(host, allow_remote, token)

@@ -47,8 +47,8 @@ def plot(
 
     Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
     """
+    from pepper_kin.files import load
     from pepper_kin.model import load_pepper
-    from pepper_kin.trajectory import load
     from pepper_kin.trajectory import plot as draw
 
     pepper = load_pepper(base=base, hands=hands)

@@ -1,10 +1,11 @@
-"""Names of a package that are loaded when they are first asked for (PEP 562)."""
+"""Names and modules that are loaded when they are first asked for (PEP 562)."""
 
 from __future__ import annotations
 
 import importlib
 import sys
 from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any
 
 
@@ -13,15 +14,16 @@ def lazily(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any]
 
     Args:
         package: Its `__name__`.
-        homes: The module, relative to the package, that each name is found in; a name whose home is itself is
-            that module.
+        homes: The module that each name is found in, below the package unless it begins with `pepper_kin.`; a
+            name whose home is itself is that module.
     """
 
     def get(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        module = importlib.import_module(f"{package}.{homes[name]}")
-        value = module if homes[name] == name else getattr(module, name)
+        home = homes[name]
+        module = importlib.import_module(home if home.startswith("pepper_kin.") else f"{package}.{home}")
+        value = module if home == name else getattr(module, name)
         setattr(sys.modules[package], name, value)
         return value
 
@@ -29,3 +31,24 @@ def lazily(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any]
         return sorted({*vars(sys.modules[package]), *homes})
 
     return get, names
+
+
+class _Later(ModuleType):
+    """Stands for a module until something in it is asked for; then it is a module with the same content."""
+
+    def __getattr__(self, name: str) -> Any:
+        module = importlib.import_module(self.__name__)
+        vars(self).update(vars(module))
+        self.__class__ = ModuleType  # type: ignore[assignment]
+        return getattr(module, name)
+
+
+def lazy_module(name: str) -> Any:
+    """Return what stands for a module that takes long to import, and imports it when it is first used.
+
+    Once it is loaded, it costs no more than the module itself does.
+
+    Args:
+        name: Full name of the module.
+    """
+    return _Later(name)

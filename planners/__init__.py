@@ -1,61 +1,57 @@
-"""Robot-agnostic motion planners: vectors, bounds, a metric and an oracle of validity, never a robot.
+"""Robot-agnostic motion planners: vectors, bounds, a metric and the validity of states, never a robot.
 
-problem = Problem(lower, upper, start, goals, oracle)
+problem = Problem(lower, upper, start, goals, validity)
 result = rrt_connect(problem, seed=0, timeout=5.0)
 if result.success:
     curve = smooth(problem, shortcut(problem, result.path))
 """
 
+from .cbirrt import cbirrt
 from .certificate import Certificate, certify
-from .compiled_validity import CompiledValidity
-from .constrained_connect import constrained_connect
 from .constrained_shortcut import constrained_shortcut, constrained_smooth, project
+from .constraint_manifold import CompiledManifold, ConstraintManifold
 from .deadline import Deadline
-from .goal_source import GoalSampler
-from .improve import improve
-from .manifold import MachineCodeManifold, Manifold
+from .informed_rrt_star import informed_rrt_star, rrt_star
 from .metric import Metric
+from .motion_validator import CompiledMotionValidator, MotionValidator, StateValidityChecker
 from .ompl_planner import OMPL_PLANNERS, available_ompl_planners, ompl_plan
-from .oracle import Advance, Oracle, StateValidity
 from .path import Path
-from .problem import Problem
+from .problem import GoalSampler, Problem
 from .rejoin import rejoin
 from .result import Improvement, Result, Status
 from .roadmap import Roadmap
 from .rrt_connect import rrt_connect
-from .rrt_star import rrt_star
 from .shortcut import shortcut
-from .smooth import smooth
-from .smooth_path import SmoothPath
+from .smooth import SmoothPath, rounded_waypoints, smooth
 
 __all__ = [
     "OMPL_PLANNERS",
-    "Advance",
     "Certificate",
-    "CompiledValidity",
+    "CompiledManifold",
+    "CompiledMotionValidator",
+    "ConstraintManifold",
     "Deadline",
     "GoalSampler",
     "Improvement",
-    "MachineCodeManifold",
-    "Manifold",
     "Metric",
-    "Oracle",
+    "MotionValidator",
     "Path",
     "Problem",
     "Result",
     "Roadmap",
     "SmoothPath",
-    "StateValidity",
+    "StateValidityChecker",
     "Status",
     "available_ompl_planners",
+    "cbirrt",
     "certify",
-    "constrained_connect",
     "constrained_shortcut",
     "constrained_smooth",
-    "improve",
+    "informed_rrt_star",
     "ompl_plan",
     "project",
     "rejoin",
+    "rounded_waypoints",
     "rrt_connect",
     "rrt_star",
     "shortcut",

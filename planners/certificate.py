@@ -10,7 +10,7 @@ from pepper_kin.exceptions import InvalidValueError
 
 from .path import Path
 from .problem import Problem
-from .smooth_path import SmoothPath
+from .smooth import SmoothPath
 from .vectors import FloatArray, positive_number
 
 _ROUNDING = 1e-12  # of the box's size
@@ -64,13 +64,13 @@ def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | No
         raise InvalidValueError(
             "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
         )
-    oracle = problem.counting_oracle(resolution=resolution)
-    spacing = positive_number("resolution", oracle.resolution)
+    validator = problem.validator(resolution=resolution)
+    spacing = positive_number("resolution", validator.resolution)
     if isinstance(path, Path):
         states = Path(path.points, problem.weights).resample(spacing).points
     else:
         states = path.sample(spacing)
-    valid = oracle.states_valid(states)
+    valid = validator.states_valid(states)
     sampled = problem.goal_sampler is not None
     slack = _ROUNDING * (problem.upper - problem.lower)
     within = (states >= problem.lower - slack) & (states <= problem.upper + slack)

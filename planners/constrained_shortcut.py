@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 
-from .constrained_connect import require_fit
-from .deadline import Deadline
-from .manifold import Manifold
+from .cbirrt import Explorer, require_fit
+from .constraint_manifold import ConstraintManifold, edges_hold, extend, project_rows
+from .deadline import Deadline, load_code
 from .path import Path
 from .problem import Problem
 from .vectors import BoolArray, FloatArray, finite_points, require_inside, whole_number
-
-if TYPE_CHECKING:
-    from .explorer import Explorer
 
 _LEAST_GAIN = 1e-3  # of the piece: walks along a manifold are not exactly straight
 _WIDEST = 6  # of the path: the widest window of the rounding
@@ -28,7 +24,7 @@ _PASSES = 2
 
 def constrained_shortcut(
     problem: Problem,
-    manifold: Manifold,
+    manifold: ConstraintManifold,
     path: Path,
     *,
     seed: int = 0,
@@ -41,9 +37,9 @@ def constrained_shortcut(
     straight from one to the other.
 
     Args:
-        problem: Supplies box, oracle, metric and resolution; its start and goals are not used.
+        problem: Supplies box, validity, metric and resolution; its start and goals are not used.
         manifold: The constraints.
-        path: A path as `constrained_connect` returns it.
+        path: A path as `cbirrt` returns it.
         seed: Seed of the choices; the same seed gives the same path unless time runs out.
         iterations: Number of attempts.
         timeout: Time budget [s].
@@ -55,8 +51,7 @@ def constrained_shortcut(
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an
             option is not allowed.
     """
-    from .explorer import Explorer  # loads machine code, which is not this run's time
-
+    load_code(extend, project_rows, edges_hold)
     _require_same(problem, manifold, path)
     seed, iterations = whole_number("seed", seed), whole_number("iterations", iterations)
     deadline, rng, points = Deadline(timeout), np.random.default_rng(seed), path.points
@@ -78,16 +73,18 @@ def constrained_shortcut(
     return Path.trusted(np.array(points), problem.metric)
 
 
-def constrained_smooth(problem: Problem, manifold: Manifold, path: Path, *, timeout: float = 1.0) -> Path:
+def constrained_smooth(
+    problem: Problem, manifold: ConstraintManifold, path: Path, *, timeout: float = 1.0
+) -> Path:
     """Round the corners of a path on a manifold.
 
     The path is set with way-points at equal distances, averaged over a window (Hann's) that is as wide as
     validity allows, and moved back onto the manifold.  The ends stay.
 
     Args:
-        problem: Supplies box, oracle, metric and resolution; its start and goals are not used.
+        problem: Supplies box, validity, metric and resolution; its start and goals are not used.
         manifold: The constraints.
-        path: A path as `constrained_connect` or `constrained_shortcut` returns it.
+        path: A path as `cbirrt` or `constrained_shortcut` returns it.
         timeout: Time budget [s].
 
     Returns:
@@ -98,8 +95,7 @@ def constrained_smooth(problem: Problem, manifold: Manifold, path: Path, *, time
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an
             option is not allowed.
     """
-    from .explorer import Explorer  # loads machine code, which is not this run's time
-
+    load_code(extend, project_rows, edges_hold)
     _require_same(problem, manifold, path)
     deadline, best = Deadline(timeout), path.points
     with Explorer(problem, manifold, deadline) as explorer:
@@ -116,7 +112,9 @@ def constrained_smooth(problem: Problem, manifold: Manifold, path: Path, *, time
     return Path.trusted(np.array(best), problem.metric)
 
 
-def project(problem: Problem, manifold: Manifold, states: ArrayLike) -> tuple[FloatArray, BoolArray]:
+def project(
+    problem: Problem, manifold: ConstraintManifold, states: ArrayLike
+) -> tuple[FloatArray, BoolArray]:
     """Move states onto a manifold, by damped Gauss-Newton steps that are the smallest in the metric.
 
     Args:
@@ -131,8 +129,6 @@ def project(problem: Problem, manifold: Manifold, states: ArrayLike) -> tuple[Fl
     Raises:
         InvalidValueError: The states have the wrong shape, are not finite or not inside the box.
     """
-    from .explorer import Explorer
-
     require_fit(problem, manifold)
     rows = finite_points("states", states, problem.n, problem.labels)
     for k in np.flatnonzero(((rows < problem.lower) | (rows > problem.upper)).any(axis=1))[:1]:
@@ -141,7 +137,7 @@ def project(problem: Problem, manifold: Manifold, states: ArrayLike) -> tuple[Fl
         return explorer.project(rows)
 
 
-def _require_same(problem: Problem, manifold: Manifold, path: Path) -> None:
+def _require_same(problem: Problem, manifold: ConstraintManifold, path: Path) -> None:
     require_fit(problem, manifold)
     if path.n != problem.n:
         raise InvalidValueError("path", f"{path.n} coordinates", f"{problem.n} coordinates, as the problem")
@@ -149,7 +145,7 @@ def _require_same(problem: Problem, manifold: Manifold, path: Path) -> None:
 
 def _equally_spaced(explorer: Explorer, path: Path) -> FloatArray:
     """Return points of a polyline at equal distances, well below the resolution."""
-    count = max(4, math.ceil(2.0 * path.length / explorer.oracle.resolution))
+    count = max(4, math.ceil(2.0 * path.length / explorer.validator.resolution))
     return path(np.linspace(0.0, path.length, count + 1))
 
 

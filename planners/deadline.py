@@ -6,8 +6,9 @@ import math
 from time import perf_counter
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.compiled import CompiledFunction
 
-_PIECE = 0.25  # [s]
+_SLICE = 0.25  # [s]
 
 
 class Deadline:
@@ -42,11 +43,17 @@ class Deadline:
         return self.timeout - self.elapsed
 
     @property
-    def piece(self) -> float:
+    def time_slice(self) -> float:
         """Seconds that machine code may run before Python listens to an interrupt from the keyboard again."""
-        return min(self.left, _PIECE)
+        return min(self.left, _SLICE)
 
     @property
     def expired(self) -> bool:
         """Whether the budget is used up."""
         return self.elapsed >= self.timeout
+
+
+def load_code(*functions: CompiledFunction) -> None:
+    """Get the machine code of functions ready, which is not to be counted as time of a run."""
+    for function in functions:
+        function.native  # noqa: B018

@@ -12,7 +12,7 @@ import numpy as np
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 
 from .deadline import Deadline
-from .oracle import Oracle
+from .motion_validator import MotionValidator
 from .path import Path
 from .problem import Problem
 from .result import Result, Status
@@ -50,7 +50,7 @@ def ompl_plan(
     """Search a path with a planner of OMPL.
 
     Coordinates are scaled by the metric's weights, so that OMPL's distances are the problem's.  OMPL asks for
-    one state at a time; a Python oracle is called as often.  The path is as OMPL leaves it: pass it to
+    one state at a time; a Python checker is called as often.  The path is as OMPL leaves it: pass it to
     `shortcut`.
 
     I. A. Sucan, M. Moll and L. E. Kavraki, The Open Motion Planning Library, IEEE Robotics & Automation
@@ -80,12 +80,14 @@ def ompl_plan(
     if len(problem.goals) == 0:
         raise InvalidValueError("goals", "a sampler", "goal states: OMPL's planners take these only")
     deadline = Deadline(timeout)
-    oracle = problem.counting_oracle(deadline)
-    status, points, goal = _Search(library, problem, oracle).run(make, whole_number("seed", seed), deadline)
+    validator = problem.validator(deadline)
+    status, points, goal = _Search(library, problem, validator).run(
+        make, whole_number("seed", seed), deadline
+    )
     path = None if points is None else Path(points, problem.weights)
     return Result(
         status=status, path=path, goal_index=goal, cost=math.inf if path is None else path.length,
-        iterations=0, states_checked=oracle.states, oracle_calls=oracle.calls, time=deadline.elapsed,
+        iterations=0, states_checked=validator.states, validity_calls=validator.calls, time=deadline.elapsed,
         seed=seed,
     )  # fmt: skip
 
@@ -93,8 +95,8 @@ def ompl_plan(
 class _Search:
     """A problem as OMPL sees it: the coordinates that can change, scaled by the metric's weights."""
 
-    def __init__(self, library: _Library, problem: Problem, oracle: Oracle) -> None:
-        self._library, self._problem, self._oracle = library, problem, oracle
+    def __init__(self, library: _Library, problem: Problem, validator: MotionValidator) -> None:
+        self._library, self._problem, self._validator = library, problem, validator
         self._free = np.flatnonzero(problem.upper > problem.lower)
         self._weights = problem.metric.weights[self._free]
         self._state = np.array(problem.start)
@@ -105,9 +107,9 @@ class _Search:
         """Search; returns the status, and the way-points and the goal's number if there is a path."""
         base, geometric, util = self._library
         problem = self._problem
-        if not self._oracle.states_valid(problem.start[None])[0]:
+        if not self._validator.states_valid(problem.start[None])[0]:
             return Status.START_INVALID, None, None
-        valid = [k for k, goal in enumerate(problem.goals) if self._oracle.states_valid(goal[None])[0]]
+        valid = [k for k, goal in enumerate(problem.goals) if self._validator.states_valid(goal[None])[0]]
         if not valid:
             return Status.GOAL_INVALID, None, None
         util.setLogLevel(util.LOG_NONE)
@@ -156,7 +158,7 @@ class _Search:
         return found
 
     def _is_valid(self, state: Any) -> bool:
-        return bool(self._oracle.states_valid(self._from_ompl(state)[None])[0])
+        return bool(self._validator.states_valid(self._from_ompl(state)[None])[0])
 
 
 def _library() -> _Library:

@@ -1,22 +1,20 @@
-"""What is to be planned: a box of states, a start, goals and an oracle of validity."""
+"""What is to be planned: a box of states, a start, goals and their validity."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 
-from .compiled_validity import CompiledValidity
 from .deadline import Deadline
-from .goal_source import GoalSampler
 from .metric import Metric
-from .oracle import Oracle, StateValidity
+from .motion_validator import CompiledMotionValidator, MotionValidator, StateValidityChecker
 from .vectors import (
     FloatArray,
     coordinate_name,
@@ -29,6 +27,23 @@ from .vectors import (
 
 FINEST_RESOLUTION = 1e-6
 """Of the diagonal: a finer resolution would put more than a million states on one edge."""
+
+BETWEEN_DRAWS = 32
+"""Iterations between the first two draws of a goal; the pause doubles with each draw."""
+
+_STREAM = 0x60A1
+
+
+class GoalSampler(Protocol):
+    """What a user supplies instead of goals: a callable that draws a goal, or says that it has none now.
+
+    It is called between pieces of the search: until the first valid goal is there, and now and then
+    afterwards.  A state that it returns lies inside the box; whether it is valid is asked then.
+    """
+
+    def __call__(self, rng: np.random.Generator, /) -> ArrayLike | None:
+        """Return a goal state, shape (n,), or None."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +61,8 @@ class Problem:
         goals: Goal states, shape (k, n), inside the box; any of them will do.  One goal may be given as (n,).
             A callable that draws goals may be given instead (see `GoalSampler`); the attribute then has the
             shape (0, n).
-        oracle: Which states are valid: a callable (see `StateValidity`), or machine code
-            (`CompiledValidity`), with which planners run as machine code themselves.
+        validity: Which states are valid: a callable (see `StateValidityChecker`), or machine code
+            (`CompiledMotionValidator`), which planners need not leave machine code to ask.
         weights: Weights of the metric, shape (n,), see `Metric`; ones if omitted.
         resolution: Greatest distance between checked states of an edge [length unit of the metric]; a
             hundredth of the box's diagonal if omitted.
@@ -60,7 +75,7 @@ class Problem:
     upper: FloatArray
     start: FloatArray
     goals: Any  # given as states or as a sampler; an array once the problem is made
-    oracle: StateValidity
+    validity: StateValidityChecker
     weights: FloatArray | None = None
     resolution: float | None = None
     labels: tuple[str, ...] | None = None
@@ -88,7 +103,7 @@ class Problem:
                     require_inside(f"goals[{k}]", goal, lower, upper, labels)
         else:
             goals = read_only(np.empty((0, n)))
-        _require_oracle(self.oracle, n)
+        _require_validity(self.validity, n)
         metric = Metric.of(self.weights, n)
         diagonal = float(metric.distance(lower, upper))
         resolution = _checked_resolution(self.resolution, diagonal)
@@ -113,18 +128,14 @@ class Problem:
         """Length of the box's diagonal [length unit of the metric]."""
         return float(self.metric.distance(self.lower, self.upper))
 
-    def towards(self, goal: int) -> Problem:
-        """Return the same problem with one of its goals only."""
-        return self._with(goals=read_only(self.goals[goal : goal + 1].copy()))
-
-    def judged_by(self, oracle: StateValidity) -> Problem:
-        """Return the same problem with another oracle of validity.
+    def with_validity(self, validity: StateValidityChecker) -> Problem:
+        """Return the same problem with another validity of states.
 
         Raises:
-            InvalidValueError: The oracle is machine code for another number of coordinates, or no callable.
+            InvalidValueError: It is machine code for another number of coordinates, or no callable.
         """
-        _require_oracle(oracle, self.n)
-        return self._with(oracle=oracle)
+        _require_validity(validity, self.n)
+        return self._with(validity=validity)
 
     def resolved(self, resolution: float) -> Problem:
         """Return the same problem at another resolution.
@@ -140,8 +151,8 @@ class Problem:
         made.__dict__.update(self.__dict__, **fields)
         return made
 
-    def counting_oracle(self, deadline: Deadline | None = None, resolution: float | None = None) -> Oracle:
-        """Return a fresh oracle adapter whose counters start at zero.
+    def validator(self, deadline: Deadline | None = None, resolution: float | None = None) -> MotionValidator:
+        """Return a fresh validator of motions, whose counters start at zero.
 
         Args:
             deadline: Time budget of the run; none if omitted.
@@ -151,7 +162,51 @@ class Problem:
             InvalidValueError: The resolution is not allowed.
         """
         wanted = self.resolution if resolution is None else resolution
-        return Oracle(self.oracle, self.metric, _checked_resolution(wanted, self.diagonal), deadline)
+        return MotionValidator(
+            self.validity, self.metric, _checked_resolution(wanted, self.diagonal), deadline
+        )
+
+
+class GoalSource:
+    """The goals of one run of a planner: those of the problem, then those that its sampler draws.
+
+    Attributes:
+        problem: The problem.
+        count: Number of goals so far.
+    """
+
+    def __init__(self, problem: Problem, seed: int) -> None:
+        """Begin a run.
+
+        Args:
+            problem: The problem.
+            seed: Seed of the generator that the sampler is given.
+        """
+        self.problem = problem
+        self.count = len(problem.goals)
+        self._rng = np.random.default_rng((_STREAM, seed)) if self.endless else None
+
+    @property
+    def endless(self) -> bool:
+        """Whether more goals can be drawn."""
+        return self.problem.goal_sampler is not None
+
+    def draw(self) -> FloatArray | None:
+        """Return another goal, shape (1, n); None if the sampler has none now.
+
+        Raises:
+            InvalidValueError: The sampler returned something else than a finite state inside the box.
+        """
+        problem = self.problem
+        if problem.goal_sampler is None or self._rng is None:
+            return None
+        drawn = problem.goal_sampler(self._rng)
+        if drawn is None:
+            return None
+        goal = finite_vector("goal drawn", drawn, problem.n, problem.labels)
+        require_inside("goal drawn", goal, problem.lower, problem.upper, problem.labels)
+        self.count += 1
+        return goal[None, :]
 
 
 def _one_or_many(goals: ArrayLike) -> ArrayLike:
@@ -195,12 +250,13 @@ def _checked_bounds(
     return low, high
 
 
-def _require_oracle(oracle: object, n: int) -> None:
-    if isinstance(oracle, CompiledValidity):
-        if oracle.n != n:
-            raise InvalidValueError("oracle", f"machine code for {oracle.n} coordinates", f"{n} coordinates")
-    elif not callable(oracle):
-        raise InvalidValueError("oracle", oracle, "a callable over states of shape (m, n)")
+def _require_validity(validity: object, n: int) -> None:
+    if isinstance(validity, CompiledMotionValidator):
+        if validity.n != n:
+            got = f"machine code for {validity.n} coordinates"
+            raise InvalidValueError("validity", got, f"{n} coordinates")
+    elif not callable(validity):
+        raise InvalidValueError("validity", validity, "a callable over states of shape (m, n)")
 
 
 def _checked_resolution(resolution: float | None, diagonal: float) -> float:

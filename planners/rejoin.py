@@ -2,11 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from .compiled_validity import CompiledValidity
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
+
+from .deadline import Deadline, load_code
+from .motion_validator import machine_code_of
 from .path import Path
 from .problem import Problem
+from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
+
+
+class Route(NamedTuple):
+    """A path.
+
+    Attributes:
+        points: Way-points, shape (k, n).
+        lengths: Arc length at each, shape (k,).
+    """
+
+    points: Floats2
+    lengths: Floats1
 
 
 def rejoin(problem: Problem, path: Path, goal: int, *, gain: float = 0.01) -> tuple[Path, int]:
@@ -16,7 +36,7 @@ def rejoin(problem: Problem, path: Path, goal: int, *, gain: float = 0.01) -> tu
     goal would compare more, and takes as long as the first search each time.
 
     Args:
-        problem: What was planned; several goals, and an oracle that is machine code, or nothing is tried.
+        problem: What was planned; several goals, or nothing is tried.
         path: A valid path to one of the goals.
         goal: Number of that goal.
         gain: Part of the length that has to be saved.
@@ -25,18 +45,53 @@ def rejoin(problem: Problem, path: Path, goal: int, *, gain: float = 0.01) -> tu
         The path, its new edge valid at the problem's resolution, and the number of its goal; those given
         where no other is shorter.
     """
-    oracle, others = problem.oracle, [k for k in range(len(problem.goals)) if k != goal]
-    if not others or not isinstance(oracle, CompiledValidity):
+    others = [k for k in range(len(problem.goals)) if k != goal]
+    if not others:
         return path, goal
-    from .compiled_world import world_of
-    from .native_rejoin import shortest_end
-
-    world, order = world_of(problem, oracle, problem.spacing), np.array(others, dtype=np.int64)
-    points, lengths = np.array(path.points), np.array(path.arc_lengths)
-    rows, counters = np.empty((2, problem.n)), np.zeros(2, dtype=np.int64)
-    goals, least = np.array(problem.goals), gain * path.length
-    last = shortest_end(world, points, lengths, goals, order, least, rows, counters)
+    load_code(shortest_end)
+    counters, order = np.zeros(STOP + 1, dtype=np.int64), np.array(others, dtype=np.int64)
+    with machine_code_of(problem, Deadline(), counters=counters) as code:
+        space, route = space_of(problem, code, problem.spacing), Route(path.points, path.arc_lengths)
+        least = gain * path.length
+        last = shortest_end(space, route, problem.goals, order, least, np.empty((2, problem.n)), counters)
     if last < 0:
         return path, goal
     met = int(order[0])
-    return Path.trusted(np.vstack([points[: last + 1], goals[met]]), problem.metric), met
+    return Path.trusted(np.vstack([path.points[: last + 1], problem.goals[met]]), problem.metric), met
+
+
+@compiled("int64(SearchSpace, Route, float64[:, ::1], int64[::1], float64, float64[:, ::1], int64[::1])")
+def shortest_end(
+    space: SearchSpace,
+    route: Route,
+    goals: Floats2,
+    order: Ints1,
+    gain: float,
+    rows: Floats2,
+    counters: Ints1,
+) -> int:
+    """Return the way-point from which a straight edge to some goal makes the shortest path; -1 for none.
+
+    Args:
+        space: Box, metric and validity.
+        route: The path.
+        goals: Other goals, shape (m, n).
+        order: The goals that are tried, first to last; order[0] becomes the one that is met.
+        gain: What has to be saved [length unit of the metric].
+        rows: Room, shape (2, n).
+        counters: See `search_space.last_valid_step`.
+    """
+    points, lengths = route.points, route.lengths
+    best, found, met = lengths[-1] - gain, -1, -1
+    for k in range(points.shape[0] - 1):
+        for place in range(order.size):
+            goal = goals[order[place]]
+            way = distance(points[k], goal, space.weights)
+            if not (lengths[k] + way < best and way < math.inf):
+                continue
+            steps = step_count(way, space.resolution)
+            if counters[STOP] == 0 and edge_valid(space, points[k], goal, steps, rows, counters, True):
+                best, found, met = lengths[k] + way, k, order[place]
+    if found >= 0:
+        order[0] = met
+    return found

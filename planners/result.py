@@ -30,10 +30,11 @@ class Status(Enum):
 
 _ADVICE = {
     Status.SOLVED: (
-        "A path was found; shorten it with shortcut() or improve(), and round its corners with smooth()."
+        "A path was found; shorten it with shortcut() or informed_rrt_star(), "
+        "and round its corners with smooth()."
     ),
-    Status.START_INVALID: "The oracle refuses the start state; begin at a valid state or reduce the margin.",
-    Status.GOAL_INVALID: "The oracle refuses every goal state; give other goals or reduce the margin.",
+    Status.START_INVALID: "The start state is not valid; begin at a valid state or reduce the margin.",
+    Status.GOAL_INVALID: "No goal state is valid; give other goals or reduce the margin.",
     Status.START_OFF_MANIFOLD: (
         "The start does not meet the constraints; begin at a state that does, or raise the tolerance."
     ),
@@ -41,7 +42,7 @@ _ADVICE = {
         "No goal meets the constraints; project one onto the manifold, or raise the tolerance."
     ),
     Status.NO_GOAL: (
-        "The sampler of goals drew none that the oracle accepts; raise the timeout, reduce the margin, "
+        "The sampler of goals drew none that is valid; raise the timeout, reduce the margin, "
         "or check that the sampler can succeed."
     ),
     Status.NO_PATH_IN_TIME: (
@@ -79,9 +80,9 @@ class Result:
         goal_index: Which of the goals was reached, of those drawn if they are drawn; None unless solved.
         cost: Length of the path [length unit of the metric]; infinite unless solved.
         iterations: Number of samples drawn.
-        states_checked: Number of states that the oracle was asked about; of machine code, those up to the
-            first invalid one of each call.
-        oracle_calls: Number of batches, or of pieces of edges, in which it was asked.
+        states_checked: Number of states whose validity was asked for; of machine code, those up to the first
+            invalid one of each call.
+        validity_calls: Number of batches, or of pieces of edges, in which it was asked for.
         time: Wall time [s].
         seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
         history: Falling costs, of planners that improve a path; the first entry is the path they began with.
@@ -95,7 +96,7 @@ class Result:
     cost: float
     iterations: int
     states_checked: int
-    oracle_calls: int
+    validity_calls: int
     time: float
     seed: int
     history: tuple[Improvement, ...] = ()

@@ -3,41 +3,109 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.core.clock import seconds_now
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
-from .deadline import Deadline
+from .deadline import Deadline, load_code
+from .motion_validator import machine_code_of
 from .path import Path
 from .problem import Problem
 from .result import Result, Status
-from .vectors import FloatArray, finite_points, finite_vector, require_inside, whole_number
+from .sampling import random_state, stream_key
+from .search_space import (
+    CALLS,
+    STATES,
+    STOP,
+    SearchSpace,
+    distance,
+    distance_to_nearest,
+    is_free,
+    last_valid_step,
+    space_of,
+)
+from .tree import LANES, grown, k_nearest, neighbor_count, set_lane, whole_blocks
+from .vectors import BoolArray, FloatArray, finite_points, finite_vector, require_inside, whole_number
 
-_FIRST_NODES = 128
-_GROWTH = 1.5
+_FEWEST_NODES, _GROWTH = 128, 1.5  # that are added where there is no path
+_FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is room at first
+_MOST_NEIGHBORS = 64
+_SAME = 1e-18  # of a square of the box's diagonal
+_STREAM = 3
+
+# How a call ends.
+DONE, TIME_UP, FULL, NO_PATH = range(4)
+
+# Places in `counters`, after those of the validity function.
+DRAWN, NODES, EDGES, QUERY, REACHED = range(STOP + 1, STOP + 6)
+_COUNTERS = REACHED + 1
+
+# Rows of `nodes`: first arc, arc from the parent, last query that closed it, last query that has it as goal.
+HEAD, FROM, CLOSED, IS_GOAL = range(4)
+_NODE_ROWS = 4
+
+# Rows of `arcs`; arc 2 e + 1 is arc 2 e, of edge e, backwards.
+TARGET, NEXT = 0, 1
+
+UNKNOWN, VALID, INVALID = range(3)
+
+
+class Graph(NamedTuple):
+    """A graph in arrays with room for m nodes and k edges.
+
+    Attributes:
+        states: Shape (m, n).
+        lanes: Scaled states, shape (m / 8, n, 8).
+        nodes: See the rows above, shape (4, m).
+        costs: Length from the start, shape (m,).
+        arcs: See the rows above, shape (2, 2 k).
+        lengths: Of edges, shape (k,).
+        findings: What is known of edges, shape (k,).
+        keys: Of the heap: the least length of a path through an arc, shape (2 k + 2,).
+        heap: Arcs, shape (2 k + 2,).
+        rows: Room, shape (4, n).
+        counters: See the places above.
+    """
+
+    states: Floats2
+    lanes: Floats3
+    nodes: Ints2
+    costs: Floats1
+    arcs: Ints2
+    lengths: Floats1
+    findings: Ints1
+    keys: Floats1
+    heap: Ints1
+    rows: Floats2
+    counters: Ints1
 
 
 class Roadmap:
     """A graph of valid states whose edges are checked when a query first needs them.
 
-    Nodes are even samples of the box; each is joined to its nearest neighbours.  A query makes its ends nodes
+    Nodes are even samples of the box; each is joined to its nearest neighbors.  A query makes its ends nodes
     and searches the shortest path by A*, whose edges are checked when they come up; what was found out about
     an edge is kept.  While there is no path, nodes are added.  So the first query in a world costs about as
     much as a search by `rrt_connect`, and later ones less and less; and paths come near the shortest ones as
     the roadmap grows.
 
-    A roadmap belongs to one world: once the oracle answers otherwise, make a new one.  It is not to be used
+    A roadmap belongs to one world: once validity changes, make a new one.  It is not to be used
     by several threads at once.  The same queries in the same order give the same answers, unless time runs
     out.
 
     Source: L. E. Kavraki et al., Probabilistic roadmaps for path planning in high-dimensional configuration
     spaces, IEEE Trans. Robotics and Automation 12(4), 1996; R. Bohlin and L. E. Kavraki, Path planning using
-    lazy PRM, ICRA 2000; number of neighbours: S. Karaman and E. Frazzoli, 2011.
+    lazy PRM, ICRA 2000; number of neighbors: S. Karaman and E. Frazzoli, 2011.
 
     Attributes:
-        problem: The world: box, metric and oracle; its start and goals are those of a query that names none.
+        problem: The world: box, metric and validity; its start and goals are those of a query that names
+            none.
         seed: Seed of the samples.
     """
 
@@ -53,32 +121,26 @@ class Roadmap:
         Raises:
             InvalidValueError: The seed or the resolution is not allowed.
         """
-        from .compiled_roadmap import Chart  # loads machine code
-
+        load_code(scatter, connect)
         self.problem, self.seed = problem, whole_number("seed", seed)
-        spacing = problem.counting_oracle(resolution=resolution).resolution
-        self._chart = Chart(problem, self.seed, spacing)
+        self._resolution = problem.validator(resolution=resolution).resolution
+        self._key = stream_key(self.seed, _STREAM)
+        self._graph = _new_graph(problem.n)
 
     @property
     def nodes(self) -> int:
         """Number of nodes."""
-        from .native_roadmap import NODES
-
-        return int(self._chart.counters[NODES])
+        return int(self._graph.counters[NODES])
 
     @property
     def edges(self) -> int:
         """Number of edges that are not known to be invalid."""
-        from .native_roadmap import UNKNOWN, VALID
-
-        return self._chart.edges(UNKNOWN) + self._chart.edges(VALID)
+        return self._edges(UNKNOWN) + self._edges(VALID)
 
     @property
     def edges_checked(self) -> int:
         """Number of edges of which it is known whether they are valid."""
-        from .native_roadmap import INVALID, VALID
-
-        return self._chart.edges(INVALID) + self._chart.edges(VALID)
+        return self._edges(INVALID) + self._edges(VALID)
 
     def grow(self, nodes: int, *, timeout: float = 1.0) -> int:
         """Add nodes, for shorter paths or for quicker queries later.
@@ -94,7 +156,7 @@ class Roadmap:
             InvalidValueError: An argument is not allowed.
         """
         deadline, before = Deadline(timeout), self.nodes
-        self._chart.scatter(before + whole_number("nodes", nodes), deadline)
+        self._scatter(before + whole_number("nodes", nodes), deadline)
         return self.nodes - before
 
     def solve(
@@ -120,32 +182,29 @@ class Roadmap:
             InvalidValueError: A state has the wrong shape, is not finite or outside the box, or there is no
                 goal.
         """
-        from . import native_roadmap as native
-        from .native_world import CALLS, STATES
-
-        deadline, chart = Deadline(timeout), self._chart
+        deadline, counters = Deadline(timeout), self._graph.counters
         max_nodes = whole_number("max_nodes", max_nodes)
         begin, ends = self._start(start), self._goals(goals)
-        before = chart.counters.copy()
-        first = chart.valid(np.concatenate((begin[None, :], ends)))
+        before = counters.copy()
+        first = self._valid(np.concatenate((begin[None, :], ends)))
         usable = np.flatnonzero(first[1:])
         status, path, goal = self._ends_status(first), None, None
         if status is None:
             places = np.full(1 + usable.size, -1, dtype=np.int64)
             status = self._search(begin.copy(), ends[usable], places, deadline, max_nodes)
             if status is Status.SOLVED:
-                points, reached = chart.path()
+                points, reached = self._path()
                 path = Path.trusted(points, self.problem.metric)
                 goal = int(usable[int(np.argmax(places[1:] == reached))])
-        spent = chart.counters - before
+        spent = counters - before
         return Result(
             status=status,
             path=path,
             goal_index=goal,
             cost=math.inf if path is None else path.length,
-            iterations=int(spent[native.NODES]),
+            iterations=int(spent[NODES]),
             states_checked=int(spent[STATES]),
-            oracle_calls=int(spent[CALLS]),
+            validity_calls=int(spent[CALLS]),
             time=deadline.elapsed,
             seed=self.seed,
         )
@@ -153,18 +212,16 @@ class Roadmap:
     def _search(
         self, start: FloatArray, goals: FloatArray, ends: np.ndarray, deadline: Deadline, max_nodes: int
     ) -> Status:
-        from . import native_roadmap as native
-
         while True:
-            ended = self._chart.connect(start, goals, ends, deadline)
-            if ended == native.DONE:
+            ended = self._connect(start, goals, ends, deadline)
+            if ended == DONE:
                 return Status.SOLVED
-            if ended == native.TIME_UP:
+            if ended == TIME_UP:
                 return Status.NO_PATH_IN_TIME
             if self.nodes >= max_nodes:
                 return Status.OUT_OF_ITERATIONS
-            wanted = min(max(int(self.nodes * _GROWTH), self.nodes + _FIRST_NODES), max_nodes)
-            if self._chart.scatter(wanted, deadline) == native.TIME_UP:
+            wanted = min(max(int(self.nodes * _GROWTH), self.nodes + _FEWEST_NODES), max_nodes)
+            if self._scatter(wanted, deadline) == TIME_UP:
                 return Status.NO_PATH_IN_TIME
 
     @staticmethod
@@ -193,3 +250,290 @@ class Roadmap:
         for k, state in enumerate(states):
             require_inside(f"goals[{k}]", state, problem.lower, problem.upper, problem.labels)
         return states
+
+    def _scatter(self, wanted: int, deadline: Deadline) -> int:
+        """Add valid samples until there are as many nodes as wanted; return how it ended."""
+        counters = self._graph.counters
+        with machine_code_of(self.problem, Deadline(), None, counters) as code:
+            space = space_of(self.problem, code, self._resolution)
+            while True:
+                ended = scatter(space, self._graph, deadline.time_slice, self._key, wanted)
+                if ended == TIME_UP and not (deadline.expired or counters[STOP]):
+                    continue
+                if ended != FULL:
+                    return ended
+                self._graph = _with_room(
+                    self._graph, 2 * len(self._graph.states), 2 * len(self._graph.lengths)
+                )
+
+    def _connect(self, start: FloatArray, goals: FloatArray, ends: np.ndarray, deadline: Deadline) -> int:
+        """Find the shortest path between valid ends; return how it ended."""
+        counters = self._graph.counters
+        try:
+            with machine_code_of(self.problem, Deadline(), self._resolution, counters) as code:
+                space = space_of(self.problem, code, self._resolution)
+                while True:
+                    ended = connect(space, self._graph, deadline.left, start, goals, ends)
+                    if ended != FULL:
+                        return ended
+                    new = len(ends)
+                    self._graph = _with_room(
+                        self._graph,
+                        2 * len(self._graph.states) + new,
+                        2 * len(self._graph.lengths) + new * (_MOST_NEIGHBORS + 1),
+                    )
+        except BaseException:  # what a checker refused while it failed is not known to be invalid
+            self._graph.findings[self._graph.findings == INVALID] = UNKNOWN
+            raise
+
+    def _valid(self, states: FloatArray) -> BoolArray:
+        """Return which states, shape (m, n), are valid."""
+        answers = self.problem.validator().states_valid(states)
+        self._graph.counters[STATES] += len(states)
+        self._graph.counters[CALLS] += 1
+        return answers
+
+    def _path(self) -> tuple[FloatArray, int]:
+        """Return the way-points of the path that was found, and the node of its goal."""
+        reached = int(self._graph.counters[REACHED])
+        nodes = [reached]
+        while (arc := int(self._graph.nodes[FROM, nodes[-1]])) >= 0:
+            nodes.append(int(self._graph.arcs[TARGET, arc ^ 1]))
+        return self._graph.states[nodes[::-1]], reached
+
+    def _edges(self, finding: int) -> int:
+        """Return the number of edges of which this is known."""
+        return int(np.count_nonzero(self._graph.findings[: self._graph.counters[EDGES]] == finding))
+
+
+def _new_graph(n: int) -> Graph:
+    """Return an empty roadmap."""
+    graph = Graph(
+        states=np.empty((0, n)),
+        lanes=np.empty((0, n, LANES)),
+        nodes=np.empty((_NODE_ROWS, 0), dtype=np.int64),
+        costs=np.empty(0),
+        arcs=np.empty((2, 0), dtype=np.int64),
+        lengths=np.empty(0),
+        findings=np.empty(0, dtype=np.int64),
+        keys=np.empty(0),
+        heap=np.empty(0, dtype=np.int64),
+        rows=np.empty((4, n)),
+        counters=np.zeros(_COUNTERS, dtype=np.int64),
+    )
+    return _with_room(graph, _FIRST_NODES, _FIRST_NODES * _EDGES_PER_NODE)
+
+
+def _with_room(graph: Graph, nodes: int, edges: int) -> Graph:
+    """Return a roadmap with room for some nodes and edges."""
+    nodes = whole_blocks(nodes)
+    return graph._replace(
+        states=grown(graph.states, nodes),
+        lanes=grown(graph.lanes, nodes // LANES),
+        nodes=grown(graph.nodes, nodes, axis=1),
+        costs=grown(graph.costs, nodes),
+        arcs=grown(graph.arcs, 2 * edges, axis=1),
+        lengths=grown(graph.lengths, edges),
+        findings=grown(graph.findings, edges),
+        keys=np.empty(2 * edges + 2),
+        heap=np.empty(2 * edges + 2, dtype=np.int64),
+    )
+
+
+@compiled
+def _join(graph: Graph, first: int, second: int, length: float) -> None:
+    """Add an edge."""
+    edge = graph.counters[EDGES]
+    graph.counters[EDGES] += 1
+    graph.lengths[edge], graph.findings[edge] = length, UNKNOWN
+    for way in range(2):
+        source, target, arc = (first, second, 2 * edge) if way == 0 else (second, first, 2 * edge + 1)
+        graph.arcs[TARGET, arc] = target
+        graph.arcs[NEXT, arc] = graph.nodes[HEAD, source]
+        graph.nodes[HEAD, source] = arc
+
+
+@compiled
+def _are_joined(graph: Graph, first: int, second: int) -> bool:
+    arc = graph.nodes[HEAD, first]
+    while arc >= 0 and graph.arcs[TARGET, arc] != second:
+        arc = graph.arcs[NEXT, arc]
+    return arc >= 0 or first == second
+
+
+@compiled
+def _add(graph: Graph, state: FloatArray, weights: FloatArray, tolerance: float) -> int:
+    """Add a node joined to its nearest neighbors, or find the one that is there already; return it."""
+    n, size = state.size, graph.counters[NODES]
+    near, squares, room = np.empty(_MOST_NEIGHBORS, np.int64), np.empty(_MOST_NEIGHBORS), np.empty(8)
+    count = 0
+    if size > 0:
+        for i in range(n):
+            graph.rows[2, i] = state[i] * weights[i]
+        wanted = neighbor_count(n, size, _MOST_NEIGHBORS)
+        count = k_nearest(graph.lanes, size, graph.rows[2], wanted, near, squares, room)
+        if squares[0] <= tolerance:
+            return near[0]
+    graph.counters[NODES] += 1
+    for i in range(n):
+        graph.states[size, i] = state[i]
+    set_lane(graph.lanes, size, state, weights)
+    graph.nodes[HEAD, size] = graph.nodes[FROM, size] = -1
+    graph.nodes[CLOSED, size] = graph.nodes[IS_GOAL, size] = -1
+    for k in range(count):
+        _join(graph, near[k], size, math.sqrt(squares[k]))
+    return size
+
+
+@compiled
+def _push(graph: Graph, size: int, key: float, arc: int) -> int:
+    place = size
+    while place > 0 and graph.keys[(place - 1) // 2] > key:
+        above = (place - 1) // 2
+        graph.keys[place], graph.heap[place] = graph.keys[above], graph.heap[above]
+        place = above
+    graph.keys[place], graph.heap[place] = key, arc
+    return size + 1
+
+
+@compiled
+def _pop(graph: Graph, size: int) -> int:
+    """Take the first entry off a heap; return its new size.  The entry is to be read before."""
+    size -= 1
+    key, arc = graph.keys[size], graph.heap[size]
+    place = 0
+    while 2 * place + 1 < size:
+        below = 2 * place + 1
+        if below + 1 < size and graph.keys[below + 1] < graph.keys[below]:
+            below += 1
+        if graph.keys[below] >= key:
+            break
+        graph.keys[place], graph.heap[place] = graph.keys[below], graph.heap[below]
+        place = below
+    graph.keys[place], graph.heap[place] = key, arc
+    return size
+
+
+@compiled
+def _close(
+    graph: Graph, node: int, arc: int, cost: float, goals: FloatArray, weights: FloatArray, size: int
+) -> int:
+    """Settle the cost of a node and put the arcs that leave it on the heap; return the heap's size."""
+    query = graph.counters[QUERY]
+    graph.nodes[CLOSED, node], graph.nodes[FROM, node], graph.costs[node] = query, arc, cost
+    leaving = graph.nodes[HEAD, node]
+    while leaving >= 0:
+        target = graph.arcs[TARGET, leaving]
+        if graph.findings[leaving // 2] != INVALID and graph.nodes[CLOSED, target] != query:
+            ahead = distance_to_nearest(graph.states[target], goals, weights)
+            size = _push(graph, size, cost + graph.lengths[leaving // 2] + ahead, leaving)
+        leaving = graph.arcs[NEXT, leaving]
+    return size
+
+
+@compiled
+def _tolerance(space: SearchSpace) -> float:
+    """Return the square of a distance below which states are one."""
+    return _SAME * distance(space.lower, space.lower + space.extent, space.weights) ** 2
+
+
+@compiled("int64(SearchSpace, Graph, float64, uint64, int64)")
+def scatter(space: SearchSpace, graph: Graph, seconds: float, key: np.uint64, wanted: int) -> int:
+    """Add valid samples of the box until there are as many nodes as wanted.
+
+    Args:
+        space: Box, metric and validity.
+        graph: The roadmap.
+        seconds: Time budget [s].
+        key: Of the stream of random numbers.
+        wanted: Number of nodes.
+
+    Returns:
+        DONE, TIME_UP, or FULL if there may be no room for one more.
+    """
+    counters, sample, place = graph.counters, graph.rows[3], np.empty(2, np.int64)
+    end, tolerance = seconds_now(space.clock, place) + seconds, _tolerance(space)
+    while counters[NODES] < wanted:
+        if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
+            return TIME_UP
+        if counters[NODES] >= graph.states.shape[0] or counters[EDGES] + _MOST_NEIGHBORS > graph.lengths.size:
+            return FULL
+        counters[DRAWN] += random_state(space, key, counters[DRAWN], sample)
+        if last_valid_step(space, sample, sample, 1, counters) == 1:
+            _add(graph, sample, space.weights, tolerance)
+    return DONE
+
+
+@compiled
+def _add_ends(
+    space: SearchSpace, graph: Graph, start: FloatArray, goals: FloatArray, ends: np.ndarray
+) -> bool:
+    """Make start and goals nodes that are joined; False if there may be no room."""
+    counters, new, tolerance = graph.counters, 1 + goals.shape[0], _tolerance(space)
+    edges = counters[EDGES] + new * (_MOST_NEIGHBORS + 1)
+    if counters[NODES] + new > graph.states.shape[0] or edges > graph.lengths.size:
+        return False
+    ends[0] = _add(graph, start, space.weights, tolerance)
+    for g in range(goals.shape[0]):
+        ends[1 + g] = _add(graph, goals[g], space.weights, tolerance)
+        if not _are_joined(graph, ends[0], ends[1 + g]):
+            _join(graph, ends[0], ends[1 + g], distance(start, goals[g], space.weights))
+    return True
+
+
+@compiled
+def _can_be_taken(space: SearchSpace, graph: Graph, source: int, target: int, edge: int) -> bool:
+    """Return whether an edge is valid, finding it out if that is not known."""
+    if graph.findings[edge] == UNKNOWN:
+        a, b = graph.states[source], graph.states[target]
+        free = is_free(space, a, b, graph.lengths[edge], graph.rows, graph.counters)
+        graph.findings[edge] = VALID if free else INVALID
+    return graph.findings[edge] == VALID
+
+
+@compiled("int64(SearchSpace, Graph, float64, float64[::1], float64[:, ::1], int64[::1])")
+def connect(
+    space: SearchSpace,
+    graph: Graph,
+    seconds: float,
+    start: FloatArray,
+    goals: FloatArray,
+    ends: np.ndarray,
+) -> int:
+    """Find the shortest path from start to one of the goals on the roadmap, checking edges on the way.
+
+    Args:
+        space: Box, metric and validity.
+        graph: The roadmap.
+        seconds: Time budget [s].
+        start: A valid state, shape (n,).
+        goals: Valid states, shape (g, n).
+        ends: Nodes of start and goals, shape (1 + g,); if it begins with -1, they are made nodes first.
+
+    Returns:
+        DONE (the goal's node is counters[REACHED]), TIME_UP, FULL or NO_PATH.
+    """
+    place = np.empty(2, np.int64)
+    end = seconds_now(space.clock, place) + seconds
+    if ends[0] < 0 and not _add_ends(space, graph, start, goals, ends):
+        return FULL
+    counters, nodes, arcs = graph.counters, graph.nodes, graph.arcs
+    counters[QUERY] += 1
+    query = counters[QUERY]
+    for g in range(goals.shape[0]):
+        nodes[IS_GOAL, ends[1 + g]] = query
+    counters[REACHED] = ends[0]
+    size = _close(graph, ends[0], -1, 0.0, goals, space.weights, 0)
+    while nodes[IS_GOAL, counters[REACHED]] != query:
+        if size == 0:
+            return NO_PATH
+        if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
+            return TIME_UP
+        arc = graph.heap[0]
+        size = _pop(graph, size)
+        node, source, edge = arcs[TARGET, arc], arcs[TARGET, arc ^ 1], arc // 2
+        if nodes[CLOSED, node] != query and _can_be_taken(space, graph, source, node, edge):
+            cost = graph.costs[source] + graph.lengths[edge]
+            size = _close(graph, node, arc, cost, goals, space.weights, size)
+            counters[REACHED] = node
+    return DONE

@@ -3,29 +3,58 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from .compiled_validity import CompiledValidity
-from .deadline import Deadline
-from .found import Found
-from .goal_source import BETWEEN_DRAWS, GoalSource
-from .oracle import MAX_BATCH, Oracle
+from pepper_kin.core.clock import seconds_now
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
+
+from .deadline import Deadline, load_code
+from .motion_validator import CompiledMotionValidator, machine_code_of
 from .path import Path
-from .problem import Problem
+from .problem import BETWEEN_DRAWS, GoalSource, Problem
 from .result import Result, Status
-from .tree import Tree
+from .sampling import random_state, stream_key
+from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, space_of, step_count
+from .tree import LANES, grown, nearest, set_lane, whole_blocks
 from .vectors import FloatArray, positive_number, whole_number
 
-_SAMPLES_AT_ONCE = 256
 _STEP = 0.1  # of the diagonal: spacing of nodes on a long extension
+_FIRST_CAPACITY = 512
+_CLOCK_EVERY = 64  # goals
+
+# How a call ends.
+GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
+
+# Places in `counters`, after those of the validity function.
+ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT = range(STOP + 1, STOP + 8)
+_COUNTERS = DIRECT + 1
+
+# Rows of `rows`; the last one is two.
+SAMPLE, ORIGIN, TARGET, SCALED, SHIFTED = range(5)
+_ROWS = 6
 
 
-class _Extension(NamedTuple):
-    node: int  # -1: not a single step was possible
-    reached: bool
+class Trees(NamedTuple):
+    """The tree of the start (0) and that of the goals (1), in arrays with room for m nodes each.
+
+    Attributes:
+        states: Shape (2, m, n).
+        lanes: Scaled states, shape (2, m / 8, n, 8).
+        parents: Parents; of a root -1 less the number of its goal, shape (2, m).
+        rows: Room, shape (6, n).
+        room: Eight numbers.
+        counters: See the places above.
+    """
+
+    states: Floats3
+    lanes: Floats4
+    parents: Ints2
+    rows: Floats2
+    room: Floats1
+    counters: Ints1
 
 
 def rrt_connect(
@@ -41,17 +70,18 @@ def rrt_connect(
     One tree grows from the start, one from all valid goals at once.  In turn, a tree is extended from its
     node nearest to a uniform sample straight towards it, as far as the edge is valid, and the other tree is
     extended towards the new node; if it gets there, the path is found.  Both extensions are greedy
-    ("connect"), so that one call of the oracle checks many steps.  Before any of this, the straight edges
-    from the start to the goals are tried, nearest goal first.
+    ("connect"), so that one call of the validity function checks many steps.  Before any of this, the
+    straight edges from the start to the goals are tried, nearest goal first.
 
     Source: J. J. Kuffner and S. M. LaValle, RRT-Connect: an efficient approach to single-query path planning,
     ICRA 2000.
 
-    The path is valid at the problem's resolution (see `Oracle` for what that promises), is in no way short,
-    and its length is not bounded: pass it to `shortcut`.  The planner cannot prove that there is no path.
+    The path is valid at the problem's resolution (see `MotionValidator` for what that promises), is in no way
+    short, and its length is not bounded: pass it to `shortcut`.  The planner cannot prove that there is no
+    path.
 
-    If the problem's oracle is machine code (`CompiledValidity`), so is the whole search; loading it takes a
-    moment, once, which is not counted as time of the search.
+    It runs as machine code.  A validity checker that is a Python callable is called back from there, which
+    gives the same result, later.
 
     If goals are drawn by a sampler, it is called until one is valid, and then again after pauses of 32, 64,
     128, ... iterations.
@@ -59,158 +89,277 @@ def rrt_connect(
     Args:
         problem: What to plan.
         seed: Seed of the samples; the same seed gives the same result unless time runs out.
-        timeout: Time budget [s]; overrun by one batch of at most 256 states, one edge of a compiled search,
-            or one call of a sampler of goals.
+        timeout: Time budget [s]; overrun by one edge, by one batch of at most 256 states of a Python checker,
+            or by one call of a sampler of goals.
         max_iterations: Greatest number of samples.
-        step: Distance of neighbouring nodes on a long extension [length unit of the metric]; a tenth of the
+        step: Distance of neighboring nodes on a long extension [length unit of the metric]; a tenth of the
             box's diagonal if omitted.
 
     Returns:
         The result; without a path its status tells why.
 
     Raises:
-        InvalidValueError: An option is not allowed, or the oracle answers in a wrong shape.
+        InvalidValueError: An option is not allowed, or the checker answers in a wrong shape.
     """
-    code = problem.oracle if isinstance(problem.oracle, CompiledValidity) else None
-    if code is not None:
-        from .compiled_connect import search_compiled  # loads machine code, which is not the search's time
+    load_code(plant, grow)
     deadline = Deadline(timeout)
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     step = _STEP * problem.diagonal if step is None else positive_number("step", step)
-    if code is not None:
-        found = search_compiled(problem, code, deadline, seed, max_iterations, step)
-    else:
-        found = _search(problem, deadline, seed, max_iterations, step)
-    path = None if found.points is None else Path.trusted(found.points, problem.metric)
+    counters = np.zeros(_COUNTERS, dtype=np.int64)
+    with machine_code_of(problem, deadline, counters=counters) as code:
+        search = _Search(problem, code, counters, seed, step)
+        status = search.run(GoalSource(problem, seed), deadline, max_iterations)
+        points, goal = search.path() if status is Status.SOLVED else (None, None)
+    path = None if points is None else Path.trusted(points, problem.metric)
+    states, calls = counters[:STOP].tolist()
     return Result(
-        status=found.status,
+        status=status,
         path=path,
-        goal_index=found.goal_index,
+        goal_index=goal,
         cost=math.inf if path is None else path.length,
-        iterations=found.iterations,
-        states_checked=found.states,
-        oracle_calls=found.calls,
+        iterations=int(counters[ITERATIONS]),
+        states_checked=states,
+        validity_calls=calls,
         time=deadline.elapsed,
         seed=seed,
     )
 
 
-def _search(problem: Problem, deadline: Deadline, seed: int, max_iterations: int, step: float) -> Found:
-    oracle = problem.counting_oracle(deadline)
-    found = _Search(problem, oracle, deadline, seed, step).run(max_iterations)
-    return found._replace(states=oracle.states, calls=oracle.calls)
-
-
 class _Search:
-    """One run in Python; the compiled counterpart is in `compiled_connect`."""
+    """One run: the arrays of the trees, which grow, the goals, and the way back."""
 
-    def __init__(self, problem: Problem, oracle: Oracle, deadline: Deadline, seed: int, step: float) -> None:
-        self._problem, self._oracle, self._deadline, self._step = problem, oracle, deadline, step
-        self._seed = seed
-        self._source = GoalSource(problem, seed)
-        self._start_tree = Tree(problem.start[None, :], problem.metric)
-        self._goal_tree: Tree | None = None
-        self._goals: dict[int, int] = {}  # number of the goal by the node that is its root
+    def __init__(
+        self, problem: Problem, code: CompiledMotionValidator, counters: Ints1, seed: int, step: float
+    ) -> None:
+        n = problem.n
+        self._problem, self._key = problem, stream_key(seed, 0)
+        self._space = space_of(problem, code, problem.spacing)
+        self._stride = max(1, int(step / problem.spacing))
+        self._trees = Trees(
+            states=np.empty((2, 0, n)),
+            lanes=np.empty((2, 0, n, LANES)),
+            parents=np.empty((2, 0), dtype=np.int64),
+            rows=np.empty((_ROWS, n)),
+            room=np.empty(LANES),
+            counters=counters,
+        )
+        self._reserve(_FIRST_CAPACITY)
 
-    def run(self, max_iterations: int) -> Found:
+    def run(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> Status:
         """Search until there is a path, or samples or time run out."""
-        problem, source = self._problem, self._source
-        if not self._oracle.states_valid(problem.start[None, :])[0]:
-            return Found(Status.START_INVALID)
-        ended = self._plant(problem.goals, 0)
-        if ended is None and self._goal_tree is None and not source.endless:
-            return Found(Status.GOAL_INVALID)
-        attempts = 0
-        while ended is None and self._goal_tree is None:
-            ended = self._draw()
-            attempts += 1
-            if self._goal_tree is None and (self._deadline.expired or attempts >= max_iterations):
-                return Found(Status.NO_GOAL)
-        return ended or self._grow(max_iterations)
+        counters = self._trees.counters
+        ended = self.plant(self._problem.goals.copy(), 0, deadline)
+        if ended == GOING_ON and source.endless:
+            ended = self._grow_while_drawing(source, deadline, max_iterations)
+        elif ended == GOING_ON and counters[GOAL_SIZE] == 0:
+            return Status.GOAL_INVALID
+        elif ended == GOING_ON:
+            ended = self.grow(max_iterations, deadline)
+        if ended == FOUND:
+            return Status.SOLVED
+        if ended == START_INVALID:
+            return Status.START_INVALID
+        if counters[GOAL_SIZE] == 0:
+            return Status.NO_GOAL if source.endless else Status.NO_PATH_IN_TIME
+        return Status.NO_PATH_IN_TIME if ended == TIME_UP else Status.OUT_OF_ITERATIONS
 
-    def _draw(self) -> Found | None:
-        first = self._source.count
-        goal = self._source.draw()
-        return None if goal is None else self._plant(goal, first)
+    def plant(self, goals: FloatArray, first: int, deadline: Deadline) -> int:
+        """Make valid ends the roots and try the straight edges; return how it ended."""
+        nodes, capacity = int(self._trees.counters[GOAL_SIZE]) + len(goals), self._trees.states.shape[1]
+        if nodes > capacity:
+            self._reserve(max(nodes, 2 * capacity))
+        order = np.zeros(len(goals), dtype=np.int64)
+        start = self._problem.start.copy()
+        if len(goals) > 1:
+            order = np.argsort(self._problem.metric.distance(start, goals), kind="stable")
+        return plant(self._space, self._trees, deadline.left, start, goals, order, first)
 
-    def _plant(self, goals: FloatArray, first: int) -> Found | None:
-        """Make valid goals roots and try the straight edges, nearest goal first; None if neither ends it."""
-        start = self._problem.start
-        valid = self._valid(goals)
-        if valid is None:
-            return Found(Status.NO_PATH_IN_TIME)
-        if valid.size == 0:
-            return None
-        valid = valid[np.argsort(self._problem.metric.distance(start, goals[valid]), kind="stable")]
-        roots = goals[valid]
-        if self._goal_tree is None:
-            self._goal_tree, node = Tree(roots, self._problem.metric), 0
-        else:
-            node = self._goal_tree.size
-            self._goal_tree.add_roots(roots)
-        for k, goal in enumerate(valid):
-            self._goals[node + k] = first + int(goal)
-            if self._oracle.edge_valid(start, goals[goal]):
-                return Found(Status.SOLVED, np.stack((start, goals[goal])), first + int(goal))
-        return None
+    def grow(self, iterations: int, deadline: Deadline) -> int:
+        """Grow both trees up to a number of iterations in all; return how it ended."""
+        trees = self._trees
+        while True:
+            ended = grow(self._space, trees, deadline.time_slice, self._stride, self._key, iterations)
+            if ended == TIME_UP and not (deadline.expired or trees.counters[STOP]):
+                continue
+            if ended != FULL:
+                return ended
+            spare = int(self._problem.diagonal / self._problem.spacing) // self._stride + 4
+            self._reserve(2 * trees.states.shape[1] + spare)
+            trees = self._trees
 
-    def _valid(self, goals: FloatArray) -> np.ndarray | None:
-        """Return the indices of the valid goals; None if time ran out before all were checked."""
-        valid = [np.empty(0, dtype=bool)]
-        for first in range(0, len(goals), MAX_BATCH):
-            if self._deadline.expired:
-                return None
-            valid.append(self._oracle.states_valid(goals[first : first + MAX_BATCH]))
-        return np.flatnonzero(np.concatenate(valid))
+    def path(self) -> tuple[FloatArray, int]:
+        """Return the way-points of the path along which the trees have met, and its goal."""
+        counters, states = self._trees.counters.tolist(), self._trees.states
+        to_start, _ = self._branch(0, counters[START_NODE])
+        to_goal, goal = self._branch(1, counters[GOAL_NODE])
+        if not counters[DIRECT]:  # the state where the trees meet is in both
+            to_goal = to_goal[1:]
+        return np.concatenate((states[0, to_start[::-1]], states[1, to_goal])), goal
 
-    def _grow(self, max_iterations: int) -> Found:
-        start_tree, goal_tree = self._start_tree, self._goal_tree
-        assert goal_tree is not None
-        growing, other = start_tree, goal_tree
-        iterations, pause, next_draw = 0, BETWEEN_DRAWS, BETWEEN_DRAWS
-        for sample in _samples(self._problem, self._seed, max_iterations):
-            if self._deadline.expired:
-                return Found(Status.NO_PATH_IN_TIME, iterations=iterations)
-            if self._source.endless and iterations == next_draw:
-                pause *= 2
-                next_draw += pause
-                if (ended := self._draw()) is not None:
-                    return ended._replace(iterations=iterations)
-            iterations += 1
-            new = _extend(growing, self._oracle, sample, self._step)
-            if new.node >= 0:
-                meeting = _extend(other, self._oracle, growing.state(new.node), self._step)
-                if meeting.reached:
-                    in_start, in_goal = new.node, meeting.node
-                    if growing is goal_tree:
-                        in_start, in_goal = in_goal, in_start
-                    to_start, to_goal = start_tree.branch(in_start), goal_tree.branch(in_goal)
-                    halves = start_tree.states(to_start), goal_tree.states(to_goal)[-2::-1]
-                    goal = self._goals[to_goal[0]]
-                    return Found(Status.SOLVED, np.concatenate(halves), goal, iterations)
-            growing, other = other, growing
-        return Found(Status.OUT_OF_ITERATIONS, iterations=iterations)
+    def _grow_while_drawing(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> int:
+        """Alternate between a draw of a goal and growth."""
+        iterations, pause, idle = 0, BETWEEN_DRAWS, 0
+        counters = self._trees.counters
+        while True:
+            first = source.count
+            goal = source.draw()
+            if goal is not None:
+                ended = self.plant(np.array(goal), first, deadline)
+                if ended != GOING_ON:
+                    return ended
+            if counters[GOAL_SIZE] == 0:
+                idle += 1
+                if deadline.expired or idle >= max_iterations:
+                    return TIME_UP if deadline.expired else GOING_ON
+                continue
+            iterations = min(iterations + pause, max_iterations)
+            pause *= 2
+            ended = self.grow(iterations, deadline)
+            if ended != GOING_ON or iterations == max_iterations:
+                return ended
 
+    def _branch(self, side: int, node: int) -> tuple[list[int], int]:
+        nodes, parent_of = [], self._trees.parents[side].item
+        while node >= 0:
+            nodes.append(node)
+            node = parent_of(node)
+        return nodes, -1 - node
 
-def _samples(problem: Problem, seed: int, count: int) -> Iterator[FloatArray]:
-    rng = np.random.default_rng(seed)
-    extent = problem.upper - problem.lower
-    for first in range(0, count, _SAMPLES_AT_ONCE):
-        block = problem.lower + rng.random((_SAMPLES_AT_ONCE, problem.n)) * extent
-        yield from block[: count - first]
+    def _reserve(self, capacity: int) -> None:
+        """Make room for a number of nodes in each tree."""
+        capacity, trees = whole_blocks(capacity), self._trees
+        self._trees = trees._replace(
+            states=grown(trees.states, capacity, axis=1),
+            lanes=grown(trees.lanes, capacity // LANES, axis=1),
+            parents=grown(trees.parents, capacity, axis=1),
+        )
 
 
-def _extend(tree: Tree, oracle: Oracle, target: FloatArray, step: float) -> _Extension:
-    """Grow a tree straight towards a target as far as valid; nodes are set every `step` on the way."""
-    near = tree.nearest(target)
-    origin = tree.state(near)
-    advance = oracle.advance(origin, target)
-    last = advance.valid_steps
+@compiled
+def _add(space: SearchSpace, trees: Trees, side: int, parent: int, state: FloatArray) -> int:
+    """Add a node to a tree; return its number."""
+    node = trees.counters[START_SIZE + side]
+    trees.counters[START_SIZE + side] += 1
+    for i in range(state.size):
+        trees.states[side, node, i] = state[i]
+    set_lane(trees.lanes[side], node, state, space.weights)
+    trees.parents[side, node] = parent
+    return node
+
+
+@compiled
+def _extend(space: SearchSpace, trees: Trees, side: int, target: FloatArray, stride: int) -> tuple[int, bool]:
+    """Grow a tree straight towards a target as far as valid; return the last node or -1, and if it got there.
+
+    Nodes are set every `stride` steps on the way.
+    """
+    n, rows = target.size, trees.rows
+    for i in range(n):
+        rows[SCALED, i] = target[i] * space.weights[i]
+    near = nearest(trees.lanes[side], trees.counters[START_SIZE + side], rows[SCALED], trees.room)
+    origin = trees.states[side, near]
+    steps = step_count(distance(origin, target, space.weights), space.resolution)
+    last = last_valid_step(space, origin, target, steps, trees.counters)
     if last == 0:
-        return _Extension(-1, False)
-    stride = max(1, int(step / oracle.resolution))
-    chosen = np.append(np.arange(stride, last, stride), last)
-    states = origin + (chosen / advance.steps)[:, None] * (target - origin)
-    if advance.reached:
-        states[-1] = target
-    return _Extension(tree.add_chain(near, states), advance.reached)
+        return -1, False
+    node, done = near, 0
+    while done < last:
+        done = min(done + stride, last)
+        for i in range(n):
+            rows[ORIGIN, i] = origin[i] + (target[i] - origin[i]) * done / steps
+            if done == steps:
+                rows[ORIGIN, i] = target[i]
+        node = _add(space, trees, side, node, rows[ORIGIN])
+    return node, last == steps
+
+
+@compiled("int64(SearchSpace, Trees, float64, float64[::1], float64[:, ::1], int64[::1], int64)")
+def plant(
+    space: SearchSpace,
+    trees: Trees,
+    seconds: float,
+    start: Floats1,
+    goals: Floats2,
+    order: Ints1,
+    first: int,
+) -> int:
+    """Make valid ends the roots of the trees, and try the straight edges between them.
+
+    Args:
+        space: Box, metric and validity.
+        trees: The trees.
+        seconds: Time budget [s].
+        start: Shape (n,).
+        goals: Shape (k, n).
+        order: Goals in the order in which they are tried, shape (k,).
+        first: Number of the first goal.
+
+    Returns:
+        FOUND (a straight edge; counters[DIRECT] is set), GOING_ON, TIME_UP or START_INVALID.
+    """
+    place, counters = np.empty(2, np.int64), trees.counters
+    end = seconds_now(space.clock, place) + seconds
+    if counters[START_SIZE] == 0:
+        if last_valid_step(space, start, start, 1, counters) == 0:
+            return TIME_UP if counters[STOP] != 0 else START_INVALID
+        _add(space, trees, 0, -1, start)
+    old = counters[GOAL_SIZE]
+    for j in range(order.size):
+        if counters[STOP] != 0 or (j % _CLOCK_EVERY == 0 and seconds_now(space.clock, place) >= end):
+            return TIME_UP
+        goal = goals[order[j]]
+        if last_valid_step(space, goal, goal, 1, counters) == 1:
+            _add(space, trees, 1, -1 - first - order[j], goal)
+    for node in range(old, counters[GOAL_SIZE]):
+        goal = trees.states[1, node]
+        steps = step_count(distance(start, goal, space.weights), space.resolution)
+        if edge_valid(space, start, goal, steps, trees.rows[SHIFTED:], counters, False):
+            counters[START_NODE], counters[GOAL_NODE] = 0, node
+            counters[DIRECT] = 1
+            return FOUND
+        if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
+            return TIME_UP
+    return TIME_UP if counters[STOP] != 0 else GOING_ON
+
+
+@compiled("int64(SearchSpace, Trees, float64, int64, uint64, int64)")
+def grow(
+    space: SearchSpace, trees: Trees, seconds: float, stride: int, key: np.uint64, iterations: int
+) -> int:
+    """Grow both trees until they meet; see `rrt_connect` for the method.
+
+    Args:
+        space: Box, metric and validity.
+        trees: The trees.
+        seconds: Time budget [s].
+        stride: Number of steps between neighboring nodes of a long extension.
+        key: Of the stream of random numbers.
+        iterations: Number of samples in all, those of earlier calls included.
+
+    Returns:
+        FOUND (the trees meet at counters[START_NODE] and counters[GOAL_NODE]), GOING_ON if the iterations are
+        used up, TIME_UP, or FULL if there may be no room for the nodes of one more iteration.
+    """
+    place, counters, rows = np.empty(2, np.int64), trees.counters, trees.rows
+    end = seconds_now(space.clock, place) + seconds
+    n = space.lower.size
+    longest = distance(space.lower, space.lower + space.extent, space.weights)
+    spare = step_count(longest, space.resolution) // stride + 2
+    while counters[ITERATIONS] < iterations:
+        if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
+            return TIME_UP
+        if max(counters[START_SIZE], counters[GOAL_SIZE]) + spare > trees.states.shape[1]:
+            return FULL
+        random_state(space, key, counters[ITERATIONS] * n, rows[SAMPLE])
+        counters[ITERATIONS] += 1
+        side = counters[GROWING]
+        new, _ = _extend(space, trees, side, rows[SAMPLE], stride)
+        if new >= 0:
+            for i in range(n):
+                rows[TARGET, i] = trees.states[side, new, i]
+            meeting, reached = _extend(space, trees, 1 - side, rows[TARGET], stride)
+            if reached:
+                counters[START_NODE + side], counters[GOAL_NODE - side] = new, meeting
+                return FOUND
+        counters[GROWING] = 1 - side
+    return GOING_ON

@@ -1,26 +1,60 @@
-"""Shortening of a valid path by random short-cuts."""
+"""Shortening of a path by random short-cuts."""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
+from pepper_kin.core.clock import seconds_now
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
-from .compiled_validity import CompiledValidity
-from .deadline import Deadline
-from .metric import Metric
-from .oracle import Oracle
+from .deadline import Deadline, load_code
+from .motion_validator import machine_code_of
 from .path import Path
 from .problem import FINEST_RESOLUTION, Problem
+from .sampling import stream_key, uniform
+from .search_space import STOP, SearchSpace, edge_valid, space_of, step_count
+from .tree import grown
 from .vectors import FloatArray, whole_number
 
 LEAST_GAIN = 1e-5
-"""Of the length: less is not worth asking the oracle for."""
+"""Of the length: less is not worth asking for validity."""
 
-FLAT = 1e-9
-"""Of the length: a way-point this near to the chord of its neighbours is dropped."""
-
+_FLAT = 1e-9  # of the length: a way-point this near to the chord of its neighbors is dropped
 _FINER = 8  # an accepted edge hugs obstacles, so it is checked more closely than an edge of a search
+_STREAM = 1
+_SPARE = 32
+_DRAWS = 4  # random numbers of one iteration
+_MOST_NEW = 2  # way-points that one iteration may add
+
+# How a call ends.
+DONE, TIME_UP, FULL = range(3)
+
+# Places in `counters`, after those of the validity function.
+ITERATIONS, SIZE = STOP + 1, STOP + 2
+_COUNTERS = SIZE + 1
+
+
+class Polyline(NamedTuple):
+    """A polyline in arrays with room for m points.
+
+    Attributes:
+        points: Way-points, counters[SIZE] of them, shape (m, n).
+        piece: Room for a part of it, shape (m, n).
+        lengths: Arc lengths of the points, and of those of `piece`, shape (2, m).
+        rows: Room, shape (2, n).
+        counters: See the places above.
+    """
+
+    points: Floats2
+    piece: Floats2
+    lengths: Floats2
+    rows: Floats2
+    counters: Ints1
 
 
 def shortcut(
@@ -42,11 +76,10 @@ def shortcut(
     Source of the single-coordinate variant: R. Geraerts and M. H. Overmars, Creating high-quality paths for
     motion planning, Int. J. of Robotics Research 26(8), 2007.
 
-    If the problem's oracle is machine code (`CompiledValidity`), so is this; it then makes other choices for
-    a seed.
+    It runs as machine code; a validity checker that is a Python callable is called back from there.
 
     Args:
-        problem: Supplies the oracle, the metric and the resolution; its start and goals are not used.
+        problem: Supplies the validity, the metric and the resolution; its start and goals are not used.
         path: A valid path of the problem's coordinates.
         seed: Seed of the choices; the same seed gives the same path unless time runs out.
         iterations: Number of attempts.
@@ -62,9 +95,7 @@ def shortcut(
     Raises:
         InvalidValueError: The path has another number of coordinates, or an option is not allowed.
     """
-    code = problem.oracle if isinstance(problem.oracle, CompiledValidity) else None
-    if code is not None:
-        from .compiled_shortcut import shorten_compiled  # loads machine code, which is not this run's time
+    load_code(drop_flat, shorten)
     deadline = Deadline(timeout)
     if path.n != problem.n:
         raise InvalidValueError(
@@ -77,75 +108,190 @@ def shortcut(
         return path
     if resolution is None:
         resolution = max(problem.spacing / _FINER, FINEST_RESOLUTION * problem.diagonal)
-    oracle = problem.counting_oracle(deadline, resolution)
-    metric = problem.metric
-    if code is not None:
-        points = shorten_compiled(
-            problem, code, path.points, deadline, seed, iterations, oracle.resolution, float(least_gain)
-        )
-        return Path.trusted(points, metric)
-    points = _without_flat(path.points, metric)
-    return Path.trusted(_shorten(oracle, points, deadline, seed, iterations, least_gain), metric)
+    resolution = problem.validator(resolution=resolution).resolution
+    counters, key = np.zeros(_COUNTERS, dtype=np.int64), stream_key(seed, _STREAM)
+    points = np.array(path.points)
+    counters[SIZE] = drop_flat(points, len(points), problem.metric.weights, _FLAT * path.length)
+    with machine_code_of(problem, deadline, resolution, counters) as code:
+        space = space_of(problem, code, resolution)
+        line, ended = _polyline(points, counters), FULL
+        while ended == FULL or (ended == TIME_UP and not (deadline.expired or counters[STOP])):
+            if ended == FULL:
+                size = int(counters[SIZE])
+                line = _polyline(grown(line.points[:size], size + max(size, _SPARE)), counters)
+            ended = shorten(space, line, deadline.time_slice, float(least_gain), key, iterations)
+    return Path.trusted(line.points[: counters[SIZE]].copy(), problem.metric)
 
 
-def _shorten(
-    oracle: Oracle, points: FloatArray, deadline: Deadline, seed: int, iterations: int, least_gain: float
-) -> FloatArray:
-    rng, metric = np.random.default_rng(seed), oracle.metric
-    for iteration in range(iterations):
-        if deadline.expired or len(points) < 3:
-            break
-        lengths = metric.arc_lengths(points)
-        if (places := _two_places(rng, lengths)) is None:
+def _polyline(points: FloatArray, counters: Ints1) -> Polyline:
+    return Polyline(
+        points, np.empty_like(points), np.empty((2, len(points))), np.empty((2, points.shape[1])), counters
+    )
+
+
+@compiled
+def _measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatArray) -> None:
+    """Write the length from the first to each point."""
+    lengths[0] = 0.0
+    for k in range(1, size):
+        total = 0.0
+        for i in range(weights.size):
+            scaled = (points[k, i] - points[k - 1, i]) * weights[i]
+            total += scaled * scaled
+        lengths[k] = lengths[k - 1] + math.sqrt(total)
+
+
+@compiled
+def _copy(source: FloatArray, first: int, count: int, target: FloatArray, place: int) -> None:
+    """Copy points to places before or behind their own, in an order that overwrites none."""
+    for j in range(count):
+        k = j if place <= first else count - 1 - j
+        for i in range(source.shape[1]):
+            target[place + k, i] = source[first + k, i]
+
+
+@compiled("int64(float64[:, ::1], int64, float64[::1], float64)")
+def drop_flat(points: Floats2, size: int, weights: Floats1, tolerance: float) -> int:
+    """Drop way-points on the edge between their neighbours, in place; return how many are left."""
+    kept = 1
+    for k in range(1, size - 1):
+        square = along = 0.0
+        for i in range(weights.size):
+            chord = (points[k + 1, i] - points[kept - 1, i]) * weights[i]
+            square += chord * chord
+            along += (points[k, i] - points[kept - 1, i]) * weights[i] * chord
+        along = min(max(along / square, 0.0), 1.0) if square > 0.0 else 0.0
+        off = 0.0
+        for i in range(weights.size):
+            ends = points[k + 1, i] - points[kept - 1, i]
+            aside = (points[k, i] - points[kept - 1, i] - along * ends) * weights[i]
+            off += aside * aside
+        if math.sqrt(off) > tolerance:
+            _copy(points, k, 1, points, kept)
+            kept += 1
+    if size > 1:
+        _copy(points, size - 1, 1, points, kept)
+        kept += 1
+    return kept
+
+
+@compiled
+def _below(lengths: FloatArray, size: int, s: float) -> int:
+    """Return how many arc lengths are less than s."""
+    count = 0
+    while count < size and lengths[count] < s:
+        count += 1
+    return count
+
+
+@compiled
+def _up_to(lengths: FloatArray, size: int, s: float) -> int:
+    """Return how many arc lengths are s or less."""
+    count = 0
+    while count < size and lengths[count] <= s:
+        count += 1
+    return count
+
+
+@compiled
+def _choose(key: np.uint64, number: int, lengths: FloatArray, size: int, places: FloatArray) -> bool:
+    """Draw two arc lengths that are not on the same edge, of way-points or anywhere; False without luck."""
+    u, v = uniform(key, number + 1), uniform(key, number + 2)
+    if uniform(key, number) < 0.5:
+        first = int(u * size)
+        second = int(v * (size - 1))
+        second += 1 if second >= first else 0
+        places[0], places[1] = lengths[min(first, second)], lengths[max(first, second)]
+        return abs(first - second) > 1
+    places[0], places[1] = min(u, v) * lengths[size - 1], max(u, v) * lengths[size - 1]
+    return _below(lengths, size, places[1]) > _up_to(lengths, size, places[0])
+
+
+@compiled
+def _state_at(points: FloatArray, lengths: FloatArray, size: int, s: float, state: FloatArray) -> None:
+    edge = min(max(_up_to(lengths, size, s) - 1, 0), size - 2)
+    span = lengths[edge + 1] - lengths[edge]
+    fraction = min((s - lengths[edge]) / span, 1.0) if span > 0.0 else 0.0
+    for i in range(state.size):
+        state[i] = points[edge, i] + fraction * (points[edge + 1, i] - points[edge, i])
+        if fraction == 1.0:
+            state[i] = points[edge + 1, i]
+
+
+@compiled
+def _straighten(
+    piece: FloatArray, count: int, lengths: FloatArray, coordinate: int, weights: FloatArray
+) -> None:
+    """Let one coordinate of a polyline run straight from its first to its last point."""
+    _measure(piece, count, weights, lengths)
+    change, whole = piece[count - 1, coordinate] - piece[0, coordinate], lengths[count - 1]
+    for k in range(1, count - 1):
+        piece[k, coordinate] = piece[0, coordinate] + lengths[k] / whole * change
+
+
+@compiled
+def _valid(space: SearchSpace, line: Polyline, count: int) -> bool:
+    """Return whether the piece is valid, its first point included, which may be any place on an edge."""
+    piece, lengths = line.piece, line.lengths[1]
+    for k in range(count - 1):
+        steps = step_count(lengths[k + 1] - lengths[k], space.resolution)
+        if not edge_valid(space, piece[k], piece[k + 1], steps, line.rows, line.counters, k == 0):
+            return False
+    return True
+
+
+@compiled
+def _replace(points: FloatArray, size: int, before: int, after: int, piece: FloatArray, count: int) -> int:
+    """Put a polyline in the place of the points from `before` up to `after`; return the new size."""
+    _copy(points, after, size - after, points, before + count)
+    _copy(piece, 0, count, points, before)
+    return before + count + size - after
+
+
+@compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64)")
+def shorten(
+    space: SearchSpace, line: Polyline, seconds: float, least_gain: float, key: np.uint64, iterations: int
+) -> int:
+    """Shorten a polyline in place by random short-cuts; see `shortcut`.
+
+    Args:
+        space: Box, metric and validity.
+        line: The polyline.
+        seconds: Time budget [s].
+        least_gain: What a short-cut has to save, as a part of the length.
+        key: Of the stream of random numbers.
+        iterations: Attempts in all, those of earlier calls included.
+
+    Returns:
+        DONE, TIME_UP, or FULL if there may be no room for the points of one more attempt.
+    """
+    points, piece, lengths, counters = line.points, line.piece, line.lengths, line.counters
+    clock_room, places, weights = np.empty(2, np.int64), np.empty(2), space.weights
+    end, along, n = seconds_now(space.clock, clock_room) + seconds, lengths[0], weights.size
+    while counters[ITERATIONS] < iterations and counters[SIZE] > 2:
+        size = counters[SIZE]
+        if counters[STOP] != 0 or seconds_now(space.clock, clock_room) >= end:
+            return TIME_UP
+        if size + _MOST_NEW > points.shape[0]:
+            return FULL
+        number, single = counters[ITERATIONS] * _DRAWS, counters[ITERATIONS] % 2 == 1 and n > 1
+        counters[ITERATIONS] += 1
+        _measure(points, size, weights, along)
+        if not _choose(key, number, along, size, places):
             continue
-        before, middle, after = _cut(points, lengths, *places)
-        if iteration % 2 and metric.n > 1:
-            candidate = _one_coordinate_straight(middle, metric, int(rng.integers(metric.n)))
-        else:
-            candidate = middle[[0, -1]]
-        gain = metric.arc_lengths(middle)[-1] - metric.arc_lengths(candidate)[-1]
-        if gain > least_gain * lengths[-1] and oracle.polyline_valid(candidate):
-            points = _without_flat(np.concatenate((before, candidate, after)), metric)
-    return points
-
-
-def _two_places(rng: np.random.Generator, lengths: FloatArray) -> tuple[float, float] | None:
-    """Return two arc lengths that are not on the same edge: of two way-points, or anywhere."""
-    if rng.random() < 0.5:
-        first, last = np.sort(rng.choice(len(lengths), 2, replace=False))
-        return (lengths[first], lengths[last]) if last - first > 1 else None
-    low, high = np.sort(rng.random(2)) * lengths[-1]
-    inside = np.searchsorted(lengths, high, side="left") - np.searchsorted(lengths, low, side="right")
-    return (float(low), float(high)) if inside > 0 else None
-
-
-def _cut(
-    points: FloatArray, lengths: FloatArray, low: float, high: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Split a polyline at two arc lengths into before, between (with both ends), and after."""
-    first = int(np.searchsorted(lengths, low, side="left"))
-    last = int(np.searchsorted(lengths, high, side="right"))
-    ends = np.array([[np.interp(s, lengths, column) for column in points.T] for s in (low, high)])
-    inner = points[np.searchsorted(lengths, low, side="right") : np.searchsorted(lengths, high, side="left")]
-    return points[:first], np.concatenate((ends[:1], inner, ends[1:])), points[last:]
-
-
-def _one_coordinate_straight(piece: FloatArray, metric: Metric, coordinate: int) -> FloatArray:
-    lengths = metric.arc_lengths(piece)
-    straight = piece.copy()
-    change = piece[-1, coordinate] - piece[0, coordinate]
-    straight[1:-1, coordinate] = piece[0, coordinate] + lengths[1:-1] / lengths[-1] * change
-    return straight
-
-
-def _without_flat(points: FloatArray, metric: Metric) -> FloatArray:
-    """Drop way-points that lie on the edge between their neighbours."""
-    tolerance = FLAT * metric.arc_lengths(points)[-1]
-    kept = [0]
-    for i in range(1, len(points) - 1):
-        chord, offset = ((points[[i + 1, i]] - points[kept[-1]]) * metric.weights).copy()
-        square = float(chord @ chord)
-        along = min(max(float(offset @ chord) / square, 0.0), 1.0) if square > 0.0 else 0.0
-        if float(np.linalg.norm(offset - along * chord)) > tolerance:
-            kept.append(i)
-    return points[[*kept, len(points) - 1]] if len(points) > 1 else points
+        low, high = places[0], places[1]
+        inner, last_inner = _up_to(along, size, low), _below(along, size, high)
+        count = 2 + (last_inner - inner if single else 0)
+        _state_at(points, along, size, low, piece[0])
+        _state_at(points, along, size, high, piece[count - 1])
+        if single:
+            _copy(points, inner, count - 2, piece, 1)
+            _straighten(piece, count, lengths[1], int(uniform(key, number + 3) * n), weights)
+        _measure(piece, count, weights, lengths[1])
+        gain = high - low - lengths[1, count - 1]
+        if gain > least_gain * along[size - 1] and _valid(space, line, count):
+            before, after = _below(along, size, low), _up_to(along, size, high)
+            size = _replace(points, size, before, after, piece, count)
+            _measure(points, size, weights, along)
+            counters[SIZE] = drop_flat(points, size, weights, _FLAT * along[size - 1])
+    return DONE

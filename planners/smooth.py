@@ -2,21 +2,140 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3
 
-from .oracle import Oracle
+from .motion_validator import MotionValidator
 from .path import Path
 from .problem import Problem
-from .smooth_path import SmoothPath
-from .vectors import BoolArray, FloatArray, positive_number
+from .vectors import BoolArray, FloatArray, finite_vector, positive_number, read_only
 
 _ROUNDS = 20  # halvings of the spacing before giving up: a millionth of it
 _COARSE = 10.0  # first spacing of breaks, in units of the problem's resolution
 _FEWEST = 4  # pieces
 _MERGE = 1e-9  # of the box's diagonal
-_ADVICE = "plan and short-cut again at a finer resolution, or let the oracle keep a margin"
+_ADVICE = "plan and short-cut again at a finer resolution, or let the checker keep a margin"
+_FACTORS = ((1.0, 1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (2.0, 6.0), (6.0,))  # p! / (p - derivative)!
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothPath:
+    """A piecewise cubic curve of states.
+
+    On piece i, where ``breaks[i] <= s <= breaks[i + 1]``, it is
+    ``q(s) = sum_p coefficients[i, p] (s - breaks[i])^p``.
+
+    The parameter s runs from 0 to `length`.  Paths made by `smooth` run at no more than unit speed,
+    ``|w dq/ds| <= 1`` (exactly 1 on straight parts), and are twice continuously differentiable.
+
+    Attributes:
+        breaks: Ends of the pieces, shape (k + 1,), rising from 0.
+        coefficients: Power-basis coefficients, constant term first, shape (k, 4, n).
+        goal: The exact last state, shape (n,), which the last polynomial meets up to rounding.
+    """
+
+    breaks: FloatArray
+    coefficients: FloatArray
+    goal: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy and check the fields.
+
+        Raises:
+            InvalidValueError: A shape is wrong, a value is not finite, the breaks do not rise from 0, or the
+                last piece does not end at the goal.
+        """
+        breaks = finite_vector("breaks", self.breaks)
+        coefficients = np.array(self.coefficients, dtype=np.float64, order="C")
+        if breaks.size < 2 or breaks[0] != 0.0 or np.any(np.diff(breaks) <= 0.0):
+            raise InvalidValueError("breaks", breaks, "two or more numbers that rise from 0")
+        if coefficients.ndim != 3 or coefficients.shape[:2] != (breaks.size - 1, 4) or coefficients.size == 0:
+            raise InvalidValueError(
+                "coefficients", f"shape {coefficients.shape}", f"shape ({breaks.size - 1}, 4, n)"
+            )
+        if not np.all(np.isfinite(coefficients)):
+            raise InvalidValueError("coefficients", "NaN or infinity", "finite numbers")
+        goal = finite_vector("goal", self.goal, coefficients.shape[2])
+        object.__setattr__(self, "breaks", breaks)
+        object.__setattr__(self, "coefficients", read_only(coefficients))
+        object.__setattr__(self, "goal", goal)
+        end = self._evaluate(breaks[-1:], 0)[0]
+        if not (np.abs(end - goal) <= 1e-9 * (1.0 + np.abs(goal))).all():
+            raise InvalidValueError("goal", goal, f"the end of the last piece, {end}")
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return int(self.coefficients.shape[2])
+
+    @property
+    def length(self) -> float:
+        """Last parameter value; no less than the curve's length [length unit of the metric]."""
+        return float(self.breaks[-1])
+
+    @property
+    def start(self) -> FloatArray:
+        """The first state, shape (n,)."""
+        return self.coefficients[0, 0]
+
+    def __call__(self, s: ArrayLike, derivative: int = 0) -> FloatArray:
+        """Return the states, or derivatives with respect to s, at given parameters.
+
+        Args:
+            s: Parameters within [0, length], shape (...).
+            derivative: Order of the derivative, 0 to 3; the third one is constant on a piece, and taken from
+                the later piece at a break.
+
+        Returns:
+            Shape (..., n); exactly `start` at 0 and `goal` at `length` for derivative 0.
+
+        Raises:
+            InvalidValueError: A parameter is NaN or outside [0, length], or the order is not 0 to 3.
+        """
+        if derivative not in (0, 1, 2, 3):
+            raise InvalidValueError("derivative", derivative, "0, 1, 2 or 3")
+        values = np.asarray(s, dtype=np.float64)
+        slack = 1e-12 * self.length
+        if not np.all((values >= -slack) & (values <= self.length + slack)):
+            raise InvalidValueError("s", s, f"parameters within [0, {self.length:g}]")
+        values = np.clip(values, 0.0, self.length)
+        states = self._evaluate(values, derivative)
+        return np.where((values == self.length)[..., None], self.goal, states) if derivative == 0 else states
+
+    def sample(self, spacing: float) -> FloatArray:
+        """Return states no further apart than a spacing in the parameter, on each piece equally spaced.
+
+        Args:
+            spacing: Greatest step of s.
+
+        Returns:
+            Shape (m, n), from start to goal, breaks included.
+
+        Raises:
+            InvalidValueError: The spacing is not above zero.
+        """
+        if not spacing > 0.0:
+            raise InvalidValueError("spacing", spacing, "a number above 0")
+        pieces = [
+            np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False)
+            for a, b in zip(self.breaks[:-1], self.breaks[1:], strict=True)
+        ]
+        return self(np.concatenate((*pieces, self.breaks[-1:])))
+
+    def _evaluate(self, s: FloatArray, derivative: int) -> FloatArray:
+        piece = np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.coefficients) - 1)
+        local = (s - self.breaks[piece])[..., None]
+        chosen = self.coefficients[piece]
+        value = np.zeros(chosen.shape[:-2] + chosen.shape[-1:])
+        for power in range(3, derivative - 1, -1):  # Horner
+            value = value * local + _FACTORS[derivative][power - derivative] * chosen[..., power, :]
+        return value
 
 
 def smooth(
@@ -33,19 +152,19 @@ def smooth(
     the polyline, and equals it where it is straight.  It starts and ends at the path's ends, at unit speed if
     the first and last edge are no shorter than a third of a piece.
 
-    All pieces are checked by the oracle, at their ends, their middles and as often as the resolution asks;
+    All pieces are checked, at their ends, their middles and as often as the resolution asks;
     around a piece that is not valid the knots t are halved, which pulls the curve to the polyline, until
     all pieces are valid.
 
     The path must itself be valid where the curve is checked.  A path that grazes obstacles may fail that by
-    the width of a sliver, since its edges were checked at other states; so let the oracle of the planning
-    problem keep a larger margin than the oracle of the problem given here.
+    the width of a sliver, since its edges were checked at other states; so let the validity of the planning
+    problem keep a larger margin than that of the problem given here.
 
     Source: I. J. Schoenberg, On spline functions, 1967; C. de Boor, A practical guide to splines, 2001,
     chapter XI.
 
     Args:
-        problem: Supplies the oracle, the metric and the resolution; its start and goals are not used.
+        problem: Supplies the validity, the metric and the resolution; its start and goals are not used.
         path: A valid path of the problem's coordinates, longer than zero.  Where it turns back on itself
             exactly, the curve's speed passes through zero.
         spacing: Distance of breaks to begin with [length unit of the metric]; larger is rounder.  Ten times
@@ -68,21 +187,21 @@ def smooth(
     polyline = Path(path.points, problem.weights).merged(_MERGE * problem.diagonal)
     if len(polyline) < 2:
         raise InvalidValueError("path", f"length {path.length:g}", "a path whose way-points differ")
-    oracle = problem.counting_oracle(resolution=resolution)
+    validator = problem.validator(resolution=resolution)
     if spacing is None:
-        spacing = _COARSE * problem.counting_oracle().resolution
+        spacing = _COARSE * problem.validator().resolution
     pieces = max(_FEWEST, int(np.ceil(polyline.length / positive_number("spacing", spacing))))
     breaks = np.linspace(0.0, polyline.length, pieces + 1)
-    return _refine_until_valid(oracle, polyline, breaks)
+    return _refine_until_valid(validator, polyline, breaks)
 
 
-def _refine_until_valid(oracle: Oracle, polyline: Path, breaks: FloatArray) -> SmoothPath:
+def _refine_until_valid(validator: MotionValidator, polyline: Path, breaks: FloatArray) -> SmoothPath:
     is_new = np.ones(breaks.size, dtype=bool)
     worst = polyline.points[0]
     for _ in range(_ROUNDS):
-        curve, abscissae = _schoenberg_spline(polyline, breaks)
+        curve, abscissae = _spline(polyline, breaks)
         # A piece depends on the three breaks to either side of it at most; only those can have changed it.
-        invalid = _invalid_pieces(oracle, curve, _dilated(is_new, 3)[:-1])
+        invalid = _invalid_pieces(validator, curve, _dilated(is_new, 3)[:-1])
         if not invalid.any():
             return curve
         _refuse_straight(polyline, abscissae, curve, invalid)
@@ -91,50 +210,117 @@ def _refine_until_valid(oracle: Oracle, polyline: Path, breaks: FloatArray) -> S
     raise InfeasibleError("smooth path", f"the path has no room to turn near {_show(worst)}", _ADVICE)
 
 
-def _schoenberg_spline(polyline: Path, breaks: FloatArray) -> tuple[SmoothPath, FloatArray]:
-    knots = np.concatenate((breaks[:1].repeat(3), breaks, breaks[-1:].repeat(3)))
-    abscissae = np.clip((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0, 0.0, polyline.length)
-    abscissae[-1] = polyline.length
-    coefficients = _power_basis(knots, polyline(abscissae))
+def rounded_waypoints(path: Path, pieces: int) -> FloatArray:
+    """Return the values at its breaks of the Schoenberg spline of a path, with breaks equally spaced.
+
+    See `smooth` for the curve; nothing is checked here.
+
+    Args:
+        path: Two way-points or more, of some length.
+        pieces: Number of pieces.
+
+    Returns:
+        Shape (pieces + 1, n); the first and the last row are the path's ends.
+    """
+    breaks = np.linspace(0.0, path.length, pieces + 1)
+    coefficients = np.empty((pieces, 4, path.n))
+    schoenberg_spline(path.points, path.arc_lengths, breaks, np.empty(pieces + 3), coefficients)
+    return np.concatenate((coefficients[:, 0], path.points[-1:]))
+
+
+def _spline(polyline: Path, breaks: FloatArray) -> tuple[SmoothPath, FloatArray]:
+    """Return the Schoenberg spline of a polyline, and the arc lengths of its control points."""
+    pieces = breaks.size - 1
+    coefficients, abscissae = np.empty((pieces, 4, polyline.n)), np.empty(pieces + 3)
+    schoenberg_spline(polyline.points, polyline.arc_lengths, breaks, abscissae, coefficients)
     return SmoothPath(breaks, coefficients, polyline.points[-1]), abscissae
 
 
-def _power_basis(knots: FloatArray, control: FloatArray) -> FloatArray:
-    """Return the polynomials of a cubic B-spline, shape (k, 4, n); knots (k + 7,), control points (k + 3, n).
+@compiled
+def _on_polyline(points: FloatArray, lengths: FloatArray, s: float, state: FloatArray) -> None:
+    """Write the state of a polyline at an arc length; `lengths` are those of its points."""
+    k = 0
+    while k < lengths.size - 2 and lengths[k + 1] <= s:
+        k += 1
+    span = lengths[k + 1] - lengths[k]
+    share = (s - lengths[k]) / span if span > 0.0 else 1.0
+    for i in range(state.size):
+        state[i] = points[k + 1, i]
+        if share < 1.0:
+            state[i] = points[k, i] + max(share, 0.0) * (points[k + 1, i] - points[k, i])
+
+
+@compiled("void(float64[:, ::1], float64[::1], float64[::1], float64[::1], float64[:, :, ::1])")
+def schoenberg_spline(
+    points: Floats2, lengths: Floats1, breaks: Floats1, abscissae: Floats1, coefficients: Floats3
+) -> None:
+    """Write the polynomials of the Schoenberg spline of a polyline; see `smooth`.
+
+    Args:
+        points: The polyline, two points or more, shape (m, n).
+        lengths: Arc length at each, shape (m,), rising.
+        breaks: Ends of the k pieces, shape (k + 1,), rising from 0 to the polyline's length.
+        abscissae: Written: arc lengths of the control points, shape (k + 3,).
+        coefficients: Written: constant term first, shape (k, 4, n).
+    """
+    pieces = breaks.size - 1
+    knots, control = np.empty(pieces + 7), np.empty((pieces + 3, points.shape[1]))
+    for j in range(knots.size):
+        knots[j] = breaks[min(max(j - 3, 0), pieces)]
+    for i in range(pieces + 3):
+        abscissae[i] = min((knots[i + 1] + knots[i + 2] + knots[i + 3]) / 3.0, lengths[-1])
+        if i == pieces + 2:
+            abscissae[i] = lengths[-1]
+        _on_polyline(points, lengths, abscissae[i], control[i])
+    power_basis(knots, control, coefficients)
+
+
+@compiled("void(float64[::1], float64[:, ::1], float64[:, :, ::1])")
+def power_basis(knots: Floats1, control: Floats2, coefficients: Floats3) -> None:
+    """Write the polynomials of a cubic B-spline.
 
     On the piece from t_j to t_{j+1} the control points are the values of the polar form at three successive
     knots each, (t_{j-2}, t_{j-1}, t_j) and so on; interpolation in one argument at a time gives those at
     (s, s, s), (s, s, e), (s, e, e) and (e, e, e), s and e the ends of the piece: its Bezier points.
 
     Source: L. Ramshaw, Blossoms are polar forms, Computer Aided Geometric Design 6, 1989.
+
+    Args:
+        knots: Shape (k + 7,).
+        control: Control points, shape (k + 3, n).
+        coefficients: Written: constant term first, shape (k, 4, n).
     """
-    count = len(control) - 3
-    t = [knots[1 + i : 1 + i + count, None] for i in range(6)]  # t_{j-2} .. t_{j+3}
-    p = [control[i : i + count] for i in range(4)]
-    s, e = t[2], t[3]
-    across = (p[2] - p[1]) / (t[4] - t[1])
-    sse, see = p[1] + (s - t[1]) * across, p[1] + (e - t[1]) * across
-    before = p[0] + (s - t[0]) / (e - t[0]) * (p[1] - p[0])
-    after = p[2] + (e - s) / (t[5] - s) * (p[3] - p[2])
-    sss = before + (s - t[1]) / (e - t[1]) * (sse - before)
-    eee = see + (e - s) / (t[4] - s) * (after - see)
-    width = e - s
-    first, second, third = (sse - sss) / width, (see - sse) / width, (eee - see) / width
-    bend = (second - first) / width
-    cubic = ((third - second) / width - bend) / width
-    return np.stack((sss, 3.0 * first, 3.0 * bend, cubic), axis=1)
+    for j in range(coefficients.shape[0]):
+        # t_{j-2} .. t_{j+3} of the text
+        t0, t1, s, e, t4, t5 = (
+            knots[j + 1], knots[j + 2], knots[j + 3], knots[j + 4], knots[j + 5], knots[j + 6]
+        )  # fmt: skip
+        width = e - s
+        for i in range(control.shape[1]):
+            p0, p1, p2, p3 = control[j, i], control[j + 1, i], control[j + 2, i], control[j + 3, i]
+            across = (p2 - p1) / (t4 - t1)
+            sse, see = p1 + (s - t1) * across, p1 + (e - t1) * across
+            before = p0 + (s - t0) / (e - t0) * (p1 - p0)
+            after = p2 + (e - s) / (t5 - s) * (p3 - p2)
+            sss = before + (s - t1) / (e - t1) * (sse - before)
+            eee = see + (e - s) / (t4 - s) * (after - see)
+            first, second, third = (sse - sss) / width, (see - sse) / width, (eee - see) / width
+            bend = (second - first) / width
+            coefficients[j, 0, i], coefficients[j, 1, i] = sss, 3.0 * first
+            coefficients[j, 2, i] = 3.0 * bend
+            coefficients[j, 3, i] = ((third - second) / width - bend) / width
 
 
-def _invalid_pieces(oracle: Oracle, curve: SmoothPath, asked: BoolArray) -> BoolArray:
+def _invalid_pieces(validator: MotionValidator, curve: SmoothPath, asked: BoolArray) -> BoolArray:
     """Return which of the pieces asked about hold an invalid state, shape (k,)."""
     widths = np.diff(curve.breaks)
-    counts = np.maximum(2, np.ceil(widths / oracle.resolution).astype(int))
+    counts = np.maximum(2, np.ceil(widths / validator.resolution).astype(int))
     invalid = np.zeros(widths.size, dtype=bool)
     chosen = np.flatnonzero(asked)
     s = [curve.breaks[i] + widths[i] * np.arange(counts[i] + 1) / counts[i] for i in chosen]
     owner = np.repeat(chosen, counts[chosen] + 1)
     # At most one step of rounding past the end, which evaluation tolerates.
-    valid = oracle.states_valid(curve(np.concatenate(s)))
+    valid = validator.states_valid(curve(np.concatenate(s)))
     invalid[owner[~valid]] = True
     return invalid
 

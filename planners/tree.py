@@ -1,92 +1,109 @@
-"""A tree of states with vectorised nearest-neighbour search, grown in place."""
+"""Nodes of planners: nearest neighbors by a linear scan, eight nodes at a time."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from .metric import Metric
-from .vectors import FloatArray
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.intrinsics import eight_square_distances
+from pepper_kin.kernels.signatures import Floats1, Floats3, Ints1
 
-_FIRST_CAPACITY = 512
+LANES = 8
+"""Nodes whose scaled states lie side by side."""
 
 
-class Tree:
-    """A forest of states: each node but the roots has a parent that was added before it.
+@compiled("void(float64[:, :, ::1], int64, float64[::1], float64[::1])")
+def set_lane(lanes: Floats3, node: int, state: Floats1, weights: Floats1) -> None:
+    """Write the scaled state of a new node; the rest of its lanes, if it is the first, is infinitely far."""
+    if node % LANES == 0:
+        for i in range(state.size):
+            for lane in range(1, LANES):
+                lanes[node // LANES, i, lane] = math.inf
+    for i in range(state.size):
+        lanes[node // LANES, i, node % LANES] = state[i] * weights[i]
 
-    Distances are compared as ``|w x|^2 / 2 - (w x) . (w q)``, which orders nodes x like ``d(x, q)`` at the
-    price of one matrix-vector product.  Coordinates are taken from the first root, which keeps the rounding
-    small.
 
-    Attributes:
+@compiled("int64(float64[:, :, ::1], int64, float64[::1], float64[::1])")
+def nearest(lanes: Floats3, size: int, query: Floats1, room: Floats1) -> int:
+    """Return the node nearest to a scaled state; the first of equally near ones.
+
+    Args:
+        lanes: Scaled states, shape (blocks, n, 8); those of the last block that are no nodes are infinite.
         size: Number of nodes.
+        query: Scaled state, shape (n,).
+        room: Eight numbers.
     """
+    best, found, n = math.inf, 0, query.size
+    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, room.ctypes.data
+    for block in range((size + LANES - 1) // LANES):
+        if eight_square_distances(base + block * stride, asked, n, place) < best:
+            for lane in range(LANES):
+                if room[lane] < best:
+                    best, found = room[lane], block * LANES + lane
+    return found
 
-    def __init__(self, roots: FloatArray, metric: Metric) -> None:
-        """Plant the roots.
 
-        Args:
-            roots: Shape (k, n), k >= 1.
-            metric: The metric of the nearest-neighbour search.
-        """
-        n = roots.shape[1]
-        self.size = 0
-        self._weights = metric.weights
-        self._origin = roots[0].copy()
-        self._states = np.empty((_FIRST_CAPACITY, n))
-        self._scaled = np.empty((_FIRST_CAPACITY, n))
-        self._half_norms = np.empty(_FIRST_CAPACITY)
-        self._parents = np.empty(_FIRST_CAPACITY, dtype=np.int64)
-        self._append(roots, np.full(len(roots), -1))
+@compiled("int64(float64[:, :, ::1], int64, float64[::1], int64, int64[::1], float64[::1], float64[::1])")
+def k_nearest(
+    lanes: Floats3, size: int, query: Floats1, wanted: int, found: Ints1, squares: Floats1, room: Floats1
+) -> int:
+    """Write the nodes nearest to a scaled state and the squares of their distances, nearest first.
 
-    def state(self, index: int) -> FloatArray:
-        """Return the state of a node, shape (n,)."""
-        return self._states[index]
+    Args:
+        lanes: Scaled states, shape (blocks, n, 8).
+        size: Number of nodes.
+        query: Scaled state, shape (n,).
+        wanted: How many are wanted, 1 or more.
+        found: Room for them.
+        squares: Room for the squares of their distances.
+        room: Eight numbers.
 
-    def nearest(self, query: FloatArray) -> int:
-        """Return the index of the node nearest to a state of shape (n,)."""
-        scaled = (query - self._origin) * self._weights
-        return int(np.argmin(self._half_norms[: self.size] - self._scaled[: self.size] @ scaled))
+    Returns:
+        How many were found: `wanted`, or all.
+    """
+    n, count, limit = query.size, 0, math.inf
+    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, room.ctypes.data
+    for block in range((size + LANES - 1) // LANES):
+        if eight_square_distances(base + block * stride, asked, n, place) >= limit:
+            continue
+        for lane in range(LANES):
+            square = room[lane]
+            if square >= limit or block * LANES + lane >= size:
+                continue
+            k = count if count < wanted else wanted - 1
+            while k > 0 and squares[k - 1] > square:
+                squares[k], found[k] = squares[k - 1], found[k - 1]
+                k -= 1
+            squares[k], found[k] = square, block * LANES + lane
+            count = min(count + 1, wanted)
+            if count == wanted:
+                limit = squares[wanted - 1]
+    return count
 
-    def add_chain(self, parent: int, states: FloatArray) -> int:
-        """Add states one after the other, the first below the parent; return the index of the last.
 
-        Args:
-            parent: Index of an existing node.
-            states: Shape (m, n), m >= 1.
-        """
-        parents = np.arange(self.size - 1, self.size - 1 + len(states))
-        parents[0] = parent
-        self._append(states, parents)
-        return self.size - 1
+@compiled
+def neighbor_count(n: int, size: int, most: int) -> int:
+    """Return e (1 + 1/n) log(size + 1), rounded up, which is enough for asymptotic optimality.
 
-    def add_roots(self, roots: FloatArray) -> None:
-        """Plant further roots, shape (k, n)."""
-        self._append(roots, np.full(len(roots), -1))
+    Source: S. Karaman and E. Frazzoli, Sampling-based algorithms for optimal motion planning, Int. J. of
+    Robotics Research 30(7), 2011.
+    """
+    wanted = math.ceil(math.e * (1.0 + 1.0 / n) * math.log(size + 1.0))
+    return min(max(wanted, 1), min(size, most))
 
-    def branch(self, index: int) -> list[int]:
-        """Return the indices of the nodes from a root to a node, both included."""
-        nodes = [index]
-        while (index := int(self._parents[index])) >= 0:
-            nodes.append(index)
-        return nodes[::-1]
 
-    def states(self, indices: list[int]) -> FloatArray:
-        """Return the states of some nodes, shape (m, n)."""
-        return self._states[indices]
+def grown(array: np.ndarray, size: int, axis: int = 0) -> np.ndarray:
+    """Return a copy of an array with room for more entries along an axis."""
+    shape = list(array.shape)
+    shape[axis] = size
+    longer = np.empty(tuple(shape), dtype=array.dtype)
+    kept = (slice(None),) * axis + (slice(array.shape[axis]),)
+    longer[kept] = array
+    return longer
 
-    def _append(self, states: FloatArray, parents: np.ndarray) -> None:
-        size = self.size + len(states)
-        if size > len(self._states):
-            self._reserve(max(size, 2 * len(self._states)))
-        new = slice(self.size, size)
-        scaled = (states - self._origin) * self._weights
-        self._states[new], self._scaled[new], self._parents[new] = states, scaled, parents
-        self._half_norms[new] = 0.5 * np.einsum("ij,ij->i", scaled, scaled)
-        self.size = size
 
-    def _reserve(self, capacity: int) -> None:
-        for name in ("_states", "_scaled", "_half_norms", "_parents"):
-            old = getattr(self, name)
-            grown = np.empty((capacity, *old.shape[1:]), dtype=old.dtype)
-            grown[: self.size] = old[: self.size]
-            setattr(self, name, grown)
+def whole_blocks(capacity: int) -> int:
+    """Return a number of nodes rounded up to a multiple of eight."""
+    return -(-capacity // LANES) * LANES

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import os
 import runpy
@@ -14,69 +13,16 @@ from subprocess import CompletedProcess
 from unittest import mock
 
 import pytest
-from numba.core.caching import NullCache
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.dispatcher import Dispatcher
 
 from pepper_kin.cli import main
 from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
-COMPILED = (
-    "pepper_kin.ik.fast.loop",
-    "pepper_kin.twin.world.march_loop",
-    "pepper_kin.collision.fast.loop",
-    "pepper_kin.planners.native_shortcut",
-    "pepper_kin.planners.native_roadmap",
-    "pepper_kin.planners.native_manifold",
-)
-"""Modules that compile long when they are imported, and that the tests import sooner or later."""
-
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let the processes of one run compile each function of Numba once, not each of them all.
-
-    Bytecode is kept even where the environment says otherwise: assertions take long to rewrite, each process
-    would do it again in each run, and machine code lies in the same folders.
-    """
+    """Keep bytecode even where the environment says otherwise: assertions take long to rewrite."""
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    if "PYTEST_XDIST_WORKER" not in os.environ or fcntl is None or not hasattr(config, "cache"):
-        return
-    folder, held, compile_here = config.cache.mkdir("compiling"), set(), Dispatcher.compile
-
-    def compile_alone(dispatcher: Dispatcher, signature: object) -> object:
-        """Compile, or load from disk once no other process is about to write it there."""
-        name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
-        with (
-            global_compiler_lock
-        ):  # of this process' threads, the one that waits must be the one that compiles
-            if name in held or isinstance(dispatcher._cache, NullCache):
-                return compile_here(dispatcher, signature)
-            held.add(name)
-            try:
-                with (folder / name).open("a") as file:
-                    fcntl.flock(file, fcntl.LOCK_EX)
-                    return compile_here(dispatcher, signature)
-            finally:
-                held.remove(name)
-
-    Dispatcher.compile = compile_alone
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Begin a run of all tests with what compiles long: each process at another place, none with the same."""
-    config, worker = session.config, os.environ.get("PYTEST_XDIST_WORKER")
-    if worker and [config.rootpath / name for name in config.args] == [config.rootpath / "tests"]:
-        first = int(worker.removeprefix("gw"))
-        for k in range(len(COMPILED)):
-            importlib.import_module(COMPILED[(first + k) % len(COMPILED)])
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

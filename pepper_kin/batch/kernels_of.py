@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
-from functools import lru_cache
-from importlib.resources import files
 from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels import Kernel, compile_function
-from pepper_kin.model import PepperModel
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
 if TYPE_CHECKING:
     import casadi
 
-_kept: WeakKeyDictionary[PepperModel, dict[tuple[object, ...], Kernel]] = WeakKeyDictionary()
+_kept: RobotMemory[tuple[object, ...], Kernel] = RobotMemory()
 _lock = threading.Lock()
 
 
@@ -44,7 +40,8 @@ def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "floa
     key = (quantity, *args, dtype)
     with _lock:
         try:
-            found = _kept.setdefault(pepper, {}).get(key)
+            known = _kept.of(pepper)
+            found = known.get(key)
         except TypeError:
             allowed = "names, which can be hashed (a tuple for several)"
             raise InvalidValueError(f"arguments of {quantity}", repr(args)[:80], allowed) from None
@@ -53,7 +50,7 @@ def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "floa
             lambda: _expression(pepper, quantity, args), dtype=dtype, key=_disk_key(pepper, quantity, args)
         )
         with _lock:
-            found = _kept[pepper].setdefault(key, found)
+            found = known.setdefault(key, found)
     return found
 
 
@@ -65,22 +62,5 @@ def _expression(pepper: PepperModel, quantity: str, args: tuple[object, ...]) ->
 
 def _disk_key(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> str:
     """Name what the code depends on: the robot, the quantity and the source of the expressions."""
-    return f"{quantity}{args!r} of {_robot_digest(pepper)} by {_source_digest()}"
-
-
-@lru_cache(maxsize=32)
-def _robot_digest(pepper: PepperModel) -> str:
-    """Digest of the text, and of the model besides: it may have been given a payload or rotor inertias."""
-    content = pepper.urdf + pepper.pinocchio_model.saveToString()
-    return hashlib.sha256(content.encode()).hexdigest()
-
-
-@lru_cache(maxsize=1)
-def _source_digest() -> str:
-    digest = hashlib.sha256()
-    for room in ("symbolic", "model"):
-        folder = files(f"pepper_kin.{room}")
-        for file in sorted(folder.iterdir(), key=lambda f: f.name):
-            if file.name.endswith(".py"):
-                digest.update(file.read_bytes())
-    return digest.hexdigest()
+    sources = source_digest("pepper_kin.symbolic", "pepper_kin.model")
+    return f"{quantity}{args!r} of {robot_digest(pepper)} by {sources}"

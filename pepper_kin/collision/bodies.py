@@ -117,7 +117,7 @@ def _robot(pepper: PepperModel, looks: str) -> Iterator[Body]:
 
 
 def _attached(pepper: PepperModel, scene: Scene) -> Iterator[Body]:
-    model = pepper.pinocchio_model
+    model = pepper.inner_model
     for item in scene.attached.values():
         if is_empty(item.geometry):
             continue
@@ -154,7 +154,7 @@ def _body(
     import pinocchio
 
     index = pepper.frame_id(frame)
-    placed = pepper.pinocchio_model.frames[index]
+    placed = pepper.inner_model.frames[index]
     placement = placed.placement * pinocchio.SE3(pose)
     label = name if kind == ROBOT else f"attached/{name}"
     solid = pinocchio.GeometryObject(label, placed.parentJoint, index, placement, coal_geometry(geometry))
@@ -163,7 +163,7 @@ def _body(
 
 def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:
     """Return the joints of the hand that a joint moves or is part of, by the SRDF's end effectors."""
-    model, text = pepper.pinocchio_model, pepper.semantics.text
+    model, text = pepper.inner_model, pepper.semantics.text
     for effector in ET.fromstring(text).findall("end_effector") if text else ():
         link = effector.get("parent_link", "")
         wrist = _joint(pepper, link) if link in pepper.frame_names else 0
@@ -173,4 +173,4 @@ def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:
 
 
 def _joint(pepper: PepperModel, link: str) -> int:
-    return int(pepper.pinocchio_model.frames[pepper.frame_id(link)].parentJoint)
+    return int(pepper.inner_model.frames[pepper.frame_id(link)].parentJoint)

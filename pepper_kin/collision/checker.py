@@ -138,7 +138,7 @@ class CollisionChecker:
         found = {table.links: None for table in self._ranges if table.violated(state)}
         data, geometry_data = self._data
         pinocchio.computeCollisions(
-            self.pepper.pinocchio_model, data, self._model, geometry_data, self.pepper.to_full(state), False
+            self.pepper.inner_model, data, self._model, geometry_data, self.pepper.to_full(state), False
         )
         for index, pair in enumerate(self._model.collisionPairs):
             if geometry_data.collisionResults[index].isCollision():
@@ -185,7 +185,7 @@ class CollisionChecker:
             import pinocchio
 
             geometry_data = self._geometry_data()
-            model = self.pepper.pinocchio_model
+            model = self.pepper.inner_model
             data = self._local.data = (model.createData(), geometry_data)
             # The broad phase takes over the margins when it is made.
             broad = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager
@@ -218,7 +218,7 @@ class CollisionChecker:
     def _touches(self, q: NDArray[np.float64]) -> bool:
         import pinocchio
 
-        data, model = self._data[0], self.pepper.pinocchio_model
+        data, model = self._data[0], self.pepper.inner_model
         full = self.pepper.to_full(q)
         if pinocchio.computeCollisions(model, data, self._local.broad_phase, full, True):
             return True
@@ -232,7 +232,7 @@ class CollisionChecker:
         import pinocchio
 
         data, geometry_data = self._data
-        model = self.pepper.pinocchio_model
+        model = self.pepper.inner_model
         pinocchio.updateGeometryPlacements(model, data, self._model, geometry_data, self.pepper.to_full(q))
         centers = np.array([m.act(c) for m, c in zip(geometry_data.oMg, self._bounding_centers, strict=True)])
         first, second = self._pairs

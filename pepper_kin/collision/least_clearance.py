@@ -118,7 +118,7 @@ class _Search:
 
     def __init__(self, checker: CollisionChecker, path: Array) -> None:
         self.checker, self.path = checker, checker.pepper.to_full(path)
-        self.model = checker.pepper.pinocchio_model
+        self.model = checker.pepper.inner_model
         self.moves = _moves_against(checker)
         self.radii = _radii(checker)
         to_plane, normals = checker._planes
@@ -234,7 +234,7 @@ def _radii(checker: CollisionChecker) -> Array:
 
 def _moves_against(checker: CollisionChecker) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which joints move the first body of each pair, and not the second, and the other way round."""
-    model = checker.pepper.pinocchio_model
+    model = checker.pepper.inner_model
     carried = np.zeros((model.njoints, model.nv), dtype=bool)
     for joint in range(1, model.njoints):
         for above in model.supports[joint].tolist()[1:]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -13,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.scene import Scene
+from pepper_kin.core.collision.distances import NearTable, ShapeTable, find_near, slopes
+from pepper_kin.core.kinematic_tree import place_joints
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
@@ -85,17 +85,19 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     Pairs of capsules, spheres and boxes of which one is no box are measured in machine code, all at once;
     coal measures the others that may be near, and those whose cores meet.
     """
-    place_joints, find_near, slopes = _compiled()
     tables, count = _tables_of(checker), checker.pair_count
     full = np.array(checker.pepper.to_full(q))
     poses, axes = np.empty((len(tables.joints), 12)), np.empty((len(tables.joints), 3))
     place_joints(tables.joints, full, poses, axes)
-    found, undecided = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-    distances, points, normals = np.empty(count), np.empty((count, 2, 3)), np.empty((count, 3))
-    size, rest = find_near(
-        poses, tables.shapes, tables.pairs, checker._paddings, distance,
-        found, distances, points, normals, undecided,
-    )  # fmt: skip
+    near = NearTable(
+        np.empty(count, dtype=np.int64),
+        np.empty(count),
+        np.empty((count, 2, 3)),
+        np.empty((count, 3)),
+        np.empty(count, dtype=np.int64),
+    )
+    found, distances, points, normals, undecided = near
+    size, rest = find_near(poses, ShapeTable(tables.shapes, tables.pairs, checker._paddings), distance, near)
     if rest:
         for index, apart, result in _by_coal(checker, full, undecided[:rest].tolist(), distance):
             found[size], distances[size], normals[size] = index, apart, -result.normal
@@ -119,24 +121,13 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     )
 
 
-@lru_cache(maxsize=1)
-def _compiled() -> tuple[Callable[..., Any], ...]:
-    """Load, or on a machine's first use compile, the machine code; it is not imported before it is needed."""
-    first = Compilation("the distances of near pairs")
-    from pepper_kin.collision.fast.nearness import find_near, slopes
-    from pepper_kin.collision.fast.placing import place_joints
-
-    first.end(compiled=bool(find_near.stats.cache_misses))
-    return place_joints, find_near, slopes
-
-
 def _by_coal(
     checker: CollisionChecker, q_full: Array, indices: list[int], distance: float
 ) -> Iterator[tuple[int, float, Any]]:
     """Yield those of some pairs that are nearer than a distance: place, distance and coal's result."""
     import pinocchio
 
-    model, (data, geometry_data) = checker.pepper.pinocchio_model, checker._data
+    model, (data, geometry_data) = checker.pepper.inner_model, checker._data
     pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, q_full)
     for index in indices:
         result = pinocchio.computeDistance(checker._model, geometry_data, index)
@@ -158,7 +149,7 @@ def distances_along(checker: CollisionChecker, path: Array, indices: NDArray[np.
     """
     import pinocchio
 
-    model, (data, geometry_data) = checker.pepper.pinocchio_model, checker._data
+    model, (data, geometry_data) = checker.pepper.inner_model, checker._data
     found = np.empty((len(path), len(indices)))
     for row, q in enumerate(checker.pepper.to_full(path)):
         pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, q)
@@ -186,7 +177,7 @@ class _Tables:
     shapes: Array
     pairs: NDArray[np.int64]
     names: tuple[tuple[str, str], ...]
-    sides: NDArray[np.int8]
+    sides: NDArray[np.int64]
     movers: NDArray[np.bool_]
     cores: Array
 
@@ -202,14 +193,15 @@ def _tables_of(checker: CollisionChecker) -> _Tables:
 
 
 def _make_tables(checker: CollisionChecker) -> _Tables:
-    from pepper_kin.collision.fast.nearness import SHAPE, pair_row, shape_row
-    from pepper_kin.collision.fast.placing import joint_table
+    from pepper_kin.collision.fast.joint_table import joint_table
+    from pepper_kin.collision.fast.shape_table import pair_row, shape_row
+    from pepper_kin.core.collision.distances import SHAPE
 
-    model, pepper, (first, second) = checker.pepper.pinocchio_model, checker.pepper, checker._pairs
+    model, pepper, (first, second) = checker.pepper.inner_model, checker.pepper, checker._pairs
     objects = checker._model.geometryObjects
     shapes = np.array([shape_row(item) for item in objects], dtype=float).reshape(-1, SHAPE)
     kinds, listed = shapes[:, 0].astype(int).tolist(), list(zip(first.tolist(), second.tolist(), strict=True))
-    moved = np.zeros((model.njoints, model.nv), dtype=np.int8)
+    moved = np.zeros((model.njoints, model.nv), dtype=np.int64)
     for joint in range(1, model.njoints):
         moved[joint] = moved[model.parents[joint]]
         moved[joint, model.joints[joint].idx_v] = 1

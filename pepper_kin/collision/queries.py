@@ -33,7 +33,7 @@ def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) 
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    least = FAST_FROM_WHEN_LOADED if "pepper_kin.collision.fast.loop" in sys.modules else FAST_FROM
+    least = FAST_FROM_WHEN_LOADED if "pepper_kin.core.collision.check" in sys.modules else FAST_FROM
     if np.size(q) >= least * pepper.n:
         from pepper_kin.collision.fast import fast_checker_for
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import cast
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import are_vectors, over_states
 from pepper_kin.dynamics.center_of_mass import share_of_moving
 from pepper_kin.dynamics.mass import total_mass
-from pepper_kin.model import PepperModel
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model import PepperModel, kept_while_private
+
+pinocchio = lazy_module("pinocchio")
 
 
 def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
@@ -35,7 +36,7 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     share, (sx, sy, sz), (wx, wy, wz) = _masses(pepper)
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,9 +64,9 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
     return over_states(pepper, one, (6,), ("base_wrench",), q=q, v=v, a=a)
 
 
-@lru_cache(maxsize=32)
+@kept_while_private
 def _masses(pepper: PepperModel) -> tuple[float, list[float], list[float]]:
     """Return the moving links' share of the mass, what the others add to the centre [m], and m g [N]."""
     share, still = share_of_moving(pepper)
-    weight = total_mass(pepper) * np.asarray(pepper.pinocchio_model.gravity.linear)
+    weight = total_mass(pepper) * np.asarray(pepper.inner_model.gravity.linear)
     return share, still.tolist(), weight.tolist()

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.dynamics.mass import total_mass
-from pepper_kin.model import PepperModel
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model import PepperModel, kept_while_private
+
+pinocchio = lazy_module("pinocchio")
 
 
 def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -28,7 +28,7 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     share, still = share_of_moving(pepper)
     if is_plain_state(pepper, q):
         center: NDArray[np.float64] = pinocchio.centerOfMass(model, data, q, False)
@@ -43,10 +43,10 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     return over_states(pepper, one, (3,), ("center_of_mass",), q=q)
 
 
-@lru_cache(maxsize=32)
+@kept_while_private
 def share_of_moving(pepper: PepperModel) -> tuple[float, NDArray[np.float64]]:
     """Return the moving links' share of the mass, and what those fixed to the floor add to the centre [m]."""
-    still = pepper.pinocchio_model.inertias[0]
+    still = pepper.inner_model.inertias[0]
     part = still.mass / total_mass(pepper)
     return 1.0 - part, part * np.array(still.lever)
 
@@ -64,7 +64,7 @@ def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.flo
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     share, _ = share_of_moving(pepper)
     if is_plain_state(pepper, q):
         jacobian: NDArray[np.float64] = pinocchio.jacobianCenterOfMass(model, data, q, False)

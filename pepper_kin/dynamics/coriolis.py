@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
 
 
 def coriolis_matrix(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
@@ -27,7 +29,7 @@ def coriolis_matrix(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     if is_plain_state(pepper, q, v):
         matrix: NDArray[np.float64] = pinocchio.computeCoriolisMatrix(model, data, q, v)
         return matrix

@@ -5,13 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple, cast
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import all_over_states, is_plain_state
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
 
 Array = NDArray[np.float64]
 
@@ -64,7 +66,7 @@ def inverse_dynamics_derivatives(
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     full_map, n = pepper.full_map, pepper.n
 
     def one(q: Array, v: Array, a: Array) -> InverseDynamicsDerivatives:
@@ -106,7 +108,7 @@ def forward_dynamics_derivatives(
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
         ModelError: naming joints that move no mass.
     """
-    model, data, n = pepper.pinocchio_model, pepper.pinocchio_data, pepper.n
+    model, data, n = pepper.inner_model, pepper.pinocchio_data, pepper.n
 
     def one(q: Array, v: Array, tau: Array) -> ForwardDynamicsDerivatives:
         if not pepper.is_coupled:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import are_vectors, over_states
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
 
 
 def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
@@ -21,7 +23,7 @@ def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[n
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     if not pepper.is_coupled and are_vectors(pepper, q, v):
         # What is not finite in any joint is not finite in the sum over all links, and is looked at below.
         energy = pinocchio.computeKineticEnergy(model, data, q, v)
@@ -45,7 +47,7 @@ def potential_energy(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     if not pepper.is_coupled and are_vectors(pepper, q):
         energy = pinocchio.computePotentialEnergy(model, data, q)
         if -np.inf < energy < np.inf:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
+
+pinocchio = lazy_module("pinocchio")
 
 Array = NDArray[np.float64]
 
@@ -59,7 +61,7 @@ def _wrench(frame: str, force: ArrayLike) -> Array:
 
 
 def _jacobian(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:
-    model, data, frame_id = pepper.pinocchio_model, pepper.pinocchio_data, pepper.frame_id(frame)
+    model, data, frame_id = pepper.inner_model, pepper.pinocchio_data, pepper.frame_id(frame)
     axes = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
     def one(q: Array) -> Array:

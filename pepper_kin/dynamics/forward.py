@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import are_vectors, over_states
 from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.dynamics.mass import solved
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
+
+pinocchio = lazy_module("pinocchio")
 
 
 def forward_dynamics(
@@ -47,10 +49,10 @@ def forward_dynamics(
         return forward_dynamics(pepper, q, v, driven)
     if not pepper.is_coupled and are_vectors(pepper, q, v, tau):
         # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
-        a: NDArray[np.float64] = pinocchio.aba(pepper.pinocchio_model, pepper.pinocchio_data, q, v, tau)
+        a: NDArray[np.float64] = pinocchio.aba(pepper.inner_model, pepper.pinocchio_data, q, v, tau)
         if a.dot(a) < np.inf:
             return a
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     full_map = pepper.full_map
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], tau: NDArray[np.float64]) -> NDArray[np.float64]:

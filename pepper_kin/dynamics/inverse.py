@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import are_vectors, is_plain_state, over_states
 from pepper_kin.dynamics.external_force import external_torque
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
 
 
 def inverse_dynamics(
@@ -43,10 +45,10 @@ def inverse_dynamics(
         return inverse_dynamics(pepper, q, v, a) - external_torque(pepper, q, forces)
     if not pepper.is_coupled and are_vectors(pepper, q, v, a):
         # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
-        tau: NDArray[np.float64] = pinocchio.rnea(pepper.pinocchio_model, pepper.pinocchio_data, q, v, a)
+        tau: NDArray[np.float64] = pinocchio.rnea(pepper.inner_model, pepper.pinocchio_data, q, v, a)
         if tau.dot(tau) < np.inf:
             return tau
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         tau = pinocchio.rnea(model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a))
@@ -66,10 +68,8 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     if is_plain_state(pepper, q):
-        return np.asarray(
-            pinocchio.computeGeneralizedGravity(pepper.pinocchio_model, pepper.pinocchio_data, q)
-        )
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+        return np.asarray(pinocchio.computeGeneralizedGravity(pepper.inner_model, pepper.pinocchio_data, q))
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         tau = pinocchio.computeGeneralizedGravity(model, data, pepper.to_full(q))

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.exceptions import ModelError
-from pepper_kin.model import PepperModel
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model import PepperModel, kept_while_private
+
+pinocchio = lazy_module("pinocchio")
 
 
+@kept_while_private
 def total_mass(pepper: PepperModel) -> float:
     """Return the mass of all links, those fixed to the floor included [kg]."""
-    return _total_mass(pepper)
-
-
-@lru_cache(maxsize=32)
-def _total_mass(pepper: PepperModel) -> float:
-    return float(sum(inertia.mass for inertia in pepper.pinocchio_model.inertias))
+    model = pepper.inner_model
+    return float(model.inertias[0].mass + pinocchio.computeTotalMass(model))
 
 
 def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -39,8 +36,8 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     if is_plain_state(pepper, q):
-        return np.asarray(pinocchio.crba(pepper.pinocchio_model, pepper.pinocchio_data, q))
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+        return np.asarray(pinocchio.crba(pepper.inner_model, pepper.pinocchio_data, q))
+    model, data = pepper.inner_model, pepper.pinocchio_data
     full_map = pepper.full_map
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -67,7 +64,7 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64
         InvalidValueError: for a wrong length, NaN or infinity.
         ModelError: naming joints that move no mass: M has no inverse.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     if is_plain_state(pepper, q):
         found: NDArray[np.float64] = pinocchio.computeMinverse(model, data, q)
         flat = found.ravel()

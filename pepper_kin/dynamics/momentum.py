@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import cast
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
 from pepper_kin.dynamics.mass import total_mass
-from pepper_kin.model import PepperModel
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model import PepperModel, kept_while_private
+
+pinocchio = lazy_module("pinocchio")
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     (part, lever), rest = _share_of_still(pepper), np.zeros(model.nv)
 
     def one(q: Array) -> Array:
@@ -60,7 +61,7 @@ def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Arra
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     part, lever = _share_of_still(pepper)
 
     def one(q: Array, v: Array) -> Array:
@@ -75,11 +76,11 @@ def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Arra
     return over_states(pepper, one, (6,), ("centroidal_momentum",), q=q, v=v)
 
 
-@lru_cache(maxsize=32)
+@kept_while_private
 def _share_of_still(pepper: PepperModel) -> tuple[float, Array]:
     """Return the share s of the mass that is fixed to the floor, and its centre c_0 [m].
 
     With c the centre of the moving mass, c minus the centre of all is s (c - c_0).
     """
-    still = pepper.pinocchio_model.inertias[0]
+    still = pepper.inner_model.inertias[0]
     return still.mass / total_mass(pepper), np.array(still.lever)

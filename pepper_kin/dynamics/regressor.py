@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
 
 
 def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
@@ -28,7 +30,7 @@ def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     if is_plain_state(pepper, q, v, a):
         matrix: NDArray[np.float64] = pinocchio.computeJointTorqueRegressor(model, data, q, v, a)
         return matrix
@@ -45,11 +47,11 @@ def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> 
 def inertial_parameters(pepper: PepperModel) -> NDArray[np.float64]:
     """Return the inertial parameters pi of all moving bodies, shape (10 k,).
 
-    For each body (a joint's child with all links fixed to it, in the order of `pepper.pinocchio_model`):
+    For each body (a joint's child with all links fixed to it, in the order of `pepper.inner_model`):
     m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz, about the origin of its joint frame and in its
     axes [kg, kg m, kg m^2].
 
     Args:
         pepper: The robot.
     """
-    return np.concatenate([i.toDynamicParameters() for i in list(pepper.pinocchio_model.inertias)[1:]])
+    return np.concatenate([i.toDynamicParameters() for i in list(pepper.inner_model.inertias)[1:]])

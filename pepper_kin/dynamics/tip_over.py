@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states
 from pepper_kin.dynamics.zero_moment_point import zero_moment_point
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
+
+pinocchio = lazy_module("pinocchio")
 
 Array = NDArray[np.float64]
 
@@ -68,7 +70,7 @@ def tip_over_margin(
 
 
 def _pose_of(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:
-    model, data, frame_id = pepper.pinocchio_model, pepper.pinocchio_data, pepper.frame_id(frame)
+    model, data, frame_id = pepper.inner_model, pepper.pinocchio_data, pepper.frame_id(frame)
 
     def one(q: Array) -> Array:
         pinocchio.forwardKinematics(model, data, pepper.to_full(q))

@@ -1,9 +1,14 @@
-"""Inverse kinematics: tasks in, the best configuration and the reason out."""
+"""Inverse kinematics: tasks in, the best configuration and the reason out.
+
+The differential-IK controller and the search for a place to stand have rooms of their own, `pepper_kin.servo`
+and `pepper_kin.base_placement`; their names can be had here too, and are loaded when first asked for.
+"""
+
+import importlib
+from typing import Any
 
 from pepper_kin.ik.batch import BatchResult, solve_batch
-from pepper_kin.ik.placement import PlacementResult, PlacementStatus, PlacementWeights, floor_map, place_base
 from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
-from pepper_kin.ik.servo import DifferentialStep, Servo, ServoState, ServoStatus, differential_step
 from pepper_kin.ik.solutions import solutions
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks import (
@@ -38,7 +43,6 @@ __all__ = [
     "BatchResult",
     "CenterOfMass",
     "CenterOfMassOverWheels",
-    "DifferentialStep",
     "FrameInPlane",
     "FrameOrientation",
     "FramePose",
@@ -49,25 +53,41 @@ __all__ = [
     "JointPosture",
     "JointValue",
     "LookAt",
-    "PlacementResult",
-    "PlacementStatus",
-    "PlacementWeights",
     "Point",
     "RelativeOrientation",
     "RelativePose",
     "RelativePosition",
-    "Servo",
-    "ServoState",
-    "ServoStatus",
     "Status",
     "Task",
     "TaskError",
     "TaskGroup",
     "TorqueUse",
-    "differential_step",
-    "floor_map",
-    "place_base",
     "solutions",
     "solve",
     "solve_batch",
 ]
+
+_HOMES = {
+    "DifferentialStep": "servo",
+    "PlacementResult": "base_placement",
+    "PlacementStatus": "base_placement",
+    "PlacementWeights": "base_placement",
+    "Servo": "servo",
+    "ServoState": "servo",
+    "ServoStatus": "servo",
+    "differential_step": "servo",
+    "floor_map": "base_placement",
+    "place_base": "base_placement",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"pepper_kin.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

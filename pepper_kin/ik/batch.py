@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.certificate import Evidence
+from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.descenders import ALL_SOLVERS
-from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
-from pepper_kin.ik.problem import flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.fast.search import Rows
+from pepper_kin.ik.fast.structure import known_structures
+from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
+from pepper_kin.ik.problem import SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
-from pepper_kin.ik.search import Budget
 from pepper_kin.ik.solve import solve, whole_number
+from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -99,7 +100,9 @@ class BatchResult:
             time=self.time,
             solver=self.solver,
             seed=self.seed,
-            evidence=Evidence(self._pepper, tasks, self._starts[row], self._movable, None, q).certificate,
+            evidence=CertificateInputs(
+                self._pepper, tasks, self._starts[row], self._movable, None, q
+            ).certificate,
         )
 
     def report(self) -> str:
@@ -164,7 +167,7 @@ def solve_batch(
     whole_number("max_iterations", max_iterations, 1)
     whole_number("threads", threads, 1)
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
-    if solver == "fast":
+    if solver == "fast" and known_structures(parts) is not None:
         arrays = _solve_fast(pepper, parts, starts, movable, options, threads, progress)
     else:
         options |= {"solver": solver, "joints": joints}
@@ -185,15 +188,12 @@ def _solve_fast(
     progress: Callable[[int, int], None] | None,
 ) -> Arrays:
     """Solve all rows in machine code."""
-    from pepper_kin.ik.fast import Rows
-
-    tasks = balanced(tasks)
-    rows = Rows(pepper, tasks, starts, movable, **options)
+    tasks, budget = balanced(tasks), SearchBudget(deadline=math.inf, **options)
+    rows = Rows(pepper, tasks, starts, movable, budget)
     _share_out(rows.solve, len(starts), threads, progress)
     q, numbers, errors, iterations, restarts = rows.answers()
     codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]
     if is_ordered(tasks):
-        budget = Budget(deadline=math.inf, **options)
         for row in np.flatnonzero(codes != CODES.index(Status.SOLVED)):
             _put_in_order(pepper, tasks, starts, movable, budget, int(row), (q, codes, errors))
     return q, codes, errors, iterations, restarts
@@ -204,7 +204,7 @@ def _put_in_order(
     tasks: tuple[Task, ...],
     starts: Array,
     movable: np.ndarray | None,
-    budget: Budget,
+    budget: SearchBudget,
     row: int,
     answers: tuple[Array, np.ndarray, Array],
 ) -> None:
@@ -213,7 +213,7 @@ def _put_in_order(
     ones = [task.at(row) for task in tasks]
     moves = np.ones(pepper.n, dtype=bool) if movable is None else movable
     problem = make_problem(pepper, ones, starts[row], moves, keep_idle=True)
-    q[row] = put_first(problem, Means("fast", Collisions(pepper, None), budget), q[row].copy())
+    q[row] = put_first(problem, SolverContext("fast", Collisions(pepper, None), budget), q[row].copy())
     errors[row] = [task.error(pepper, q[row]) for task in ones]
     if all(error <= task.tolerance for error, task in zip(errors[row], ones, strict=True)):
         codes[row] = CODES.index(Status.SOLVED)

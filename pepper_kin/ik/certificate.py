@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from pepper_kin.dynamics import gravity_torque
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import Problem, make_problem
 from pepper_kin.ik.result import Certificate, TaskError, TorqueUse
-from pepper_kin.ik.search import torque_ratios
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
 
@@ -23,7 +23,7 @@ AT_LIMIT = 1e-4
 PUSH = 1e-3
 
 
-class Evidence(NamedTuple):
+class CertificateInputs(NamedTuple):
     """All that a certificate is computed from, when it is asked for.
 
     Attributes:
@@ -88,3 +88,10 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> Certificate:
 
 def _names(problem: Problem, mask: np.ndarray) -> tuple[str, ...]:
     return tuple(problem.pepper.joint_names[i] for i in np.flatnonzero(mask))
+
+
+def torque_ratios(pepper: PepperModel, q: Array) -> Array:
+    """Return |g_i(q)| / effort limit of every joint, shape (n,); zero where there is no limit."""
+    effort = pepper.effort_limits
+    limited = np.isfinite(effort) & (effort > 0)
+    return np.where(limited, np.abs(gravity_torque(pepper, q)) / np.where(limited, effort, 1.0), 0.0)

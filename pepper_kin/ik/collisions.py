@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections import deque
-from typing import TYPE_CHECKING
+import ctypes
+import threading
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pepper_kin.ik.solvers.step_solver import HalfSpaces
+from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
 from pepper_kin.ik.tasks.task import Array
-from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.kernels.interrupts import STOPPED
+from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+    from pepper_kin.collision.fast import CompiledValidity, FastChecker
 
-# Steps keep this distance where they can [m], and take notice of bodies nearer than the second number.
 MARGIN = 0.005
+"""Steps keep this distance where they can [m]."""
 NOTICE = 0.10
+"""They take notice of bodies nearer than this [m]."""
 
-# Half-spaces remembered in one descent; the oldest is forgotten first.
-CUTS = 4
+NO_TESTS = CollisionTests(0, 0, 0, 0)
+"""For searches that leave collisions out."""
+
+_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
 
 
 class Collisions:
@@ -34,6 +41,8 @@ class Collisions:
     def __init__(self, pepper: PepperModel, scene: Scene | None) -> None:
         self.pepper = pepper
         self.scene = scene
+        self._raised: BaseException | None = None
+        self._kept: tuple[Any, ...] = ()
 
     @property
     def considered(self) -> bool:
@@ -64,62 +73,85 @@ class Collisions:
 
         return float(clearance(self.pepper, q, self.scene))
 
-    def fence(self) -> Fence:
-        """Return a fence for one descent."""
-        return Fence(self)
+    def half_spaces(self, q: Array, count: int) -> Array:
+        """Return half-spaces of joint positions near q that keep a step clear, g . q' >= b.
+
+        Each is one of the nearest pairs of bodies, linearized.  With d its distance at q and g = dd/dq,
+
+            d + g . (q' - q) >= MARGIN.
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+            count: Largest number of pairs.
+
+        Returns:
+            g and b of each, shape (m, n + 1), m <= count.
+        """
+        from pepper_kin.collision.near_pairs import near_pairs
+
+        pairs = near_pairs(self.pepper, q, NOTICE, self.scene)
+        slopes, distances = pairs.gradients[:count], pairs.distances[:count]
+        return np.column_stack([slopes, MARGIN - distances + slopes @ q])
+
+    def tests(self, signals: np.ndarray) -> CollisionTests:
+        """Return the same as functions at addresses, valid until the next call.
+
+        Args:
+            signals: A table, see `pepper_kin.kernels.interrupts`, that is told to stop where a verdict fails;
+                `check` then raises why.
+        """
+        if self.scene is None:
+            return NO_TESTS
+        n = self.pepper.n
+
+        def guarded(answer: Any) -> Any:
+            def call(q: int, result: int, count: int, _: int) -> int:
+                try:
+                    if self._raised is None:
+                        state = floats_at(q, n).copy()
+                        return int(answer(state, result, count))
+                except BaseException as error:  # an exception cannot pass through machine code
+                    self._raised = error
+                signals[STOPPED] = 1
+                return 0
+
+            return _FUNCTION(call)
+
+        def near(q: Array, result: int, count: int) -> int:
+            rows = self.half_spaces(q, count)
+            ctypes.memmove(result, np.ascontiguousarray(rows).ctypes.data, 8 * rows.size)
+            return len(rows)
+
+        from pepper_kin.collision.fast import fast_checker_for
+
+        checker = fast_checker_for(self.pepper, self.scene)
+        functions = guarded(lambda q, *_: not checker.in_collision(q)), guarded(near)
+        addresses = [int(ctypes.cast(f, ctypes.c_void_p).value or 0) for f in functions]
+        code = _machine_code(checker) if checker.supported else None
+        self._kept = (functions, code)
+        if code is None:
+            return CollisionTests(0, 0, *addresses)
+        return CollisionTests(code[0].address, code[1].ctypes.data, *addresses)
+
+    def check(self) -> None:
+        """Raise what a verdict has raised during a search."""
+        raised, self._raised = self._raised, None
+        if raised is not None:
+            raise raised
 
 
-class Fence:
-    """Half-spaces of joint positions that keep one descent clear, learnt as it goes.
-
-    Each is one pair of bodies, linearised where it was nearest.  With (a, b) the nearest points at x, their
-    distance d and n = (a - b) / d,
-
-        g = (J_a - J_b)^T n,    d + g . (q - x) >= margin.
-
-    A step that was refused because it would collide leaves one behind too, so the next step goes round.
-
-    Args:
-        collisions: The robot in its scene.
-    """
-
-    def __init__(self, collisions: Collisions) -> None:
-        self._collisions = collisions
-        self._cuts: deque[tuple[Array, float]] = deque(maxlen=CUTS)
-
-    def admits(self, q: Array) -> bool:
-        """Whether q is free; what is nearest there is remembered."""
-        self._learn(q)
-        return self._collisions.free(q)
-
-    def half_spaces(self, q: Array) -> HalfSpaces | None:
-        """Return what a step from q has to keep; where a margin is used up, it may not shrink further."""
-        if not self._cuts:
-            return None
-        normals = np.array([-growth for growth, _ in self._cuts])
-        offsets = np.array([max(float(growth @ q) - least, 0.0) for growth, least in self._cuts])
-        return HalfSpaces(normals, offsets)
-
-    def _learn(self, q: Array) -> None:
-        from pepper_kin.collision import closest_pair
-
-        pepper, scene = self._collisions.pepper, self._collisions.scene
-        pair = closest_pair(pepper, q, scene)
-        if pair is None or pair.distance > NOTICE or abs(pair.distance) < 1e-9:
-            return
-        normal = (pair.points[0] - pair.points[1]) / pair.distance
-        first, second = (
-            _point_jacobian(pepper, q, link, point)
-            for link, point in zip(pair.links, pair.points, strict=True)
-        )
-        growth = normal @ (first - second)
-        self._cuts.append((growth, MARGIN - pair.distance + float(growth @ q)))
+_local = threading.local()
 
 
-def _point_jacobian(pepper: PepperModel, q: Array, link: str | None, point: Array) -> Array:
-    """Return the Jacobian of a point fixed to a link, J_v + J_w x (p - o), shape (3, n); 0 in the world."""
-    if link is None:
-        return np.zeros((3, pepper.n))
-    jacobian = frame_jacobian(pepper, q, link)
-    arm = point - frame_pose(pepper, q, link)[:3, 3]
-    return jacobian[:3] + np.cross(jacobian[3:], arm, axisa=0, axisc=0)
+def _machine_code(checker: FastChecker) -> tuple[CompiledValidity, Array]:
+    """Return a checker's verdict on all joints in machine code, and its memory for this thread, kept."""
+    known: WeakKeyDictionary[FastChecker, tuple[CompiledValidity, Array]] | None
+    known = getattr(_local, "known", None)
+    if known is None:
+        known = _local.known = WeakKeyDictionary()
+    found = known.get(checker)
+    if found is None:
+        n = checker.pepper.n
+        validity = checker.compiled(checker.pepper.neutral(), np.arange(n))
+        found = known[checker] = (validity, validity.new_memory())
+    return found

@@ -1,4 +1,4 @@
-"""Why a target was not reached."""
+"""Why a target was not reached, and what would help."""
 
 from __future__ import annotations
 
@@ -7,51 +7,18 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.descenders import make_descender
-from pepper_kin.ik.problem import Problem
-from pepper_kin.ik.restarts import starts
+from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import Status
-from pepper_kin.ik.search import Budget, Search, search
+from pepper_kin.ik.solvers import make_solver
+from pepper_kin.ik.tasks.frame_position import FramePosition
+from pepper_kin.ik.tasks.task import words_for_length
 from pepper_kin.model.shapes import read_only
 
-# Starts for the question whether a less bounded robot would reach the target.
-STARTS = 3
-
-# Targets that can be met take few steps.
-STEPS = 60
+RESTARTS = 3
+"""Of a search that asks whether a target can be reached at all."""
 
 
-def find_status(problem: Problem, found: Search, solver: str, budget: Budget) -> Status:
-    """Return how a search ended.
-
-    The target is blocked by collision where it was met while touching something, and by limits where the same
-    joints meet it once their limits are taken away; otherwise it is out of reach.
-
-    Args:
-        problem: The problem.
-        found: The search's outcome.
-        solver: Name of the solver.
-        budget: The search's budget; its deadline holds here too.
-    """
-    if found.best.met and found.best.free:
-        return Status.SOLVED
-    if found.timed_out:
-        return Status.TIMED_OUT
-    if found.met_in_collision:
-        return Status.CLOSEST_COLLISION
-    unlimited = problem.without_limits()
-    steps = min(STEPS, budget.max_iterations)
-    descender = make_descender(solver, unlimited)
-    for start in (found.best.q, *starts(unlimited, budget.seed, STARTS)):
-        descent = descender.descend(start, start, steps, budget.deadline)
-        if descent.timed_out:
-            return Status.TIMED_OUT
-        if unlimited.is_met(descent.residuals):
-            return Status.CLOSEST_LIMITS
-    return Status.CLOSEST_UNREACHABLE
-
-
-def what_would_help(problem: Problem, whole: Problem, solver: str, budget: Budget) -> str:
+def what_would_help(problem: Problem, whole: Problem, solver: str, budget: SearchBudget) -> str:
     """Return which joints, if they were free too, would let the target be reached, collisions left out.
 
     Of the robot's joint groups the one that frees fewest further joints is named.
@@ -84,12 +51,59 @@ def what_would_help(problem: Problem, whole: Problem, solver: str, budget: Budge
     return "all joints"
 
 
-def _solvable(problem: Problem, solver: str, budget: Budget) -> bool:
+def _solvable(problem: Problem, solver: str, budget: SearchBudget) -> bool:
     """Whether a problem is solved, collisions left out."""
-    found = search(
-        problem,
-        make_descender(solver, problem),
-        Collisions(problem.pepper, None),
-        budget._replace(restarts=STARTS),
-    )
-    return found.best.met
+    nothing = Collisions(problem.pepper, None)
+    found = make_solver(solver, problem).search(nothing, budget._replace(restarts=RESTARTS))
+    return found.status is Status.SOLVED
+
+
+def why_beyond_reach(problem: Problem) -> str:
+    """Say which position task no posture can meet, limits or not, and how much is missing at least.
+
+    Args:
+        problem: The problem; joints that may not move stand as in its q0.
+
+    Returns:
+        One clause; empty where nothing is proven.
+    """
+    worst, words = 0.0, ""
+    for task in problem.tasks:
+        missing = least_shortfall(problem, task) if isinstance(task, FramePosition) else 0.0
+        if missing > max(worst, task.tolerance):
+            worst = missing
+            words = f"no posture brings {task.label} nearer than {words_for_length(missing)} to its target"
+    return words
+
+
+def least_shortfall(problem: Problem, task: FramePosition) -> float:
+    """Return a lower bound on the distance between a frame and its target, over all postures [m].
+
+    A frame behind revolute joints stays within a ball: about the first of them that moves, with the sum of
+    the lengths from joint to joint and on to the frame as radius (the triangle inequality).  Where a joint
+    that slides may move the bound is 0.
+    """
+    import pinocchio
+
+    pepper = problem.pepper
+    model = pepper.inner_model
+    frame = model.frames[pepper.frame_id(task.frame)]
+    chain = [joint for joint in model.supports[frame.parentJoint] if joint > 0]
+    moving = [k for k, joint in enumerate(chain) if _may_move(problem, model.names[joint])]
+    if not moving:
+        return task.error(pepper, problem.q0)
+    chain = chain[moving[0] :]
+    if not all(model.joints[joint].shortname().startswith("JointModelR") for joint in chain):
+        return 0.0
+    data = model.createData()
+    pinocchio.forwardKinematics(model, data, pepper.to_full(problem.q0))
+    lengths = [float(np.linalg.norm(model.jointPlacements[joint].translation)) for joint in chain[1:]]
+    radius = sum(lengths) + float(np.linalg.norm(frame.placement.translation))
+    distance = float(np.linalg.norm(task.target - data.oMi[chain[0]].translation))
+    return max(distance - radius, 0.0)
+
+
+def _may_move(problem: Problem, joint: str) -> bool:
+    """Whether a joint of Pinocchio's may move; those that follow others, as fingers do, count as free."""
+    names = problem.pepper.joint_names
+    return joint not in names or bool(problem.movable[names.index(joint)])

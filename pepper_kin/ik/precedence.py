@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.descenders import make_descender
-from pepper_kin.ik.problem import Problem
-from pepper_kin.ik.search import Budget, search
+from pepper_kin.ik.problem import Problem, SearchBudget
+from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task
 
 # Factors on the weight of hard tasks, one after the other, until they are met: HARD_WEIGHT is enough unless
@@ -61,7 +60,7 @@ def is_ordered(tasks: Sequence[Task]) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Means:
+class SolverContext:
     """How to search on.
 
     Attributes:
@@ -72,10 +71,10 @@ class Means:
 
     solver: str
     collisions: Collisions
-    budget: Budget
+    budget: SearchBudget
 
 
-def put_first(problem: Problem, means: Means, q: Array) -> Array:
+def put_first(problem: Problem, context: SolverContext, q: Array) -> Array:
     """Return a configuration that meets better what comes first, searched from where the search ended.
 
     The search itself weighs hard tasks HARD_WEIGHT times as much as others, which meets them to a fraction of
@@ -86,7 +85,7 @@ def put_first(problem: Problem, means: Means, q: Array) -> Array:
 
     Args:
         problem: The problem.
-        means: How to search.
+        context: How to search.
         q: Where the search ended, shape (n,) [rad or m].
 
     Returns:
@@ -98,11 +97,11 @@ def put_first(problem: Problem, means: Means, q: Array) -> Array:
             if _worst(problem, firm, q) <= 1:
                 break
             problem = _reweighted(problem, firm, factor)
-            q = _better(problem, means, q, firm)
-    return _loosen(problem, means, _let_yield(problem, means, q))
+            q = _better(problem, context, q, firm)
+    return _loosen(problem, context, _let_yield(problem, context, q))
 
 
-def _let_yield(problem: Problem, means: Means, q: Array) -> Array:
+def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
     """Return where the tasks with one that yields to them are met, as far as they can be."""
     tasks = problem.tasks
     leaders = [k - 1 for k in range(1, len(tasks)) if _gives_way(tasks[k], tasks[k - 1])]
@@ -112,18 +111,18 @@ def _let_yield(problem: Problem, means: Means, q: Array) -> Array:
     yielding, trial = [k + 1 for k in leaders], problem
     for factor in LOWERED:
         trial = _reweighted(problem, yielding, factor)
-        q = _unless_worse(problem, _better(trial, means, q, leaders), q)
+        q = _unless_worse(problem, _better(trial, context, q, leaders), q)
         if _worst(problem, leaders, q) <= 1:
             return q
-    again = _search_again(trial, means)
-    if (means.collisions.free(again) or not means.collisions.free(q)) and _worst(
+    again = _search_again(trial, context)
+    if (context.collisions.free(again) or not context.collisions.free(q)) and _worst(
         problem, leaders, again
     ) <= 1:
         return _unless_worse(problem, again, q)
     return q
 
 
-def _loosen(problem: Problem, means: Means, q: Array) -> Array:
+def _loosen(problem: Problem, context: SolverContext, q: Array) -> Array:
     """Return where all tasks are met, if lowering the weights of those with room leads there, else q."""
     places = range(len(problem.tasks))
     if _worst(problem, places, q) <= 1:
@@ -135,7 +134,7 @@ def _loosen(problem: Problem, means: Means, q: Array) -> Array:
             break
         problem = _reweighted(problem, loose, LOOSENED)
         tight = [k for k in places if _worst(problem, [k], end) > 1]
-        before, end = end, _better(problem, means, end, tight)
+        before, end = end, _better(problem, context, end, tight)
         if _worst(problem, places, end) <= 1:
             return end
         if end is before and time == 0:
@@ -164,33 +163,24 @@ def _reweighted(problem: Problem, places: Sequence[int], factor: float) -> Probl
     return replace(problem, tasks=tuple(tasks))
 
 
-def _better(problem: Problem, means: Means, q: Array, first: Sequence[int]) -> Array:
+def _better(problem: Problem, context: SolverContext, q: Array, first: Sequence[int]) -> Array:
     """Return where a descent from q ends if the tasks `first` are better met there, else q."""
-    collisions, budget = means.collisions, means.budget
-    descender = make_descender(means.solver, problem)
+    collisions, budget = context.collisions, context.budget
+    solver = make_solver(context.solver, problem)
     before = _worst(problem, first, q)
-    for fenced in (False, True):
-        if fenced and not (collisions.considered and collisions.free(q)):
+    for clear in (False, True):
+        if clear and not (collisions.considered and collisions.free(q)):
             break
-        fence = collisions.fence() if fenced else None
-        end = descender.descend(q, problem.q0, budget.max_iterations, budget.deadline, fence).q
+        end = solver.descend(q, collisions, budget, clear=clear)
         if _worst(problem, first, end) < PROGRESS * before and collisions.free(end):
             return end
     return q
 
 
-def _search_again(problem: Problem, means: Means) -> Array:
-    """Return the outcome of a search from the start, in machine code where nothing asks for another."""
-    budget = means.budget._replace(restarts=min(STARTS, means.budget.restarts))
-    if means.solver == "fast" and not means.collisions.considered:
-        from pepper_kin.ik.fast import prepare, solve_one, structures_of
-
-        tasks = problem.tasks
-        return solve_one(
-            prepare(problem.pepper, structures_of(tasks)), tasks, problem.q0, problem.movable, budget.seed,
-            budget.restarts, budget.max_iterations,
-        ).q  # fmt: skip
-    return search(problem, make_descender(means.solver, problem), means.collisions, budget).best.q
+def _search_again(problem: Problem, context: SolverContext) -> Array:
+    """Return the outcome of a search from the start."""
+    budget = context.budget._replace(restarts=min(STARTS, context.budget.restarts))
+    return make_solver(context.solver, problem).search(context.collisions, budget).q
 
 
 def _worst(problem: Problem, places: Sequence[int], q: Array) -> float:

@@ -4,22 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, cast
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from pepper_kin.dynamics import mass_matrix
+from pepper_kin.core.inverse_kinematics.local_solver import CLOSE
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 
-# epsilon of the posture term: at a residual of a task's tolerance it shifts the optimum by micrometres.
 POSTURE_WEIGHT = 1e-3
+"""eps of the posture term: at a residual of a task's tolerance it shifts the optimum by micrometers."""
 
-# Iterations go on until every error is this fraction of its tolerance.
-CLOSE = 0.1
+
+class SearchBudget(NamedTuple):
+    """How much to search.
+
+    Attributes:
+        seed: Draws the restarts.
+        restarts: Number of restarts after the first start.
+        max_iterations: Steps from each start.
+        deadline: When to stop, on the clock of `time.perf_counter` [s].
+    """
+
+    seed: int
+    restarts: int
+    max_iterations: int
+    deadline: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +49,6 @@ class Problem:
         movable: Which joints may move, shape (n,).
         lower: Lower bounds [rad or m], shape (n,).
         upper: Upper bounds [rad or m], shape (n,).
-        scale: d, shape (n,): how dear the motion of each joint is; the damping is lambda |diag(d) dq|^2.
     """
 
     pepper: PepperModel
@@ -45,7 +57,11 @@ class Problem:
     movable: np.ndarray
     lower: Array
     upper: Array
-    scale: Array
+
+    @cached_property
+    def scale(self) -> Array:
+        """d, shape (n,): the weight of each joint's motion; the damping is lambda |diag(d) dq|^2."""
+        return read_only(motion_scale(self.pepper, self.q0))
 
     def residuals(self, q: Array) -> list[Array]:
         """Return the residual of each task, without weights."""
@@ -112,7 +128,6 @@ def make_problem(
         movable=movable,
         lower=read_only(np.where(movable, pepper.lower_limits, q0)),
         upper=read_only(np.where(movable, pepper.upper_limits, q0)),
-        scale=read_only(motion_scale(pepper, q0)),
     )
 
 
@@ -142,6 +157,8 @@ def motion_scale(pepper: PepperModel, q: Array) -> Array:
 
     sum_i M_ii dq_i^2 is the kinetic energy of the step, cross terms left out.
     """
+    from pepper_kin.dynamics import mass_matrix
+
     inertia = np.maximum(np.diagonal(mass_matrix(pepper, q)), 1e-9)
     return np.clip(np.sqrt(inertia / np.median(inertia)), 0.5, 4.0)
 

@@ -101,7 +101,7 @@ class Certificate:
     torque_use: TorqueUse
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """How a search ended, before anything is certified.
 
     Attributes:
@@ -156,6 +156,7 @@ class IKResult:
         solver: str,
         seed: int,
         evidence: Callable[[], Certificate],
+        *,
         hint: str = "",
     ) -> None:
         # At once, as the generated way of a frozen class, one attribute after the other, takes a microsecond.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.ik.clear import clear_ones
+from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
 from pepper_kin.ik.solve import check_scene, checked_start, whole_number
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 APART = 0.1
 """Solutions that differ by less than this in every joint count as one [rad or m]."""
+
+PIECE = 8
+"""So many configurations are checked in one call: as many as cost little where the first of them is free."""
 
 
 def solutions(
@@ -70,9 +73,21 @@ def solutions(
     steps = whole_number("max_iterations", max_iterations, 1)
     found = alternatives(pepper, parts, start, movable, whole_number("seed", seed, 0), tried, steps)
     kept: list[Array] = []
-    for q in clear_ones(found, Collisions(pepper, scene)):
+    for q in _clear_ones(found, Collisions(pepper, scene)):
         if all(np.abs(q - other).max() >= APART for other in kept):
             kept.append(q)
         if len(kept) == wanted:
             break
     return read_only(np.array(kept).reshape(-1, pepper.n))
+
+
+def _clear_ones(solutions: list[Array], collisions: Collisions) -> Iterator[Array]:
+    """Yield the solutions that touch nothing, those first that the motors can hold."""
+    if not solutions:
+        return
+    q = np.array(solutions)
+    held = np.array([torque_ratios(collisions.pepper, row).max() <= 1.0 for row in q])
+    for part in (q[held], q[~held]):
+        for begin in range(0, len(part), PIECE):
+            piece = part[begin : begin + PIECE]
+            yield from piece[collisions.free_many(piece)]

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
-from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -15,15 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.certificate import Evidence
+from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.descenders import ALL_SOLVERS, make_descender
-from pepper_kin.ik.obstruction import find_status, what_would_help
-from pepper_kin.ik.precedence import Means, balanced, is_ordered, put_first
-from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem, movable_joints
-from pepper_kin.ik.reach_bound import why_beyond_reach
-from pepper_kin.ik.result import Found, IKResult, Status
-from pepper_kin.ik.search import Budget, search
+from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
+from pepper_kin.ik.fast.search import search_compiled
+from pepper_kin.ik.obstruction import what_would_help, why_beyond_reach
+from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
+from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.result import IKResult, SearchResult, Status
+from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -36,11 +33,6 @@ from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
-
-# With a timeout, the search that is not interrupted is used only if there is this much time [s] and at most
-# so many steps to make, of some microseconds each.
-LEAST_TIME = 0.05
-MOST_STEPS = 10_000
 
 _neutrals: WeakKeyDictionary[PepperModel, Array] = WeakKeyDictionary()
 
@@ -88,18 +80,16 @@ def solve(
         LimitError: for a q0 outside the joint limits.
     """
     check_choice("solver", solver, ALL_SOLVERS)
-    if solver == "fast":
-        _fast()  # compiled once on a machine: that is no time of the search, nor counts against a timeout
-    begin = time.perf_counter()
     parts = tuple(flatten_tasks(pepper, tasks))
+    if timeout is not None and solver == "fast":
+        compiled_tasks(pepper, parts)  # made once on a machine: that does not count against a timeout
+    begin = time.perf_counter()
     start = checked_start(pepper, q0)
     movable = None if joints is None else movable_joints(pepper, joints)
     check_scene(scene)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
     request = Request(pepper, balanced(parts), start, movable, scene, budget)
-    found = _find_at_once(request) if solver == "fast" else None
-    if found is None:
-        found = _find(request, solver)
+    found = _search(request, solver)
     if found.status not in (Status.SOLVED, Status.TIMED_OUT) and is_ordered(parts):
         found = _in_order(request, solver, found)
     hint = _hint(found.status, request, solver)
@@ -111,7 +101,7 @@ def solve(
         time=time.perf_counter() - begin,
         solver=solver,
         seed=budget.seed,
-        evidence=Evidence(pepper, parts, start, movable, scene, found.q).certificate,
+        evidence=CertificateInputs(pepper, parts, start, movable, scene, found.q).certificate,
         hint=hint,
     )
 
@@ -133,7 +123,7 @@ class Request(NamedTuple):
     q0: Array
     movable: np.ndarray | None
     scene: Scene | None
-    budget: Budget
+    budget: SearchBudget
 
     def problem(self, *, whole: bool = False) -> Problem:
         """Return the problem; with `whole` every joint may move."""
@@ -143,54 +133,19 @@ class Request(NamedTuple):
         return make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=whole or self.scene is None)
 
 
-def _find_at_once(request: Request) -> Found | None:
-    """Search in machine code from end to end; None where collisions or the clock ask for the other search."""
-    fast = _fast()
-    pepper, budget = request.pepper, request.budget
-    prepared = fast.prepare(pepper, fast.structures_of(request.tasks))
-    if budget.deadline < math.inf and (
-        budget.deadline - time.perf_counter() < LEAST_TIME
-        or budget.max_iterations * (budget.restarts + 1) > MOST_STEPS
-    ):
-        return None
-    answer = fast.solve_one(
-        prepared, request.tasks, request.q0, request.movable, budget.seed, budget.restarts,
-        budget.max_iterations,
-    )  # fmt: skip
-    if request.scene is None:
-        return answer
-    collisions = Collisions(pepper, request.scene)
-    if collisions.free(answer.q):
-        return answer
-    if answer.status is Status.SOLVED:
-        from pepper_kin.ik.clear import find_clear
-
-        clear = find_clear(request.tasks, request.q0, request.movable, collisions, budget)
-        if clear is not None:
-            q, spent = clear
-            return Found(read_only(q), Status.SOLVED, answer.iterations, answer.restarts + spent)
-    return None
+def _search(request: Request, solver: str) -> SearchResult:
+    """Search from the start and further ones."""
+    pepper, scene, budget = request.pepper, request.scene, request.budget
+    collisions = None if scene is None else Collisions(pepper, scene)
+    if solver == "fast":
+        return search_compiled(pepper, request.tasks, request.q0, request.movable, budget, collisions)
+    return make_solver(solver, request.problem()).search(collisions or Collisions(pepper, None), budget)
 
 
-@lru_cache(maxsize=1)
-def _fast() -> ModuleType:
-    """Return the room of the fast solver, loaded when first used: its code may have to be compiled."""
-    return import_module("pepper_kin.ik.fast")
-
-
-def _find(request: Request, solver: str) -> Found:
-    """Search start by start, with an eye on collisions and the clock."""
-    problem, budget = request.problem(), request.budget
-    collisions = Collisions(request.pepper, request.scene)
-    found = search(problem, make_descender(solver, problem), collisions, budget)
-    status = find_status(problem, found, solver, budget)
-    return Found(read_only(found.best.q), status, found.iterations, found.restarts)
-
-
-def _in_order(request: Request, solver: str, found: Found) -> Found:
+def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResult:
     """Meet better what comes first."""
     problem, collisions = request.problem(), Collisions(request.pepper, request.scene)
-    q = put_first(problem, Means(solver, collisions, request.budget), found.q)
+    q = put_first(problem, SolverContext(solver, collisions, request.budget), found.q)
     met = problem.is_met(problem.residuals(q)) and collisions.free(q)
     return found._replace(q=read_only(q), status=Status.SOLVED if met else found.status)
 
@@ -207,8 +162,8 @@ def _hint(status: Status, request: Request, solver: str) -> str:
 
 def _checked_budget(
     seed: int, restarts: int, max_iterations: int, timeout: float | None, begin: float
-) -> Budget:
-    return Budget(
+) -> SearchBudget:
+    return SearchBudget(
         seed=whole_number("seed", seed, 0),
         restarts=whole_number("restarts", restarts, 0),
         max_iterations=whole_number("max_iterations", max_iterations, 1),

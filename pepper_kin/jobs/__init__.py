@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
     from pepper_kin.jobs.reaching import ReachOutcome, reach
     from pepper_kin.jobs.result_files import write_gesture, write_outcome
+    from pepper_kin.jobs.warming import WarmUp, warm_up
 
 _MODULES = {
     "BenchResult": "bench",
@@ -33,6 +34,7 @@ _MODULES = {
     "PaperCheck": "paper_check",
     "PhysicsCheck": "physics_check",
     "ReachOutcome": "reaching",
+    "WarmUp": "warming",
     "check_dynamics": "dynamics_checking",
     "check_paper": "paper_check",
     "check_physics": "physics_check",
@@ -42,6 +44,7 @@ _MODULES = {
     "read_motion": "motion_file",
     "run_bench": "bench",
     "run_demo": "demo",
+    "warm_up": "warming",
     "write_export": "export_files",
     "write_gesture": "result_files",
     "write_library_gesture": "gesture_job",
@@ -58,6 +61,7 @@ __all__ = [
     "PaperCheck",
     "PhysicsCheck",
     "ReachOutcome",
+    "WarmUp",
     "check_dynamics",
     "check_paper",
     "check_physics",
@@ -67,6 +71,7 @@ __all__ = [
     "read_motion",
     "run_bench",
     "run_demo",
+    "warm_up",
     "write_export",
     "write_gesture",
     "write_library_gesture",

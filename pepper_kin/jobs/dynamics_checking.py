@@ -105,7 +105,7 @@ def _random_states(pepper: PepperModel, count: int, rng: np.random.Generator) ->
 
 def _deepest_frame(pepper: PepperModel) -> str:
     """Return the frame that the most joints move, the first of several."""
-    model = pepper.pinocchio_model
+    model = pepper.inner_model
     depth = {
         name: len(model.supports[model.frames[pepper.frame_id(name)].parentJoint])
         for name in pepper.frame_names

@@ -10,9 +10,10 @@ from typing import Any
 from pepper_kin import atomic_file
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.files import write_csv
 from pepper_kin.model import PepperModel
 from pepper_kin.motion import gesture, gesture_meaning, gesture_names
-from pepper_kin.trajectory import Certificate, Trajectory, write_csv
+from pepper_kin.trajectory import Certificate, Trajectory
 from pepper_kin.twin import GESTURES
 
 CSV_STEP = 0.01  # [s]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.files import load
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory import Trajectory, load
+from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import Run, read_recording, read_run
 
 _RUN_COLUMN = ".torque"
@@ -16,7 +17,7 @@ def read_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
     """Read a trajectory or a run of the twin.
 
     Args:
-        path: A file that `pepper_kin.trajectory.save` or `Run.save` wrote (in a CSV, columns of torque tell a
+        path: A file that `pepper_kin.files.save` or `Run.save` wrote (in a CSV, columns of torque tell a
             run), or the folder of a `Recorder`.
         pepper: The robot whose joints it must have.
 

@@ -140,7 +140,7 @@ def check_paper(
     movements = []
     for index, name in enumerate(GESTURES):
         progress(index, len(GESTURES))
-        twin = Twin(pepper, compiled=False)
+        twin = Twin(pepper)
         fast = replay(pepper, name, twin=twin)
         calm = replay(pepper, name, twin=twin, duration=ITERATIONS * PERIOD)
         movements.append(MovementCheck(fast, calm, _measured(pepper, calm, seed)))

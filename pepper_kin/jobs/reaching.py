@@ -25,9 +25,6 @@ CAMERA = "CameraTop_frame"
 BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
 SETTLE = 0.5  # [s] that the twin goes on after the motion's end
 
-COMPILED = False
-"""A newcomer's first command must not compile for a minute before it plans."""
-
 
 @dataclass(frozen=True, eq=False)
 class ReachOutcome:
@@ -108,7 +105,7 @@ def reach(
         tasks.append(LookAt(gaze, camera=CAMERA))
     clock = _Clock(on_stage)
     clock.enter("inverse kinematics and path")
-    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout, compiled=COMPILED)
+    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout)
 
     def outcome(message: str, **more: Any) -> ReachOutcome:
         fields: dict[str, Any] = {"trajectory": None, "certificate": None, "run": None, "figures": {}}
@@ -126,7 +123,7 @@ def reach(
     clock.enter("certificate")
     certificate = trajectory.check(pepper, scene=scene)
     clock.enter("twin")
-    run = Twin(pepper, timestep=timestep, compiled=COMPILED).execute(trajectory, settle=SETTLE)
+    run = Twin(pepper, timestep=timestep).execute(trajectory, settle=SETTLE)
     clock.enter("report")
     figures = _figures(pepper, tasks, scene, found, trajectory, run)
     clock.enter("done")

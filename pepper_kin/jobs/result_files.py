@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from pepper_kin import atomic_file
+from pepper_kin.files import write_csv
 from pepper_kin.jobs.reaching import ReachOutcome
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory import write_csv
 from pepper_kin.twin import GestureReport
 
 CSV_STEP = 0.001  # [s] between rows of trajectory.csv

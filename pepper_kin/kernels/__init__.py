@@ -13,15 +13,18 @@ disk.  This package knows nothing of robots: it needs numpy, casadi and llvmlite
 callers that Numba compiles, Numba.  `docs/kernels.md` tells more.
 """
 
-from pepper_kin.kernels.cache import CACHE_VARIABLE, cache_folder, clear_cache
+from pepper_kin.kernels.compiled import CompiledFunction, compiled, units
 from pepper_kin.kernels.instructions import SUPPORTED_OPERATIONS, Signature, UnsupportedInstructionError
 from pepper_kin.kernels.kernel import Kernel, compile_function, kernel_ir
 from pepper_kin.kernels.memory import release_memory
+from pepper_kin.kernels.sources import source_digest
+from pepper_kin.kernels.store import CACHE_VARIABLE, cache_folder, clear_cache
 from pepper_kin.kernels.target import Target, host_target, make_target
 
 __all__ = [
     "CACHE_VARIABLE",
     "SUPPORTED_OPERATIONS",
+    "CompiledFunction",
     "Kernel",
     "Signature",
     "Target",
@@ -29,8 +32,11 @@ __all__ = [
     "cache_folder",
     "clear_cache",
     "compile_function",
+    "compiled",
     "host_target",
     "kernel_ir",
     "make_target",
     "release_memory",
+    "source_digest",
+    "units",
 ]

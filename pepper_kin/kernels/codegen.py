@@ -24,7 +24,7 @@ from pepper_kin.kernels.trigonometry import sine_cosine_functions
 from pepper_kin.kernels.writer import ConstantTable, Lanes, Writer
 
 
-def module_ir(program: Program, parts: Partition, target: Target, dtype: str) -> str:
+def module_ir(program: Program, parts: Partition, target: Target, dtype: str, *, batch: bool = True) -> str:
     """The text of the LLVM module of a program.
 
     Args:
@@ -32,6 +32,7 @@ def module_ir(program: Program, parts: Partition, target: Target, dtype: str) ->
         parts: The same program in chunks.
         target: The processor.
         dtype: "float64" or "float32".
+        batch: Whether `kernel_batch` is among the functions.
     """
     lanes = Lanes(dtype, target.lanes(dtype))
     constants = ConstantTable(lanes)
@@ -39,7 +40,7 @@ def module_ir(program: Program, parts: Partition, target: Target, dtype: str) ->
     functions += [_chunk_function(program, parts, index, constants) for index in range(len(parts.chunks))]
     functions += _library(program, constants, target)
     functions += [_block_function(len(parts.chunks), lanes), _single_function(program, lanes)]
-    functions += [batch_function(program.signature, lanes), "!0 = !{i32 1}\n"]
+    functions += [*([batch_function(program.signature, lanes)] if batch else []), "!0 = !{i32 1}\n"]
     head = [f'target triple = "{target.triple}"\n', intrinsic_declarations(lanes), constants.definition()]
     return "\n".join(head + functions)
 

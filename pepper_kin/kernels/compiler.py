@@ -24,7 +24,7 @@ class LoadedCode:
     def __init__(self, object_code: bytes, target: Target) -> None:
         with _LOCK:
             empty = llvm.parse_assembly("")
-            self._engine = llvm.create_mcjit_compiler(empty, _target_machine(target))
+            self._engine = llvm.create_mcjit_compiler(empty, target_machine(target))
             self._engine.add_object_file(llvm.ObjectFileRef.from_data(object_code))
             self._engine.finalize_object()
 
@@ -36,13 +36,13 @@ class LoadedCode:
 def compile_ir(ir: str, target: Target) -> bytes:
     """Translate a module to an object file for a processor."""
     with _LOCK:
-        return bytes(_target_machine(target).emit_object(_parsed(ir)))
+        return bytes(target_machine(target).emit_object(_parsed(ir)))
 
 
 def assembly(ir: str, target: Target) -> str:
     """The same code as `compile_ir` makes, as assembly text to read."""
     with _LOCK:
-        return str(_target_machine(target).emit_assembly(_parsed(ir)))
+        return str(target_machine(target).emit_assembly(_parsed(ir)))
 
 
 def _parsed(ir: str) -> llvm.ModuleRef:
@@ -56,10 +56,11 @@ def _parsed(ir: str) -> llvm.ModuleRef:
     return module
 
 
-def _target_machine(target: Target) -> llvm.TargetMachine:
+def target_machine(target: Target, opt: int = 1) -> llvm.TargetMachine:
+    """Return LLVM's code generator for a processor, with this level of optimization."""
     _initialize()
     return llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.cpu, features=target.features, opt=1, reloc="pic", codemodel="jitdefault", jit=True
+        cpu=target.cpu, features=target.features, opt=opt, reloc="pic", codemodel="jitdefault", jit=True
     )
 
 

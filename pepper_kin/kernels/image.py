@@ -18,7 +18,7 @@ class KernelImage:
         signature: Names and shapes of inputs and outputs.
         dtype: "float64" or "float32".
         lanes: Number of states in one vector.
-        slot_count: Vectors that the block function needs as work space.
+        work_size: Numbers that the block function needs as work space.
         flop_count: Arithmetic operations of one state; a sine counts as one.
         object_code: The object file.
     """
@@ -26,7 +26,7 @@ class KernelImage:
     signature: Signature
     dtype: str
     lanes: int
-    slot_count: int
+    work_size: int
     flop_count: int
     object_code: bytes
 

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import ctypes
-import logging
+import dataclasses
+import hashlib
 import math
 import struct
-import time
 from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-import llvmlite
-import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.arrays import Rows, make_outputs, read_inputs, refuse_not_finite
-from pepper_kin.kernels.cache import cache_key, only_compiler, read_image, write_image
-from pepper_kin.kernels.codegen import module_ir
 from pepper_kin.kernels.compiler import LoadedCode, compile_ir
 from pepper_kin.kernels.image import KernelImage
 from pepper_kin.kernels.instructions import Signature, check_function, read_program
-from pepper_kin.kernels.partition import partition
-from pepper_kin.kernels.streaming import staging_size
+from pepper_kin.kernels.store import obtain
 from pepper_kin.kernels.target import Target, host_target
 from pepper_kin.kernels.threads import run_in_pieces
 
@@ -32,9 +29,6 @@ if TYPE_CHECKING:
 
 CHUNK_LENGTH = 200
 """Operations per compiled function, at most; longer programs are cut."""
-
-_SLOW_COMPILATION = 2.0  # [s]; beyond, the first use says so
-_logger = logging.getLogger(__name__)
 
 _BATCH = ctypes.CFUNCTYPE(
     ctypes.c_int64,
@@ -72,7 +66,7 @@ class Kernel:
         from_cache: Whether the code was read from disk.
         single_address: Address of `single`.
         block_address: Address of `block`.
-        batch_address: Address of `batch`.
+        batch_address: Address of `batch`; 0 for a kernel made without it.
     """
 
     def __init__(self, image: KernelImage, target: Target, *, from_cache: bool = False) -> None:
@@ -81,14 +75,13 @@ class Kernel:
         self.lanes = image.lanes
         self.flop_count = image.flop_count
         self.from_cache = from_cache
-        elements = sum(self.signature.input_sizes) + sum(self.signature.output_sizes)
-        self.work_size = (elements + staging_size(self.signature) + image.slot_count) * image.lanes
+        self.work_size = image.work_size
         self._output_sizes = self.signature.output_sizes
         self._code = LoadedCode(image.object_code, target)
         self.single_address = self._code.address("kernel_single")
         self.block_address = self._code.address("kernel_block")
         self.batch_address = self._code.address("kernel_batch")
-        self._batch = _BATCH(self.batch_address)
+        self._batch = _BATCH(self.batch_address) if self.batch_address else _no_batch
 
     def __call__(
         self, *inputs: ArrayLike, out: object = None, threads: int = 1, check_finite: bool = True
@@ -157,6 +150,8 @@ def compile_function(
     key: str | None = None,
     cache: bool = True,
     target: Target | None = None,
+    vector_bytes: int | None = None,
+    batch: bool = True,
 ) -> Kernel:
     """Compile a CasADi function for batches of states, or read its code from the cache.
 
@@ -168,31 +163,53 @@ def compile_function(
             function's serialised expression is the key.
         cache: Whether to read and write the cache on disk.
         target: Processor to compile for: the one this runs on, or one with fewer instructions.
+        vector_bytes: Width of the vectors of lanes, for callers that need a certain number of lanes: a
+        multiple of
+            16; that of the processor if left out.
+        batch: Whether the kernel can be called with arrays; without, only compiled code calls it, by address.
 
     Raises:
         InvalidValueError: `function` is not a function of SX expressions, or `dtype` is unknown.
         UnsupportedInstructionError: The function holds an instruction that cannot be compiled.
     """
-    target = target or host_target()
-    target.lanes(dtype)  # refuses an unknown dtype before any work is done
+    (target or host_target()).lanes(dtype)  # refuses an unknown dtype before any work is done
     if key is None:
         check_function(function)
         content = function.serialize()  # type: ignore[union-attr]
     else:
         content = f"key {key}"
-    full_key = cache_key(content, dtype, repr(target), str(CHUNK_LENGTH), *_versions())
-    if not cache:
-        return Kernel(_compile(_made(function), target, dtype), target)
-    image = read_image(full_key)
-    if image is not None:
-        return Kernel(image, target, from_cache=True)
-    with only_compiler(full_key):
-        image = read_image(full_key)  # somebody may have compiled it while this one waited
-        if image is not None:
-            return Kernel(image, target, from_cache=True)
-        image = _compile(_made(function), target, dtype)
-        write_image(full_key, image)
-    return Kernel(image, target)
+    name = "a kernel" if key is None else key.partition("(")[0][:40].strip()
+
+    def make(wanted: Target) -> bytes:
+        return _compile(_made(function), _widened(wanted, vector_bytes), dtype, batch).to_bytes()
+
+    part = obtain(
+        name, _key(content, f"{dtype} {vector_bytes or 0} {batch}"), make, target=target, keep=cache
+    )
+    return Kernel(KernelImage.from_bytes(part.content), part.target, from_cache=not part.made)
+
+
+def _key(content: str, dtype: str) -> str:
+    """Hash of a function's content, the format, and the source of the code generator itself."""
+    digest = hashlib.sha256(_source_digest())
+    for text in (content, dtype, str(CHUNK_LENGTH)):
+        data = text.encode()
+        digest.update(len(data).to_bytes(8, "little") + data)
+    return digest.hexdigest()
+
+
+@cache
+def _source_digest() -> bytes:
+    """Hash of the files here that decide what machine code is made of an expression."""
+    names = (
+        "arrays codegen compiler elementary image instructions kernel partition streaming trigonometry writer"
+    )
+    files = (Path(__file__).with_name(f"{name}.py") for name in names.split())
+    return hashlib.sha256(b"".join(file.read_bytes().replace(b"\r\n", b"\n") for file in files)).digest()
+
+
+def _widened(target: Target, vector_bytes: int | None) -> Target:
+    return target if vector_bytes is None else dataclasses.replace(target, vector_bytes=vector_bytes)
 
 
 def _made(function: casadi.Function | Callable[[], casadi.Function]) -> casadi.Function:
@@ -202,30 +219,34 @@ def _made(function: casadi.Function | Callable[[], casadi.Function]) -> casadi.F
 
 def kernel_ir(function: casadi.Function, *, dtype: str = "float64", target: Target | None = None) -> str:
     """The LLVM IR that `compile_function` would compile, as text to read."""
+    from pepper_kin.kernels.codegen import module_ir
+    from pepper_kin.kernels.partition import partition
+
     program = read_program(function)
     return module_ir(program, partition(program, CHUNK_LENGTH), target or host_target(), dtype)
 
 
-def _compile(function: casadi.Function, target: Target, dtype: str) -> KernelImage:
-    start = time.perf_counter()
+def _compile(function: casadi.Function, target: Target, dtype: str, batch: bool) -> KernelImage:
+    from pepper_kin.kernels.codegen import module_ir
+    from pepper_kin.kernels.partition import partition
+    from pepper_kin.kernels.streaming import staging_size
+
     program = read_program(function)
     parts = partition(program, CHUNK_LENGTH)
-    code = compile_ir(module_ir(program, parts, target, dtype), target)
-    duration = time.perf_counter() - start
-    level = logging.WARNING if duration > _SLOW_COMPILATION else logging.DEBUG
-    _logger.log(level, "compiled %s (%s) in %.1f s", program.signature.name, dtype, duration)
-    return KernelImage(
-        program.signature, dtype, target.lanes(dtype), parts.slot_count, program.flop_count, code
-    )
+    code = compile_ir(module_ir(program, parts, target, dtype, batch=batch), target)
+    signature, lanes = program.signature, target.lanes(dtype)
+    elements = sum(signature.input_sizes) + sum(signature.output_sizes)
+    work_size = (elements + staging_size(signature) + parts.slot_count) * lanes
+    return KernelImage(signature, dtype, lanes, work_size, program.flop_count, code)
+
+
+def _no_batch(*_: object) -> int:
+    raise TypeError("this kernel was made for compiled code only (batch=False)")
 
 
 def _pack(numbers: Sequence[int]) -> bytes:
     """A C array of int64 (or of pointers, which have that size); ctypes passes the address of bytes."""
     return struct.pack(f"={len(numbers)}q", *numbers)
-
-
-def _versions() -> tuple[str, ...]:
-    return llvmlite.__version__, ".".join(map(str, llvm.llvm_version_info))
 
 
 def _named(signature: Signature, kind: str) -> list[tuple[str, tuple[int, int]]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cache
 
@@ -38,9 +39,31 @@ class Target:
         return self.vector_bytes // SCALAR_BYTES[dtype]
 
 
+CPU_VARIABLE = "PEPPER_KIN_CPU"
+"""Environment variable with the name of a processor to make code for, in place of this one."""
+
+_LEVEL_2 = "+cx16,+sahf,+popcnt,+sse4.2"
+_LEVEL_3 = f"{_LEVEL_2},+avx,+avx2,+bmi,+bmi2,+f16c,+fma,+lzcnt,+movbe,+xsave"
+_LEVEL_4 = f"{_LEVEL_3},+avx512f,+avx512bw,+avx512cd,+avx512dq,+avx512vl"
+
+
+def baseline_features() -> str:
+    """LLVM's list of the extensions that x86-64-v3 has."""
+    return _LEVEL_3
+
+
 @cache
 def host_target() -> Target:
-    """The processor that runs this program, with the widest vectors that it has."""
+    """The processor that runs this program, or the one that `PEPPER_KIN_CPU` names.
+
+    A cluster whose machines share a cache folder may name their common denominator, such as "x86-64-v3".
+    """
+    chosen = os.environ.get(CPU_VARIABLE)
+    if chosen:
+        levels = {"x86-64": "", "x86-64-v2": _LEVEL_2, "x86-64-v3": _LEVEL_3, "x86-64-v4": _LEVEL_4}
+        if chosen not in levels:
+            raise InvalidValueError(CPU_VARIABLE, repr(chosen), f"one of {', '.join(levels)}")
+        return make_target(llvm.get_process_triple(), chosen, levels[chosen])
     cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features()
     return make_target(llvm.get_process_triple(), cpu, features.flatten())
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
 
 
 def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -29,7 +31,7 @@ def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.floa
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
     frame_id = pepper.frame_id(frame)
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     if is_plain_state(pepper, q):
         pinocchio.forwardKinematics(model, data, q)
         return np.asarray(pinocchio.updateFramePlacement(model, data, frame_id).homogeneous)
@@ -56,7 +58,7 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     ids = [pepper.frame_id(name) for name in frames]
     if is_plain_state(pepper, q):
         poses = np.empty((len(ids), 4, 4))

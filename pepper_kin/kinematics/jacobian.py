@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
-_AXES = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+pinocchio = lazy_module("pinocchio")
 
 
 def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -31,10 +31,12 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
     """
     frame_id = pepper.frame_id(frame)
     if is_plain_state(pepper, q):
-        model, data = pepper.pinocchio_model, pepper.pinocchio_data
-        return np.asarray(pinocchio.computeFrameJacobian(model, data, q, frame_id, _AXES))
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    frame_id, axes = pepper.frame_id(frame), _AXES
+        model, data = pepper.inner_model, pepper.pinocchio_data
+        return np.asarray(
+            pinocchio.computeFrameJacobian(model, data, q, frame_id, pinocchio.LOCAL_WORLD_ALIGNED)
+        )
+    model, data = pepper.inner_model, pepper.pinocchio_data
+    frame_id, axes = pepper.frame_id(frame), pinocchio.LOCAL_WORLD_ALIGNED
     coupled, full_map = pepper.is_coupled, pepper.full_map
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -60,8 +62,8 @@ def frame_jacobian_rate(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: 
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
-    frame_id, axes = pepper.frame_id(frame), _AXES
+    model, data = pepper.inner_model, pepper.pinocchio_data
+    frame_id, axes = pepper.frame_id(frame), pinocchio.LOCAL_WORLD_ALIGNED
     if is_plain_state(pepper, q, v):
         pinocchio.computeJointJacobiansTimeVariation(model, data, q, v)
         pinocchio.updateFramePlacement(model, data, frame_id)

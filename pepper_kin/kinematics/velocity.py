@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
 
 
 def frame_velocity(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: str) -> NDArray[np.float64]:
@@ -26,7 +28,7 @@ def frame_velocity(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: str) 
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
     if is_plain_state(pepper, q, v):
         pinocchio.forwardKinematics(model, data, q, v)
@@ -63,7 +65,7 @@ def frame_acceleration(
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
     if is_plain_state(pepper, q, v, a):
         pinocchio.forwardKinematics(model, data, q, v, a)

@@ -1,15 +1,23 @@
 """The robot's description: loading, joint groups, postures, limits, shapes, exports and checks."""
 
-from pepper_kin.model.comparison import Comparison, Difference, compare
-from pepper_kin.model.export_formats import FORMATS, export
-from pepper_kin.model.fault import Fault
-from pepper_kin.model.load import load_pepper, load_robot, pepper_urdf
-from pepper_kin.model.mesh_names import mesh_files
-from pepper_kin.model.model_audit import Audit, audit
-from pepper_kin.model.paper_limits import LimitRow, LimitsTable, limits_table
-from pepper_kin.model.pepper_model import PepperModel
-from pepper_kin.model.semantics import Semantics
-from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
+
+if TYPE_CHECKING:
+    from pepper_kin.model.comparison import Comparison, Difference, compare
+    from pepper_kin.model.digest import RobotMemory, kept_while_private, robot_digest
+    from pepper_kin.model.export_formats import FORMATS, export
+    from pepper_kin.model.fault import Fault
+    from pepper_kin.model.load import load_pepper, load_robot, pepper_urdf
+    from pepper_kin.model.mesh_names import mesh_files
+    from pepper_kin.model.model_audit import Audit, audit
+    from pepper_kin.model.paper_limits import LimitRow, LimitsTable, limits_table
+    from pepper_kin.model.pepper_model import PepperModel
+    from pepper_kin.model.semantics import Semantics
+    from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
 
 __all__ = [
     "FORMATS",
@@ -25,15 +33,35 @@ __all__ = [
     "LimitsTable",
     "Mesh",
     "PepperModel",
+    "RobotMemory",
     "Semantics",
     "Shape",
     "Sphere",
     "audit",
     "compare",
     "export",
+    "kept_while_private",
     "limits_table",
     "load_pepper",
     "load_robot",
     "mesh_files",
     "pepper_urdf",
+    "robot_digest",
 ]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        **dict.fromkeys(("Comparison", "Difference", "compare"), "comparison"),
+        **dict.fromkeys(("RobotMemory", "kept_while_private", "robot_digest"), "digest"),
+        **dict.fromkeys(("FORMATS", "export"), "export_formats"),
+        "Fault": "fault",
+        **dict.fromkeys(("load_pepper", "load_robot", "pepper_urdf"), "load"),
+        "mesh_files": "mesh_names",
+        **dict.fromkeys(("Audit", "audit"), "model_audit"),
+        **dict.fromkeys(("LimitRow", "LimitsTable", "limits_table"), "paper_limits"),
+        "PepperModel": "pepper_model",
+        "Semantics": "semantics",
+        **dict.fromkeys(("Box", "Capsule", "Cylinder", "Geometry", "Mesh", "Shape", "Sphere"), "shapes"),
+    },
+)

@@ -12,7 +12,7 @@ def coupling_of(pepper: PepperModel, joint: str) -> tuple[str, float, float]:
 
     Chains of followers are resolved: position = gain * coordinate + offset.
     """
-    row = list(pepper.pinocchio_model.names).index(joint) - 1
+    row = list(pepper.inner_model.names).index(joint) - 1
     column = int(np.argmax(np.abs(pepper.full_map[row])))
     gain, offset = pepper.full_map[row, column], pepper.full_offset[row]
     return pepper.joint_names[column], float(gain), float(offset)

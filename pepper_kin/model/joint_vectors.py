@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, LimitError
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
     from pepper_kin.model.pepper_model import PepperModel
 
 

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from pepper_kin.exceptions import ModelError
+from pepper_kin.model.dynamics_model import DynamicsModel
+from pepper_kin.model.expanded_urdf import BASES, DEFAULTS, HANDS, expand, expanded, urdf_folder
+from pepper_kin.model.frozen_arrays import read_only
 from pepper_kin.model.joint_vectors import check_choice, check_positive
-from pepper_kin.model.kinematic_tree import kinematic_tree
-from pepper_kin.model.neighbours import neighbouring_pairs
 from pepper_kin.model.pepper_model import PepperModel
-from pepper_kin.model.plain_urdf import plain_urdf
 from pepper_kin.model.semantics import Semantics, parse_srdf
-from pepper_kin.model.shapes import Shape, read_only
-from pepper_kin.model.sphere_set import pepper_spheres
+from pepper_kin.model.tree_order import depth_first, frame_ids
 from pepper_kin.model.urdf_document import Joint, UrdfDocument, parse_urdf
 from pepper_kin.model.urdf_source import mesh_folders, read_source, told_of
-from pepper_kin.model.vendor_meshes import with_vendor_meshes
 
-BASES = ("fixed", "planar")
-HANDS = ("locked", "mimic", "independent")
+if TYPE_CHECKING:
+    from pepper_kin.model.shapes import Shape
+
+SphereSet: TypeAlias = "Callable[[UrdfDocument], tuple[Shape, ...]]"
 
 
 def load_pepper(
@@ -61,13 +61,23 @@ def load_pepper(
 @cache
 def _load_pepper(base: str, hands: str, meshes: str | None, mesh_scale: float) -> PepperModel:
     urdf = pepper_urdf(base=base, hands=hands)
-    document = parse_urdf(urdf if meshes is None else with_vendor_meshes(urdf, meshes, mesh_scale))
-    srdf = (files("pepper_kin.urdf") / "pepper.srdf").read_text(encoding="utf-8")
-    return build_model(document, parse_srdf(srdf, document), pepper_spheres(document))
+    if meshes is not None:
+        from pepper_kin.model.vendor_meshes import with_vendor_meshes
+
+        urdf = with_vendor_meshes(urdf, meshes, mesh_scale)
+    document = parse_urdf(urdf)
+    srdf = (urdf_folder() / "pepper.srdf").read_text(encoding="utf-8")
+    return model_of(document, parse_srdf(srdf, document), _pepper_spheres)
+
+
+def _pepper_spheres(document: UrdfDocument) -> tuple[Shape, ...]:
+    from pepper_kin.model.sphere_set import pepper_spheres
+
+    return pepper_spheres(document)
 
 
 def pepper_urdf(**arguments: str) -> str:
-    """Expand the xacro sources of Pepper to a URDF text.
+    """Return Pepper's URDF text: as it comes with the package, or expanded anew from the xacro sources.
 
     Args:
         **arguments: xacro arguments: name, prefix, base, hands, mesh_dir.
@@ -75,10 +85,9 @@ def pepper_urdf(**arguments: str) -> str:
     Returns:
         The URDF.
     """
-    import xacro
-
-    source = files("pepper_kin.urdf") / "xacro" / "pepper.urdf.xacro"
-    return str(xacro.process_file(str(source), mappings=arguments).toprettyxml(indent="  "))
+    choice = DEFAULTS | arguments
+    known = len(choice) == 2 and choice["base"] in BASES and choice["hands"] in HANDS
+    return (expanded(**choice) if known else None) or expand(**arguments)
 
 
 def load_robot(
@@ -102,35 +111,50 @@ def load_robot(
     """
     with told_of(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
+        _ = document.shapes  # refuses what is malformed
     semantics = Semantics()
     if srdf is not None:
         with told_of(srdf):
             semantics = parse_srdf(read_source(srdf), document)
     if not semantics.disabled_pairs:
+        from pepper_kin.model.neighbours import neighbouring_pairs
+
         semantics = replace(semantics, disabled_pairs=neighbouring_pairs(document))
     with told_of(urdf):
         return build_model(document, semantics)
 
 
-def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Shape, ...] = ()) -> PepperModel:
-    """Build the model of a checked document.
+def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
+    """Build the model of a document from elsewhere, and Pinocchio's at once, to see whether it can be built.
 
     Raises:
         ModelError: where Pinocchio refuses it, or no joint moves.
     """
-    import pinocchio
-
-    joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
-    if not joints:
+    if all(joint.type == "fixed" for joint in document.joints):
         raise ModelError(f"URDF: robot {document.name!r} has no moving joint")
     _refuse_what_is_malformed(document)
-    try:
-        model = pinocchio.buildModelFromXML(plain_urdf(document))
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(f"URDF: Pinocchio refuses robot {document.name!r}: {error}") from error
-    full_names = list(model.names)[1:]
-    model.lowerPositionLimit = np.array([joints[name].lower for name in full_names])
-    model.upperPositionLimit = np.array([joints[name].upper for name in full_names])
+    pepper = model_of(document, semantics)
+    pepper.dynamics_model.get()
+    return pepper
+
+
+def model_of(
+    document: UrdfDocument, semantics: Semantics, sphere_set: SphereSet | None = None, changed: object = None
+) -> PepperModel:
+    """Build the model of a document that is known to be sound; Pinocchio's is built when it is needed.
+
+    Args:
+        document: The robot.
+        semantics: Groups, states and pairs never checked for collision.
+        sphere_set: Makes the spheres that contain the body, if there are any.
+        changed: A `pinocchio.Model` to use in place of that of the document, if there is one.
+
+    Raises:
+        ModelError: for a joint that mimics itself.
+    """
+    joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
+    order = depth_first(document)
+    full_names = tuple(joint.name for joint in order if joint.type != "fixed")
     names = tuple(name for name in full_names if joints[name].mimic is None)
     full_map, full_offset = _mimic_map(full_names, names, joints)
 
@@ -149,10 +173,11 @@ def build_model(document: UrdfDocument, semantics: Semantics, spheres: tuple[Sha
         acceleration_limits=column("acceleration"),
         effort_limits=column("effort"),
         semantics=semantics,
-        collision_spheres=spheres,
-        pinocchio_model=model,
+        sphere_set=sphere_set,
         full_map=read_only(full_map),
         full_offset=read_only(full_offset),
+        dynamics_model=DynamicsModel(document, full_names, changed),
+        _frame_ids=frame_ids(document, order),
     )
 
 
@@ -162,6 +187,8 @@ def _refuse_what_is_malformed(document: UrdfDocument) -> None:
     Raises:
         ModelError: naming the joint or link.
     """
+    from pepper_kin.model.kinematic_tree import kinematic_tree
+
     kinematic_tree(document)
     for link in ET.fromstring(document.text).findall("link"):
         for inertial in link.findall("inertial"):
@@ -174,7 +201,7 @@ def _refuse_what_is_malformed(document: UrdfDocument) -> None:
 
 
 def _mimic_map(
-    full_names: list[str], names: tuple[str, ...], joints: dict[str, Joint]
+    full_names: tuple[str, ...], names: tuple[str, ...], joints: dict[str, Joint]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return E and e of q_full = E q + e; chains of mimic joints are followed to their leader."""
     full_map, offset = np.zeros((len(full_names), len(names))), np.zeros(len(full_names))

@@ -60,7 +60,7 @@ def add_drive(
         elif name.endswith("Gyrometer"):
             child(sensors, "gyro", name=name, site=site)
     keys = child(root, "keyframe")
-    full_names = list(pepper.pinocchio_model.names)[1:]
+    full_names = list(pepper.inner_model.names)[1:]
     order = [full_names.index(joint) for joint in joint_order]
     for posture in pepper.posture_names:
         q = pepper.posture(posture)
@@ -69,7 +69,7 @@ def add_drive(
 
 
 def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
-    for joint in list(pepper.pinocchio_model.names)[1:]:
+    for joint in list(pepper.inner_model.names)[1:]:
         if joint in pepper.joint_names:
             continue
         leader, gain, shift = coupling_of(pepper, joint)
@@ -104,7 +104,7 @@ def is_light(pepper: PepperModel, tree: KinematicTree, joint: str) -> bool:
     """Whether a joint leads others and its own link has no mass."""
     leads = any(
         leader_of(pepper, name) == joint
-        for name in list(pepper.pinocchio_model.names)[1:]
+        for name in list(pepper.inner_model.names)[1:]
         if name not in pepper.joint_names
     )
     link = next(item.child for item in pepper.document.joints if item.name == joint)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model.dynamics_model import DynamicsModel
 from pepper_kin.model.semantics import Semantics
-from pepper_kin.model.shapes import Shape
 from pepper_kin.model.urdf_document import UrdfDocument
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pepper_kin.model.shapes import Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +40,8 @@ class PepperModel:
         link_names: Links in document order.
         visual_shapes: What is drawn.
         collision_shapes: What may not touch.
-        collision_spheres: Spheres that contain the body; none for a robot that has no such set.
+        sphere_set: Makes `collision_spheres` of the document; None for a robot that has no such set.
         semantics: Groups, states and pairs never checked for collision.
-        pinocchio_model: `pinocchio.Model` of the moving tree. Where hands are driven by mimic joints it has
-            more coordinates than the robot: see `full_map`.
         full_map: (n_full, n) matrix E of q_full = E q + e.
         full_offset: (n_full,) vector e.
         n: Number of coordinates.
@@ -56,32 +59,42 @@ class PepperModel:
     acceleration_limits: NDArray[np.float64] = field(repr=False)
     effort_limits: NDArray[np.float64] = field(repr=False)
     semantics: Semantics = field(repr=False)
-    collision_spheres: tuple[Shape, ...] = field(repr=False)
-    pinocchio_model: Any = field(repr=False)
+    sphere_set: Callable[[UrdfDocument], tuple[Shape, ...]] | None = field(repr=False)
     full_map: NDArray[np.float64] = field(repr=False)
     full_offset: NDArray[np.float64] = field(repr=False)
+    dynamics_model: DynamicsModel = field(repr=False)
     n: int = field(init=False)
     is_coupled: bool = field(init=False, repr=False)
+    _frame_ids: dict[str, int] = field(repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
-    _frame_ids: dict[str, int] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "n", len(self.joint_names))
         object.__setattr__(self, "is_coupled", self.full_map.shape[0] != len(self.joint_names))
-        import pinocchio
-
-        body = pinocchio.FrameType.BODY
-        ids = {f.name: i for i, f in enumerate(self.pinocchio_model.frames) if f.type == body}
-        self._frame_ids.update({name: ids[name] for name in self.document.links if name in ids})
 
     def __repr__(self) -> str:
         return f"PepperModel({self.name!r}, n={self.n}, joints: {', '.join(self.joint_names)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Rebuild from the texts: Pinocchio's data and thread locals do not travel."""
-        from pepper_kin.model.load import build_model
+        """Rebuild from the document: Pinocchio's data do not travel, a model that was changed does."""
+        from pepper_kin.model.load import model_of
 
-        return (build_model, (self.document, self.semantics, self.collision_spheres))
+        changed = self.dynamics_model.changed()
+        return (model_of, (self.document, self.semantics, self.sphere_set, changed))
+
+    @cached_property
+    def pinocchio_model(self) -> Any:
+        """`pinocchio.Model` of the moving tree, built at the first use.
+
+        Where hands are driven by mimic joints it has more coordinates than the robot: see `full_map`. What is
+        changed in it (masses, say) holds for all that is computed from then on.
+        """
+        return self.dynamics_model.hand_out()
+
+    @cached_property
+    def inner_model(self) -> Any:
+        """The same as `pinocchio_model`, for this library itself, which reads it and changes nothing."""
+        return self.dynamics_model.get()
 
     @property
     def link_names(self) -> tuple[str, ...]:
@@ -103,6 +116,11 @@ class PepperModel:
         """Shapes that may not touch."""
         return self.document.collisions
 
+    @cached_property
+    def collision_spheres(self) -> tuple[Shape, ...]:
+        """Spheres that contain the body; none for a robot that has no such set."""
+        return () if self.sphere_set is None else self.sphere_set(self.document)
+
     @property
     def posture_names(self) -> tuple[str, ...]:
         """Names that `posture` takes."""
@@ -119,7 +137,7 @@ class PepperModel:
         try:
             return self._local.data
         except AttributeError:
-            self._local.data = self.pinocchio_model.createData()
+            self._local.data = self.inner_model.createData()
             return self._local.data
 
     def to_full(self, q: NDArray[np.float64]) -> NDArray[np.float64]:

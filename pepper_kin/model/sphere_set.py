@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from importlib.resources import files
-
 import numpy as np
 
+from pepper_kin.model.expanded_urdf import urdf_folder
 from pepper_kin.model.shapes import Shape, Sphere
 from pepper_kin.model.urdf_document import UrdfDocument
 
@@ -26,7 +24,9 @@ def pepper_spheres(document: UrdfDocument) -> tuple[Shape, ...]:
     Returns:
         The spheres, each fixed to its link.
     """
-    table = json.loads((files("pepper_kin.urdf") / "data" / "spheres.json").read_text(encoding="utf-8"))
+    import json
+
+    table = json.loads((urdf_folder() / "data" / "spheres.json").read_text(encoding="utf-8"))
     if any(joint.name == "LFinger11" and joint.type != "fixed" for joint in document.joints):
         x, y, z, radius = _MOVING_FINGERS
         table["l_wrist"].append([x, y, z, radius])

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.fault import Fault
 from pepper_kin.model.shapes import transform
-from pepper_kin.model.urdf_document import MOVING_TYPES, refuse_document_types, resolve_mesh
+from pepper_kin.model.urdf_document import MOVING_TYPES, refuse_document_types
+from pepper_kin.model.urdf_shapes import resolve_mesh
 
 SIZES = {
     "box": ("size",),

@@ -6,24 +6,19 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin.exceptions import ModelError
-from pepper_kin.model.shapes import (
-    Box,
-    Capsule,
-    Cylinder,
-    Geometry,
-    Mesh,
-    Shape,
-    Sphere,
-    rotation_to_axis,
-    transform,
-)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pepper_kin.model.shapes import Shape
 
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
@@ -70,17 +65,35 @@ class UrdfDocument:
         text: The text itself.
         links: Link names in document order.
         joints: All joints in document order.
-        visuals: Visual shapes.
-        collisions: Collision shapes; a cylinder and two spheres named NAME_shaft, NAME_start, NAME_end are
-            one capsule.
+        package_dirs: Folders that hold packages, for `package://` file names.
     """
 
     name: str
     text: str
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
-    visuals: tuple[Shape, ...]
-    collisions: tuple[Shape, ...]
+    package_dirs: tuple[Path, ...] = field(default=(), repr=False)
+
+    @property
+    def visuals(self) -> tuple[Shape, ...]:
+        """Visual shapes."""
+        return self.shapes[0]
+
+    @property
+    def collisions(self) -> tuple[Shape, ...]:
+        """Collision shapes; a cylinder and spheres named NAME_shaft, NAME_start, NAME_end are one capsule."""
+        return self.shapes[1]
+
+    @cached_property
+    def shapes(self) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+        """Visual and collision shapes, read from the text when first asked for.
+
+        Raises:
+            ModelError: naming the shape that is malformed.
+        """
+        from pepper_kin.model.urdf_shapes import read_shapes
+
+        return read_shapes(ET.fromstring(self.text), self.package_dirs)
 
     @property
     def root(self) -> str:
@@ -90,7 +103,7 @@ class UrdfDocument:
 
 
 def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
-    """Read a URDF text.
+    """Read a URDF text; its shapes are read when they are first asked for.
 
     Args:
         text: The XML. Document type declarations are refused: entities can hide or multiply content.
@@ -109,20 +122,10 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
         raise ModelError(f"URDF: not well-formed XML: {error}") from error
     if root.tag != "robot":
         raise ModelError(f"URDF: the root element is <{root.tag}>, expected <robot>")
-    links = tuple(_attribute(element, "name", "link") for element in root.findall("link"))
+    links = tuple(attribute_of(element, "name", "link") for element in root.findall("link"))
     joints = tuple(_joint(element) for element in root.findall("joint"))
     _check_tree(links, joints)
-    materials = {
-        str(m.get("name")): _color(m) for m in root.findall("material") if m.find("color") is not None
-    }
-    return UrdfDocument(
-        name=root.get("name", "robot"),
-        text=text,
-        links=links,
-        joints=joints,
-        visuals=tuple(_shapes(root, "visual", materials, package_dirs)),
-        collisions=tuple(_merge_capsules(list(_shapes(root, "collision", materials, package_dirs)))),
-    )
+    return UrdfDocument(root.get("name", "robot"), text, links, joints, tuple(package_dirs))
 
 
 def refuse_document_types(text: str, what: str) -> None:
@@ -135,7 +138,12 @@ def refuse_document_types(text: str, what: str) -> None:
         raise ModelError(f"{what}: document type declarations and entities are not allowed")
 
 
-def _attribute(element: ET.Element, name: str, what: str) -> str:
+def attribute_of(element: ET.Element, name: str, what: str) -> str:
+    """Return an attribute that may not be missing.
+
+    Raises:
+        ModelError: naming `what` lacks it.
+    """
     value = element.get(name)
     if not value:
         raise ModelError(f"URDF: a <{element.tag}> of {what} has no {name!r}")
@@ -166,20 +174,25 @@ def vector_of(text: str | None, size: int, default: Sequence[float], what: str) 
     Raises:
         ModelError: naming `what` where it is anything else.
     """
+    return np.array(numbers_of(text, size, default, what), dtype=float)
+
+
+def numbers_of(text: str | None, size: int, default: Sequence[float], what: str) -> Sequence[float]:
+    """Return a text as `size` finite numbers, as `vector_of` does."""
     if text is None:
-        return np.array(default, dtype=float)
+        return default
     try:
-        values = np.array([float(v) for v in text.split()])
+        values = [float(v) for v in text.split()]
     except ValueError:
-        values = np.array([math.nan])
-    if values.shape != (size,) or not np.all(np.isfinite(values)):
+        values = []
+    if len(values) != size or not all(map(math.isfinite, values)):
         raise ModelError(f"URDF: {what}: {text!r} is not {size} finite numbers")
     return values
 
 
 def _joint(element: ET.Element) -> Joint:
-    name = _attribute(element, "name", "the robot")
-    kind = _attribute(element, "type", f"joint {name}")
+    name = attribute_of(element, "name", "the robot")
+    kind = attribute_of(element, "type", f"joint {name}")
     if kind not in (*MOVING_TYPES, "fixed"):
         raise ModelError(
             f"URDF: joint {name} has type {kind!r}; supported: {', '.join((*MOVING_TYPES, 'fixed'))}"
@@ -202,8 +215,8 @@ def _joint(element: ET.Element) -> Joint:
     return Joint(
         name=name,
         type=kind,
-        parent=_attribute(parent, "link", f"joint {name}"),
-        child=_attribute(child, "link", f"joint {name}"),
+        parent=attribute_of(parent, "link", f"joint {name}"),
+        child=attribute_of(child, "link", f"joint {name}"),
         lower=lower,
         upper=upper,
         velocity=number_of(limit, "velocity", math.inf, f"joint {name}"),
@@ -212,7 +225,7 @@ def _joint(element: ET.Element) -> Joint:
         mimic=None
         if mimic is None
         else (
-            _attribute(mimic, "joint", f"joint {name}"),
+            attribute_of(mimic, "joint", f"joint {name}"),
             number_of(mimic, "multiplier", 1.0, f"mimic of {name}"),
             number_of(mimic, "offset", 0.0, f"mimic of {name}"),
         ),
@@ -254,102 +267,3 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
     for joint in joints:
         if joint.mimic is not None and joint.mimic[0] not in moving:
             raise ModelError(f"URDF: joint {joint.name} mimics an unknown joint {joint.mimic[0]!r}")
-
-
-def _color(material: ET.Element) -> tuple[float, float, float, float]:
-    color = material.find("color")
-    rgba = vector_of(None if color is None else color.get("rgba"), 4, (0.8, 0.8, 0.8, 1.0), "a colour")
-    return (float(rgba[0]), float(rgba[1]), float(rgba[2]), float(rgba[3]))
-
-
-def _shapes(
-    root: ET.Element,
-    kind: str,
-    materials: dict[str, tuple[float, float, float, float]],
-    package_dirs: Sequence[Path],
-) -> list[Shape]:
-    shapes = []
-    for link in root.findall("link"):
-        link_name = link.get("name", "")
-        for index, element in enumerate(link.findall(kind)):
-            name = element.get("name") or f"{link_name}_{kind}_{index}"
-            geometry = element.find("geometry")
-            if geometry is None or len(geometry) == 0:
-                raise ModelError(f"URDF: {kind} {name} of link {link_name} has no geometry")
-            origin = element.find("origin")
-            pose = np.eye(4)
-            if origin is not None:
-                what = f"origin of {kind} {name}"
-                pose = transform(
-                    vector_of(origin.get("xyz"), 3, (0, 0, 0), what),
-                    vector_of(origin.get("rpy"), 3, (0, 0, 0), what),
-                )
-            color = (0.8, 0.8, 0.8, 1.0)
-            material = element.find("material")
-            if material is not None:
-                named = materials.get(material.get("name", ""), color)
-                color = _color(material) if material.find("color") is not None else named
-            shapes.append(Shape(name, link_name, _geometry(geometry[0], name, package_dirs), pose, color))
-    return shapes
-
-
-def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> Geometry:
-    if element.tag == "box":
-        size = vector_of(element.get("size"), 3, (0, 0, 0), f"box {name}")
-        return Box((float(size[0]), float(size[1]), float(size[2])))
-    radius = number_of(element, "radius", 0.0, name)
-    if element.tag == "sphere":
-        return Sphere(radius)
-    if element.tag in ("cylinder", "capsule"):
-        length = number_of(element, "length", 0.0, name)
-        return Cylinder(radius, length) if element.tag == "cylinder" else Capsule(radius, length)
-    if element.tag == "mesh":
-        scale = vector_of(element.get("scale"), 3, (1, 1, 1), f"scale of mesh {name}")
-        path = resolve_mesh(_attribute(element, "filename", name), package_dirs)
-        return Mesh(path, (float(scale[0]), float(scale[1]), float(scale[2])))
-    raise ModelError(f"URDF: shape {name} has an unknown geometry <{element.tag}>")
-
-
-def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
-    """Turn a `package://`, `file://` or plain file name into a path (which may not exist).
-
-    Packages and relative file names are sought in the folders, the first first.
-    """
-    if filename.startswith("package://"):
-        rest = filename.removeprefix("package://")
-        for folder in package_dirs:
-            if (folder / rest).exists():
-                return folder / rest
-        own = "pepper_kin/urdf/"
-        if rest.startswith(own):
-            from importlib.resources import files
-
-            return Path(str(files("pepper_kin.urdf"))) / rest.removeprefix(own)
-        return Path(rest)
-    path = Path(filename.removeprefix("file://"))
-    found = (folder / path for folder in package_dirs if (folder / path).exists())
-    return path if path.is_absolute() else next(found, path)
-
-
-def _merge_capsules(shapes: list[Shape]) -> list[Shape]:
-    """Join NAME_shaft (cylinder), NAME_start and NAME_end (spheres of its radius) to the capsule NAME."""
-    by_name = {shape.name: shape for shape in shapes}
-    merged: list[Shape] = []
-    taken: set[str] = set()
-    for shape in shapes:
-        stem = shape.name.removesuffix("_shaft")
-        ends = [by_name.get(f"{stem}_{end}") for end in ("start", "end")]
-        shaft = shape.geometry
-        if stem == shape.name or not isinstance(shaft, Cylinder) or any(e is None for e in ends):
-            merged.append(shape)
-            continue
-        a, b = (e.transform_shape_to_link[:3, 3] for e in ends if e is not None)
-        if any(e is not None and e.geometry != Sphere(shaft.radius) for e in ends):
-            merged.append(shape)
-            continue
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation_to_axis(b - a), (a + b) / 2
-        capsule = Capsule(shaft.radius, float(np.linalg.norm(b - a)))
-        merged.append(Shape(stem, shape.link, capsule, pose, shape.color))
-        taken.update((f"{stem}_start", f"{stem}_end"))
-    return [shape for shape in merged if shape.name not in taken]

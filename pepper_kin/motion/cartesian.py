@@ -19,7 +19,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.curves import Curve, Route
-from pepper_kin.motion.ends import fault_of
+from pepper_kin.motion.goals import fault_of
 
 Array = NDArray[np.float64]
 
@@ -167,8 +167,8 @@ def cartesian_path(
     frame = ik.HandPosition(hand, np.zeros(3)).frame or ""
     route = Route.of(frame_pose(pepper, q, frame)[:3, 3], _as_curves(curves))
     follower = _Follower(
-        pepper, hand, frame, None if wish is None else wish.direction, scene, joints, margin,
-        check_positive("tolerance", tolerance, "[m]"), step / FINER,
+        pepper, hand, frame, None if wish is None else wish.direction, scene, joints, margin=margin,
+        tolerance=check_positive("tolerance", tolerance, "[m]"), least_step=step / FINER,
     )  # fmt: skip
     first = np.clip(q, pepper.lower_limits, pepper.upper_limits)
     path, done, status, message = follower.follow(first, route.stops(step), route)
@@ -207,6 +207,7 @@ class _Follower:
         direction: Array | None,
         scene: Scene | None,
         joints: str | Sequence[str] | None,
+        *,
         margin: float,
         tolerance: float,
         least_step: float,

@@ -1,4 +1,4 @@
-"""Collision checks of a robot in a scene at any margin, compiled or by coal: the verdicts are the same."""
+"""Which configurations a motion may pass through: collision checks at any margin, and torques that hold."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.batch import kernel
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
-from pepper_kin.kernels.compilation import Compilation
+from pepper_kin.collision.fast import fast_checker_for
+from pepper_kin.dynamics import gravity_torque
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.validity import TORQUE_SHARE, holds, validity
 
 Array = NDArray[np.float64]
 
@@ -22,59 +22,55 @@ LEAST_MARGIN = 1e-4
 """A margin smaller than this counts as none [m]."""
 
 
+TORQUE_SHARE = 0.95
+"""Share of each joint's effort that holding still may take; the rest is left to move with."""
+
+
 class Checks:
     """Answers for one robot in one scene.
+
+    They come from machine code, and from coal where a shape of the robot has no bounds.
 
     Args:
         pepper: The robot.
         scene: The world; None for the robot alone.
-        compiled: Whether machine code is used; a robot with shapes without bounds is left to coal.
 
     Attributes:
         exact: Coal's checker without margins.
+        compiled: Whether machine code answers.
         quick: Whether coal is asked about nothing but ties, so that many questions cost little.
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene | None, compiled: bool) -> None:
-        self.pepper, self.scene, self.compiled, self.quick = pepper, scene, compiled, False
+    def __init__(self, pepper: PepperModel, scene: Scene | None) -> None:
+        self.pepper, self.scene = pepper, scene
+        _load_code()
         self.exact: CollisionChecker = checker_for(pepper, scene)
-        if compiled:
-            _load_code()
-            from pepper_kin.collision.fast import fast_checker_for
-
-            fast = fast_checker_for(pepper, scene)
-            self.compiled, self.quick = fast.supported, fast.alone
+        fast = fast_checker_for(pepper, scene)
+        self.compiled, self.quick = fast.supported, fast.alone
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
-        if self.compiled:
-            from pepper_kin.collision.fast import fast_checker_for
-
-            return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
-        return ~checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
+        return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
 
     def surely_free(self, q: Array, margin: float, self_margin: float) -> NDArray[np.bool_]:
         """Return what `free` does, but never wait for coal: what machine code cannot tell counts as near.
 
         See `FastChecker.surely_free`.
         """
-        if not self.compiled:
-            return self.free(q, margin, self_margin)
-        from pepper_kin.collision.fast import fast_checker_for
-
         return fast_checker_for(self.pepper, self.scene, margin, self_margin).surely_free(q)
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""
-        if not self.compiled:
-            return holds(self.pepper, q)
         torque = kernel(self.pepper, "gravity_torque")(q)
         return np.asarray((np.abs(torque) <= TORQUE_SHARE * self.pepper.effort_limits).all(axis=-1))
 
-    def oracle(
+    def validity(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float], *, for_edges: bool
-    ) -> planners.StateValidity:
-        """Return the planner's oracle for the free joints, the others standing as in `frozen`, shape (n,).
+    ) -> planners.StateValidityChecker:
+        """Return which states of the free joints are valid, the others standing as in `frozen`, shape (n,).
+
+        A state is valid where nothing touches, the margins are kept, and the joints can hold the posture
+        against gravity.
 
         Args:
             frozen: A whole configuration, shape (n,).
@@ -83,13 +79,17 @@ class Checks:
             for_edges: Whether it is asked for edges, of which machine code looks at few states at a time; or
                 for many states at once.
         """
-        if not self.compiled:
-            return validity(checker_for(self.pepper, self.scene, *margins), frozen, free)
-        from pepper_kin.collision.fast import fast_checker_for
-
         checker = fast_checker_for(self.pepper, self.scene, *margins)
-        if not for_edges:
-            return validity(checker, frozen, free)
+        if not (for_edges and self.compiled):
+
+            def valid(states: Array) -> NDArray[np.bool_]:
+                q = np.tile(frozen, (len(states), 1))
+                q[:, free] = states
+                ok = self.holds(q)
+                ok[ok] = ~checker.in_collision(q[ok])
+                return ok
+
+            return valid
         made = checker.compiled(frozen, free, TORQUE_SHARE * self.pepper.effort_limits)
         kept = threading.local()
 
@@ -99,7 +99,7 @@ class Checks:
                 kept.block = made.new_memory()
             return np.asarray(kept.block)
 
-        return planners.CompiledValidity(made.address, int(free.size), memory, keep_alive=made)
+        return planners.CompiledMotionValidator(made.address, int(free.size), memory, keep_alive=made)
 
     def margins(self, start: Array, goals: Array, margin: float) -> tuple[float, float]:
         """Return the margins kept to the scene and to the robot itself [m], as far as the ends allow.
@@ -127,17 +127,23 @@ class Checks:
         return 0.0
 
 
+def holds(pepper: PepperModel, q: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the joints can hold q, shape (m, n), still, with some to spare, by Pinocchio; shape (m,)."""
+    return np.asarray(
+        np.all(np.abs(gravity_torque(pepper, q)) <= TORQUE_SHARE * pepper.effort_limits, axis=-1)
+    )
+
+
 @functools.cache
 def _load_code() -> None:
-    """Load, or compile, what planning will need, before any clock starts."""
-    import pepper_kin.collision.fast.loop
-    import pepper_kin.ik.fast
+    """Load, or compile, what planning needs, before any clock starts."""
+    from pepper_kin.core.collision.check import check_many
+    from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
+    from pepper_kin.motion.examination import count_intervals
+    from pepper_kin.planners.deadline import load_code
+    from pepper_kin.planners.rejoin import shortest_end
+    from pepper_kin.planners.rrt_connect import grow
+    from pepper_kin.planners.shortcut import shorten
+    from pepper_kin.planners.smooth import schoenberg_spline
 
-    compilation = Compilation("the planners")
-    import pepper_kin.planners.compiled_shortcut  # noqa: F401
-    from pepper_kin.motion.native_curve import stations
-    from pepper_kin.planners.native_connect import grow
-    from pepper_kin.planners.native_rejoin import shortest_end
-
-    codes = (stations, grow, shortest_end)
-    compilation.end(compiled=any(code.stats.cache_misses for code in codes))
+    load_code(check_many, solve_rows, count_intervals, shortest_end, grow, shorten, schoenberg_spline)

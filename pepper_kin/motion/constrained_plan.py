@@ -17,13 +17,13 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, hardened, manifold_of
-from pepper_kin.motion.ends import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
 
 Array = NDArray[np.float64]
 
-PLANNER = "constrained_connect"
+PLANNER = "cbirrt"
 SHORTCUTS = 60
 NO_SPLINE = "A path was found, but no spline through way-points of it keeps constraints and margin."
 
@@ -70,7 +70,7 @@ def plan_constrained(
     """
     tasks = as_constraints(pepper, constraints)
     q_start = checked_start(pepper, start, margin, timeout)
-    checks = Checks(pepper, scene, compiled=True)
+    checks = Checks(pepper, scene)
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER)
     fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start)
@@ -90,7 +90,7 @@ def plan_constrained(
         manifold_of(pepper, tasks, q_start, free),
     )
     left = max(timeout - (time.perf_counter() - begin), 1e-3)
-    result = planners.constrained_connect(room.problem, manifold, seed=seed, timeout=left)
+    result = planners.cbirrt(room.problem, manifold, seed=seed, timeout=left)
     said = {"ik": ik, "states_checked": result.states_checked}
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
@@ -112,7 +112,7 @@ def _ended(
 def _waypoints(
     pepper: PepperModel,
     room: PathProblem,
-    manifold: planners.Manifold,
+    manifold: planners.ConstraintManifold,
     path: planners.Path,
     seed: int,
     timeout: float,

@@ -29,7 +29,7 @@ SAMPLES = 6
 def constrained_waypoints(
     pepper: PepperModel,
     problem: planners.Problem,
-    manifold: planners.Manifold,
+    manifold: planners.ConstraintManifold,
     candidates: Sequence[planners.Path],
     embed: Callable[[Array], Array],
 ) -> Array | None:
@@ -67,7 +67,10 @@ def constrained_waypoints(
 
 
 def _spline_holds(
-    problem: planners.Problem, manifold: planners.Manifold, spline: CubicPath, moving: NDArray[np.int64]
+    problem: planners.Problem,
+    manifold: planners.ConstraintManifold,
+    spline: CubicPath,
+    moving: NDArray[np.int64],
 ) -> bool:
     """Return whether a spline keeps constraints and bounds and is valid at the problem's resolution."""
     spans = np.diff(spline.breaks)
@@ -81,9 +84,9 @@ def _spline_holds(
     at_ends = np.maximum(errors[[0, -1]].max(), SLACK)
     if errors.max() > min(at_ends, 1.0 + 1e-9):
         return False
-    oracle = problem.counting_oracle()
+    validator = problem.validator()
     batches = (states[k : k + _BATCH] for k in range(0, len(states), _BATCH))
-    return all(bool(oracle.states_valid(batch).all()) for batch in batches)
+    return all(bool(validator.states_valid(batch).all()) for batch in batches)
 
 
 def largest_errors(pepper: PepperModel, path: Array, tasks: Sequence[Task]) -> tuple[float, ...]:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import copy
-import hashlib
 from collections.abc import Callable, Sequence
-from functools import lru_cache
-from importlib.resources import files
 from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +13,8 @@ from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
-from pepper_kin.kernels import Kernel, compile_function
-from pepper_kin.model import PepperModel
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
 if TYPE_CHECKING:
     import casadi
@@ -30,7 +26,10 @@ Array = NDArray[np.float64]
 LARGEST = ("JointPosture", "CenterOfMassOverWheels")
 """Tasks whose error is the largest component of the residual: each component is a constraint of its own."""
 
-_kept: WeakKeyDictionary[PepperModel, dict[tuple[Structure, ...], Kernel]] = WeakKeyDictionary()
+SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"))
+"""Packages on which the kernels depend."""
+
+_kept: RobotMemory[tuple[Structure, ...], Kernel] = RobotMemory()
 
 
 def as_constraints(pepper: PepperModel, constraints: Sequence[Task | TaskGroup]) -> tuple[Task, ...]:
@@ -57,7 +56,7 @@ def hardened(task: Task) -> Task:
 
 def manifold_of(
     pepper: PepperModel, constraints: Sequence[Task | TaskGroup], frozen: Array, free: NDArray[np.int64]
-) -> planners.Manifold:
+) -> planners.ConstraintManifold:
     """Return the configurations that meet tasks to their tolerances, for some joints of a robot.
 
     Residuals and their Jacobian are compiled, at the first use of tasks of these kinds on these frames, and
@@ -84,12 +83,12 @@ def manifold_of(
         groups += [first + (k if apart else 0) for k in range(size)]
         tolerances += [task.tolerance] * count
         names += [task.name] * count
-    function: planners.MachineCodeManifold | _InPython
+    function: planners.CompiledManifold | _InPython
     if all(_kind(task) for task in tasks):
         function = _machine_code(pepper, tasks, frozen, free)
     else:
         function = _InPython(pepper, tasks, frozen, free)
-    return planners.Manifold(
+    return planners.ConstraintManifold(
         function, int(free.size), sum(sizes), np.array(tolerances), np.array(groups), tuple(names)
     )
 
@@ -168,22 +167,21 @@ def _structure(task: Task) -> Structure:
 
 def _machine_code(
     pepper: PepperModel, tasks: tuple[Task, ...], frozen: Array, free: NDArray[np.int64]
-) -> planners.MachineCodeManifold:
+) -> planners.CompiledManifold:
     from pepper_kin.ik.fast.structure import target_of
 
     kernel = _kernel(pepper, tuple(_structure(task) for task in tasks))
     given = np.concatenate([frozen, *[target_of(task) for task in tasks]])
-    return planners.MachineCodeManifold(
+    return planners.CompiledManifold(
         kernel.single_address, given, free, free, pepper.n, kernel.work_size, keep_alive=kernel
     )
 
 
 def _kernel(pepper: PepperModel, structures: tuple[Structure, ...]) -> Kernel:
     """Return the kernel of `_residuals`, made once and kept."""
-    known = _kept.setdefault(pepper, {})
+    known = _kept.of(pepper)
     if structures not in known:
-        robot = hashlib.sha256((pepper.urdf + pepper.pinocchio_model.saveToString()).encode()).hexdigest()
-        key = f"constraints {structures!r} of {robot} by {_source_digest()}"
+        key = f"constraints {structures!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
         known[structures] = compile_function(lambda: _residuals(pepper, structures), key=key)
     return known[structures]
 
@@ -208,13 +206,3 @@ def _residuals(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi
     rows = casadi.vec(casadi.densify(casadi.vertcat(*slopes)).T)
     output = casadi.densify(casadi.vertcat(*values, rows))
     return casadi.Function("constraints", [q, targets], [casadi.cse(output)])
-
-
-@lru_cache(maxsize=1)
-def _source_digest() -> str:
-    digest = hashlib.sha256()
-    for room in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"):
-        for file in sorted(files(f"pepper_kin.{room}").iterdir(), key=lambda f: f.name):
-            if file.name.endswith(".py"):
-                digest.update(file.read_bytes())
-    return digest.hexdigest()

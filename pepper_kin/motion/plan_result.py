@@ -16,7 +16,7 @@ from pepper_kin.collision import CollisionChecker
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
-from pepper_kin.trajectory.path import as_cubic_path
+from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 
 class PlanStatus(Enum):
@@ -59,8 +59,9 @@ class Plan:
         status: How it ended.
         message: What happened, in a sentence with names and numbers.
         joint_names: Order of the joints.
-        path: Way-points, shape (k, n), read-only [rad or m]; None unless solved.  The spline that `retime`
-            draws through them has been checked against the scene, not only the way-points.
+        path: Way-points, shape (k, n), read-only [rad or m]; None unless solved.
+        curve: The curve through the way-points that was examined against the scene all along, not only at
+            the way-points; `retime` times exactly it.  None unless solved, or where the start is the goal.
         goal: The configuration reached, shape (n,); None unless solved.
         ik: Result of inverse kinematics where the goal was given as tasks.
         length: Length of the path in joint space [rad and m mixed]; nan unless solved.
@@ -83,6 +84,7 @@ class Plan:
     seed: int = 0
     planner: str = "rrt_connect"
     constraint_errors: tuple[float, ...] = ()
+    curve: CubicPath | None = None
     evidence: Callable[[], float] | None = field(default=None, repr=False)
 
     @cached_property
@@ -99,10 +101,15 @@ class Plan:
         """Whether a path was found."""
         return self.status is PlanStatus.SOLVED
 
+    @property
+    def advice(self) -> str:
+        """What to try, in a sentence."""
+        return self.status.advice
+
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""
         room = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
-        return f"{self.message}{room} {self.status.advice}"
+        return f"{self.message}{room} {self.advice}"
 
 
 class Ending:
@@ -119,20 +126,20 @@ class Ending:
         )
 
     def solved(self, checker: CollisionChecker, path: NDArray[np.float64], message: str, **more: Any) -> Plan:
-        """Return the plan of a path, shape (k, n)."""
+        """Return the plan of way-points whose spline has been examined, shape (k, n)."""
+        curve = as_cubic_path(checker.pepper, path) if len(path) > 1 else None
         length = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
         return self(
             PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]), length=length,
-            evidence=lambda: _clearance_along(checker, path), **more,
+            curve=curve, evidence=lambda: _clearance_along(checker, path, curve), **more,
         )  # fmt: skip
 
 
-def _clearance_along(checker: CollisionChecker, path: NDArray[np.float64]) -> float:
-    """Return the smallest distance along the spline through way-points, four times between any two [m]."""
+def _clearance_along(checker: CollisionChecker, path: NDArray[np.float64], curve: CubicPath | None) -> float:
+    """Return the smallest distance along a curve through way-points, four times between any two [m]."""
     dense = path
-    if len(path) > 1:
-        spline = as_cubic_path(checker.pepper, path)
-        pieces = np.arange(len(spline.breaks) - 1)
-        parts = [spline.at(pieces, x * np.diff(spline.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
+    if curve is not None:
+        pieces = np.arange(len(curve.breaks) - 1)
+        parts = [curve.at(pieces, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
         dense = np.concatenate([*parts, path[-1:]])
     return float(checker.clearance(dense).min())

@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin import planners
 from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_plan import plan_constrained
-from pepper_kin.motion.ends import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
-from pepper_kin.motion.search import PLANNERS, check_planner, find_path
 from pepper_kin.motion.waypoints import waypoints_of
-from pepper_kin.planners import Result
+
+PLANNERS = ("rrt_connect", "rrt_star")
+
+SHORTCUTS_TO_COMPARE = 40
+"""Short-cuts tried before other goals are."""
+
+GAIN_TO_COMPARE = 0.02
+"""Part of the length that each short-cut has to save."""
+
+SHARE_OF_TIME = 0.02
+"""Part of the time budget that they may take."""
 
 NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
@@ -36,7 +48,6 @@ def plan(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 5.0,
-    compiled: bool = True,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -53,8 +64,6 @@ def plan(
         margin: Distance kept to all things [m]; less where start or goal are nearer than that.
         seed: Seed of all random choices.
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
-        compiled: False for coal and interpreted code, hundreds of times slower, instead of machine code,
-            which the first use on a machine compiles for a minute; goals are then solved by placo.
 
     Returns:
         The plan; without a path, its status and message tell why.
@@ -65,13 +74,13 @@ def plan(
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
-    check_planner(planner, constraints is not None, compiled)
+    check_planner(planner, constraints is not None)
     if constraints is not None:
         return plan_constrained(
             pepper, start, goal, scene, constraints, joints=joints, margin=margin, seed=seed, timeout=timeout
         )
     q_start = checked_start(pepper, start, margin, timeout)
-    checks = Checks(pepper, scene, bool(compiled))
+    checks = Checks(pepper, scene)
     begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
     ended = Ending(pepper, begin, seed, planner)
     fault = fault_of_start(checks, q_start)
@@ -83,7 +92,7 @@ def plan(
     free = free_joints(pepper, joints, q_start, goals)
     if is_there(q_start, goals):
         return ended.solved(checks.exact, q_start[None], STAYS, ik=ik)
-    coarse = checks.compiled and planner == PLANNERS[0]
+    coarse = planner == PLANNERS[0]
     room = path_problem(checks, q_start, goals, free, margin, COARSE if coarse else RESOLUTION)
     result, path = _searched(room, planner, seed, begin, timeout, ik is not None, coarse)
     if result.path is None:
@@ -98,7 +107,7 @@ def plan(
 
 def _searched(
     room: PathProblem, planner: str, seed: int, begin: float, timeout: float, compare: bool, coarse: bool
-) -> tuple[Result, NDArray[np.float64] | None]:
+) -> tuple[planners.Result, NDArray[np.float64] | None]:
     """Return what a search found, and way-points of it, shape (m, n); None where no spline is clear.
 
     What was searched coarsely is searched again, closely, where its spline turns out to touch something.
@@ -116,3 +125,56 @@ def _searched(
 def _left(begin: float, timeout: float) -> float:
     """Return what is left of a time budget [s], above zero."""
     return max(timeout - (time.perf_counter() - begin), 1e-3)
+
+
+def check_planner(planner: str, constrained: bool) -> None:
+    """Refuse a planner that there is not, or that does not do what is asked of it.
+
+    Raises:
+        InvalidValueError: for an unknown planner, one that the installed OMPL lacks, and options that
+            constraints leave no choice of.
+        MissingDependencyError: for a planner of OMPL's where that is not installed.
+    """
+    own = ", ".join(map(repr, PLANNERS))
+    if planner not in PLANNERS:
+        available = planners.available_ompl_planners()
+        if planner in planners.OMPL_PLANNERS and not available:
+            raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'", f"planner {planner!r}")
+        if planner not in available:
+            lacking = " (the installed ompl lacks it)" if planner in planners.OMPL_PLANNERS else ""
+            allowed = ", ".join((own, *map(repr, available)))
+            raise InvalidValueError("planner", f"{planner!r}{lacking}", f"one of {allowed}")
+    if constrained and planner != PLANNERS[0]:
+        raise InvalidValueError("planner", repr(planner), f"{PLANNERS[0]!r} (the default) with constraints")
+
+
+def find_path(
+    problem: planners.Problem, planner: str, *, seed: int, timeout: float, compare: bool
+) -> planners.Result:
+    """Search a path.
+
+    Args:
+        problem: What to plan.
+        planner: "rrt_connect", "rrt_star" or a name of OMPL's.
+        seed: Seed of all random choices.
+        timeout: Time budget [s].
+        compare: Whether the path is shortened and ends at another goal where that is nearer from a way-point.
+    """
+    if planner == "rrt_star":
+        return planners.rrt_star(problem, seed=seed, timeout=timeout)
+    if planner != "rrt_connect":
+        return planners.ompl_plan(problem, planner, seed=seed, timeout=timeout)
+    first = planners.rrt_connect(problem, seed=seed, timeout=timeout)
+    if first.path is None or not compare or len(problem.goals) == 1:
+        return first
+    shortest = _shortened(problem, first.path, seed, timeout)
+    path, goal = planners.rejoin(problem, shortest, int(first.goal_index or 0))
+    return replace(first, path=path, cost=path.length, goal_index=goal)
+
+
+def _shortened(problem: planners.Problem, path: planners.Path, seed: int, timeout: float) -> planners.Path:
+    """Return a path after a few short-cuts, checked as closely as the search itself checks."""
+    return planners.shortcut(
+        problem, path, seed=seed, iterations=SHORTCUTS_TO_COMPARE, resolution=problem.spacing,
+        least_gain=GAIN_TO_COMPARE, timeout=SHARE_OF_TIME * timeout,
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A robot's motion as a planner sees it: the joints that move, their box, their metric and an oracle."""
+"""A robot's motion as a planner sees it: the joints that move, their box, metric and validity."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
+from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.metric import joint_reaches
 
 Array = NDArray[np.float64]
 
-RESOLUTION = 0.01  # [m], in the metric of `joint_reaches`
+RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
 COARSE = 0.02
 """The same where the examination of the spline, which is far closer, tells whether that was close enough."""
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
@@ -33,7 +33,9 @@ class PathProblem:
         start: Start configuration, shape (n,).
         free: Places of the joints that move, shape (k,).
         margins: Kept to the scene and to the robot itself [m].
-        reach: How far a joint moves a point of the body, shape (n,), see `joint_reaches`.
+        reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`; infinite where a
+            joint that is carried slides without limits.
+        held: What hangs on the robot, see `motion_bounds`.
     """
 
     checks: Checks
@@ -42,6 +44,7 @@ class PathProblem:
     free: NDArray[np.int64]
     margins: tuple[float, float]
     reach: Array
+    held: tuple[tuple[str, float], ...] = ()
 
     @property
     def relaxed_margins(self) -> tuple[float, float]:
@@ -55,8 +58,8 @@ class PathProblem:
     @cached_property
     def relaxed(self) -> planners.Problem:
         """The problem with half the margins, for many states at once."""
-        half = self.checks.oracle(self.start, self.free, self.relaxed_margins, for_edges=False)
-        return self.problem.judged_by(half)
+        half = self.checks.validity(self.start, self.free, self.relaxed_margins, for_edges=False)
+        return self.problem.with_validity(half)
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""
@@ -87,21 +90,23 @@ def path_problem(
     pepper = checks.pepper
     kept, kept_self = checks.margins(start, goals, margin)
     held = tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
-    ends, reach = np.vstack([start, goals]), np.array(joint_reaches(pepper, held))
+    ends = np.vstack([start, goals])
     spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, ends.min(axis=0) - spare)
     upper = np.where(np.isfinite(pepper.upper_limits), pepper.upper_limits, ends.max(axis=0) + spare)
+    reach = motion_bounds(pepper, held=held)
+    weights = reach if np.isfinite(reach).all() else motion_bounds(pepper, lower, upper, held)
     problem = planners.Problem(
         lower=lower[free],
         upper=upper[free],
         start=np.clip(start, lower, upper)[free],
         goals=np.clip(goals, lower, upper)[:, free],
-        oracle=checks.oracle(start, free, (kept, kept_self), for_edges=True),
-        weights=reach[free],
+        validity=checks.validity(start, free, (kept, kept_self), for_edges=True),
+        weights=weights[free],
         resolution=resolution,
         labels=tuple(pepper.joint_names[j] for j in free),
     )
-    return PathProblem(checks, problem, start, free, (kept, kept_self), reach)
+    return PathProblem(checks, problem, start, free, (kept, kept_self), reach, held)
 
 
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
+from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.motion.examination import hull_of, is_clear
 from pepper_kin.motion.problem import RESOLUTION, PathProblem
-from pepper_kin.trajectory.path import CubicPath, as_cubic_path
+from pepper_kin.trajectory.path import as_cubic_path
 
 Array = NDArray[np.float64]
 
@@ -19,16 +21,13 @@ _SHORTCUTS = 120
 _LEAST_GAIN = 0.005  # of the length: what a short-cut has to save
 _DENSE = (0.01, 0.0025)  # distances of way-points that follow a polyline [m], in the metric
 
-# States checked along the final curve without machine code, in each length of the problem's resolution.
-_FINER = 1.5
-
 
 def waypoints_of(room: PathProblem, path: planners.Path, *, seed: int, timeout: float) -> Array | None:
     """Shorten and smooth a polyline, and return way-points for `retime`.
 
     `retime` draws a spline through way-points; so the spline itself is checked here, and way-points are added
-    until it is valid everywhere: with machine code as `examination.is_clear` says, else at the problem's
-    resolution.
+    until it is valid everywhere, as `examination.is_clear` says, which looks far
+    more closely than the search.
 
     Args:
         room: The planning problem, of the joints that move.
@@ -41,13 +40,11 @@ def waypoints_of(room: PathProblem, path: planners.Path, *, seed: int, timeout: 
         spline along the polyline is valid.
     """
     problem = room.problem
-    # Machine code looks at the final curve far more closely, so that short-cuts need not be.
-    fine = problem.spacing if room.checks.compiled else problem.spacing / 4
     short = planners.shortcut(
-        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=fine,
+        problem, path, seed=seed, timeout=timeout, iterations=_SHORTCUTS, resolution=problem.spacing,
         least_gain=_LEAST_GAIN,
     )  # fmt: skip
-    found = _rounded(room, short) if room.checks.compiled else None
+    found = _rounded(room, short)
     for candidate in (short, path):
         found = _smooth(room, candidate) if found is None else found
     return _followed(room, (short, path)) if found is None else found
@@ -55,11 +52,8 @@ def waypoints_of(room: PathProblem, path: planners.Path, *, seed: int, timeout: 
 
 def _rounded(room: PathProblem, path: planners.Path) -> Array | None:
     """Return few way-points along a path that is rounded everywhere alike; None where none are clear."""
-    from pepper_kin.motion.native_curve import rounded_waypoints
-
-    polyline, lengths = np.array(path.points), np.array(path.arc_lengths)
     for pieces in _ROUNDED:
-        points = room.embed(rounded_waypoints(polyline, lengths, pieces))
+        points = room.embed(planners.rounded_waypoints(path, pieces))
         if _is_clear(room, points, room.relaxed_margins):
             return points
     return None
@@ -93,27 +87,8 @@ def _followed(room: PathProblem, paths: tuple[planners.Path, ...]) -> Array | No
 def _is_clear(room: PathProblem, points: Array, margins: tuple[float, float]) -> bool:
     """Whether margins are kept all along the spline through way-points, shape (m, n)."""
     pepper = room.checks.pepper
-    if not room.checks.compiled:
-        return _samples_are_clear(room, as_cubic_path(pepper, points), margins)
-    from pepper_kin.motion.examination import is_clear
-    from pepper_kin.trajectory.fast_solver import quick_spline
-
-    spline = quick_spline(pepper, points)
-    if spline is None:
-        curve = as_cubic_path(pepper, points)
-        spline = curve.breaks, curve.coefficients
-    return is_clear(room.checks, *spline, room.reach, margins)
-
-
-def _samples_are_clear(room: PathProblem, spline: CubicPath, margins: tuple[float, float]) -> bool:
-    moving, problem = room.free, room.problem
-    ends = spline.at(np.arange(len(spline.breaks) - 1), np.diff(spline.breaks))
-    lengths = problem.metric.distance(spline.coefficients[:, 0][:, moving], ends[:, moving])
-    counts = np.maximum(2, np.ceil(_FINER * lengths / problem.spacing).astype(int))
-    states = np.concatenate(
-        [
-            spline.at(np.full(count, i), np.linspace(0, h, count))
-            for i, (count, h) in enumerate(zip(counts, np.diff(spline.breaks), strict=True))
-        ]
-    )
-    return bool(room.checks.holds(states).all() and room.checks.free(states, *margins).all())
+    curve = as_cubic_path(pepper, points)
+    reach = room.reach
+    if not np.isfinite(reach).all():
+        reach = motion_bounds(pepper, *hull_of(curve.breaks, curve.coefficients), room.held)
+    return is_clear(room.checks, curve.breaks, curve.coefficients, reach, margins)

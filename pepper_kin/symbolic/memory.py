@@ -1,4 +1,4 @@
-"""Functions are built once for each robot."""
+"""Functions are built once for each robot as it is."""
 
 from __future__ import annotations
 
@@ -7,22 +7,21 @@ import threading
 from collections.abc import Callable, Hashable
 from functools import wraps
 from typing import Any, TypeVar
-from weakref import WeakKeyDictionary
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, RobotMemory
 
 Result = TypeVar("Result")
 
 # One lock for all: CasADi counts references to expressions without locking.
 _lock = threading.RLock()
-_memory: WeakKeyDictionary[PepperModel, dict[Hashable, Any]] = WeakKeyDictionary()
+_memory: RobotMemory[Hashable, Any] = RobotMemory()
 
 
 def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
     """Make a builder return what it built before for the same robot and arguments.
 
-    A robot that is no longer used takes what was built for it along.
+    A robot that is no longer used takes what was built for it along; so does a change of its masses.
 
     Args:
         build: Takes a robot and hashable arguments.
@@ -37,7 +36,7 @@ def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
         bound.apply_defaults()
         key = (build.__module__, build.__qualname__, bound.args[1:], tuple(bound.kwargs.items()))
         with _lock:
-            known = _memory.setdefault(pepper, {})
+            known = _memory.of(pepper)
             try:
                 found = known.get(key)
             except TypeError:

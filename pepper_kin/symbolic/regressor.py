@@ -27,7 +27,7 @@ _TENSOR_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 def regressor(pepper: PepperModel) -> casadi.Function:
     """Return the function (q, v, a) -> Y with tau = Y(q, v, a) pi.
 
-    pi holds ten parameters for each moving body, bodies in the order of `pepper.pinocchio_model` (links fixed
+    pi holds ten parameters for each moving body, bodies in the order of `pepper.inner_model` (links fixed
     to a body are part of it): m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz, moments about the
     origin of the body's joint frame, in its axes; `inertia.toDynamicParameters()` of Pinocchio gives them.
 

@@ -81,7 +81,7 @@ def read_tree(pepper: PepperModel, *, compact: bool) -> Tree:
         compact: Whether origins may move along joint axes and masses on joint axes go to the parent, for
             the shortest expressions of dynamics; otherwise each body keeps its joint's origin and its mass.
     """
-    model = pepper.pinocchio_model
+    model = pepper.inner_model
     alignments = align(model, shift_origins=compact)
     bodies = []
     for i, alignment in enumerate(alignments, start=1):

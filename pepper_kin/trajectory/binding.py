@@ -13,7 +13,8 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.balance import WHEELS, balance_margin, support_polygon
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.payload import at_frames, frame_speed_shares, joint_torque
+from pepper_kin.trajectory.limits import LimitedQuantities, Limits
+from pepper_kin.trajectory.payload import at_frames
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -94,11 +95,15 @@ def binding_limits(
             for j, name in _joints(pepper)
         ),
     ]
-    if torque:
-        tau = np.abs(joint_torque(pepper, held, q, v, a)) / pepper.effort_limits
+    efforts = pepper.effort_limits if torque else None
+    quantities = LimitedQuantities(
+        pepper, Limits(pepper.velocity_limits, pepper.acceleration_limits, efforts, None, held, speeds)
+    )
+    if quantities.torque_limit.size:
+        tau = np.abs(quantities.torque(q, v, a)) / pepper.effort_limits
         columns += [(f"torque {name}", tau[:, j]) for j, name in _joints(pepper)]
     if speeds:
-        shares = frame_speed_shares(pepper, speeds, q, v)
+        shares = quantities.speed(q, v)
         columns += [(f"speed {frame}", shares[:, k]) for k, (frame, _) in enumerate(speeds)]
     if jerk is not None:
         rate = np.abs(trajectory.jerk(time)) / jerk_limits(pepper, jerk)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,10 +38,10 @@ def check(
 ) -> Certificate:
     """Examine a trajectory at every millisecond and on both sides of every knot.
 
-    Position, velocity and acceleration are compared with the robot's limits; torques are computed by
-    `pepper_kin.dynamics.newton_euler`, which shares no code with what times trajectories; positions and
-    velocities (and accelerations, where jerk is limited) must be continuous at knots; the zero-moment point
-    must lie in the triangle of the wheels.
+    Position, velocity and acceleration, evaluated here by NumPy, are compared with the robot's limits;
+    torques are computed by `pepper_kin.dynamics.newton_euler`: neither shares code with what times
+    trajectories.  Positions and velocities (and accelerations, where jerk is limited) must be continuous at
+    knots; the zero-moment point must lie in the triangle of the wheels.
 
     Args:
         pepper: The robot.
@@ -99,20 +100,44 @@ def check(
 
 def _states(trajectory: Trajectory) -> tuple[Array, State]:
     """Return times (T,) and states (T, n): every millisecond, and both sides of every knot."""
-    regular = sample_times(trajectory.duration, STEP)
-    step = np.diff(trajectory.knots)
-    piece = np.arange(step.size)
-    parts = [trajectory(regular), trajectory.at_pieces(piece, 0 * step), trajectory.at_pieces(piece, step)]
-    time = np.concatenate([regular, trajectory.knots[:-1], trajectory.knots[1:]])
-    return time, State(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    time, piece, local = _instants(trajectory)
+    return time, State(*_derivatives(trajectory, piece, local, 3))
 
 
 def _jerks(trajectory: Trajectory) -> Array:
     """Return the jerks at the times of `_states`, shape (T, n)."""
-    step = np.diff(trajectory.knots)
-    piece = np.arange(step.size)
-    ends = [trajectory.jerk_at_pieces(piece, 0 * step), trajectory.jerk_at_pieces(piece, step)]
-    return np.concatenate([trajectory.jerk(sample_times(trajectory.duration, STEP)), *ends])
+    return _derivatives(trajectory, *_instants(trajectory)[1:], 4)[3]
+
+
+def _instants(trajectory: Trajectory) -> tuple[Array, NDArray[np.intp], Array]:
+    """Return times, and their pieces and times since the start of these, shape (T,)."""
+    knots = trajectory.knots
+    regular = sample_times(trajectory.duration, STEP)
+    inside = np.clip(np.searchsorted(knots, regular, side="right") - 1, 0, knots.size - 2)
+    pieces, step = np.arange(knots.size - 1), np.diff(knots)
+    return (
+        np.concatenate([regular, knots[:-1], knots[1:]]),
+        np.concatenate([inside, pieces, pieces]),
+        np.concatenate([regular - knots[inside], 0 * step, step]),
+    )
+
+
+def _derivatives(trajectory: Trajectory, piece: NDArray[np.intp], local: Array, count: int) -> list[Array]:
+    """Return value and first derivatives of the polynomials, shape (T, n) each.
+
+    Horner's scheme for all of them at once: the sums of its steps are p(x), p'(x), p''(x) / 2, ...
+    """
+    coefficients, x = trajectory.coefficients, local[:, None]
+    sums = [np.zeros((piece.size, coefficients.shape[2])) for _ in range(count)]
+    order = coefficients.shape[1]
+    for power in range(order - 1, -1, -1):
+        # A sum is zero until as many coefficients have been met.
+        for k in range(min(count - 1, order - 1 - power), 0, -1):
+            sums[k] *= x
+            sums[k] += sums[k - 1]
+        sums[0] *= x
+        sums[0] += coefficients[piece, power]
+    return [total * math.factorial(k) for k, total in enumerate(sums)]
 
 
 def _limit_check(
@@ -140,8 +165,8 @@ def _limit_check(
 def _continuity(trajectory: Trajectory, derivative: int) -> ScalarCheck:
     quantity = ("position", "velocity", "acceleration")[derivative]
     step, pieces = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
-    before = trajectory.at_pieces(pieces[:-1], step[:-1])[derivative]
-    after = trajectory.at_pieces(pieces[1:], 0.0 * step[1:])[derivative]
+    before = _derivatives(trajectory, pieces[:-1], step[:-1], derivative + 1)[-1]
+    after = _derivatives(trajectory, pieces[1:], 0.0 * step[1:], derivative + 1)[-1]
     jumps = np.abs(after - before)
     worst, time, joint = 0.0, 0.0, trajectory.joint_names[0]
     if jumps.size:
@@ -185,8 +210,10 @@ def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> Scala
     """Find the least distance of all milliseconds; neighbours decided by joint ranges count as yes or no."""
     from pepper_kin import collision
 
-    time = sample_times(trajectory.duration, STEP)
-    found = collision.least_clearance(pepper, trajectory(time).position, scene)
+    time, piece, local = _instants(trajectory)
+    count = sample_times(trajectory.duration, STEP).size
+    positions = _derivatives(trajectory, piece[:count], local[:count], 1)[0]
+    found = collision.least_clearance(pepper, positions, scene)
     worst, at = found.distance, found.index
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from math import comb
-
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
@@ -27,7 +26,7 @@ def backward(trajectory: Trajectory) -> Trajectory:
     """Return q(T - t); see `Trajectory.reversed`."""
     step = np.diff(trajectory.breaks)
     signs = (-1.0) ** np.arange(trajectory.coefficients.shape[1])
-    moved = _shifted(trajectory.coefficients, step) * signs[:, None]
+    moved = shifted(trajectory.coefficients, step) * signs[:, None]
     return _like(trajectory, trajectory.duration - trajectory.breaks[::-1], moved[::-1])
 
 
@@ -106,21 +105,10 @@ def _padded(coefficients: Array, order: int) -> Array:
     return np.pad(coefficients, ((0, 0), (0, missing), (0, 0)))
 
 
-def _shifted(coefficients: Array, by: Array) -> Array:
-    """Return the polynomials p(x + by) of p(x), shape (m, k, n); by has shape (m,)."""
-    order = coefficients.shape[1]
-    moved = np.zeros_like(coefficients)
-    for power in range(order):
-        for low in range(power + 1):
-            gain = comb(power, low) * by ** (power - low)
-            moved[:, low] += gain[:, None] * coefficients[:, power]
-    return moved
-
-
 def _recut(trajectory: Trajectory, knots: Array) -> Trajectory:
     """Return the part between the first and the last of some times, which include all breaks between."""
     pieces, by = _places(trajectory, knots)
-    return _like(trajectory, knots - knots[0], _shifted(trajectory.coefficients[pieces], by))
+    return _like(trajectory, knots - knots[0], shifted(trajectory.coefficients[pieces], by))
 
 
 def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:
@@ -135,7 +123,7 @@ def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Arr
 def _extended(trajectory: Trajectory, knots: Array, order: int, starts: float) -> Array:
     """Return coefficients between knots of a trajectory that rests before its start and after its end."""
     pieces, by = _places(trajectory, knots - starts)
-    found = _padded(_shifted(trajectory.coefficients[pieces], by), order)
+    found = _padded(shifted(trajectory.coefficients[pieces], by), order)
     middle = (knots[1:] + knots[:-1]) / 2 - starts
     for outside, rest in ((middle < 0, trajectory.start), (middle > trajectory.duration, trajectory.end)):
         found[outside] = 0.0

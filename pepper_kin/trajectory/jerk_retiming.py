@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.jerk_rows import Rows, make_rows
-from pepper_kin.trajectory.limit_use import Limits, measure_use
+from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath
 from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
 from pepper_kin.trajectory.trajectory import Samples, Trajectory, sample_times

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.core.timing.grid import coefficient_states
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import edge_moments, support_polygon
-from pepper_kin.trajectory.limit_use import Limits
+from pepper_kin.trajectory.limits import LimitedQuantities, Limits
 from pepper_kin.trajectory.path import CubicPath
-from pepper_kin.trajectory.payload import frame_speed_shares, joint_torque
 from pepper_kin.trajectory.smooth_time import SmoothTime
 
 Array = NDArray[np.float64]
@@ -137,9 +136,10 @@ def make_rows(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits: L
     piece = np.repeat(np.arange(step.size), len(_POINTS))
     local = (step[:, None] * np.array(_POINTS)).ravel()
     q, first, second, third = base.derivatives(curve, piece, local)
-    speeds = [np.abs(first) / limits.velocity, frame_speed_shares(pepper, limits.speed, q, first)]
+    quantities = LimitedQuantities(pepper, limits)
+    speeds = [np.abs(first) / limits.velocity, quantities.speed(q, first)]
     share = np.concatenate(speeds, axis=1).max(axis=1)
-    gains, rests, sides = _linear_limits(pepper, limits, q, first, second)
+    gains, rests, sides = _linear_limits(quantities, limits, q, first, second)
     powers = _to_powers(base.knots)
     x = local[:, None]
     start, slope, bend = (powers[piece, derivative] for derivative in range(3))
@@ -160,7 +160,7 @@ def make_rows(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits: L
 
 
 def _linear_limits(
-    pepper: PepperModel, limits: Limits, q: Array, first: Array, second: Array
+    quantities: LimitedQuantities, limits: Limits, q: Array, first: Array, second: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return gains on y and y', values at rest, and which rows have an upper bound only."""
     finite = np.isfinite(limits.acceleration)
@@ -168,22 +168,21 @@ def _linear_limits(
     gains = [np.stack([second[:, finite] / bound, first[:, finite] / (2 * bound)], axis=-1)]
     rests = [np.zeros((len(q), bound.size))]
     sides = [np.zeros(bound.size, bool)]
-    still = np.zeros_like(q)
-    states = np.stack([q, q, q]), np.stack([still, still, first]), np.stack([still, first, second])
-    if limits.torque is not None and np.isfinite(limits.torque).any():
-        finite = np.isfinite(limits.torque)
-        bound = limits.torque[finite]
-        c, a, b = joint_torque(pepper, limits.payload, *states)[..., finite] / bound
+    states = np.empty((3, 3 * len(q), q.shape[1]))
+    coefficient_states(np.stack([q, first, second]), states)
+    if quantities.torque_limit.size:
+        finite = np.isfinite(quantities.torque_limit)
+        bound = quantities.torque_limit[finite]
+        c, a, b = quantities.torque(*states).reshape(3, *q.shape)[..., finite] / bound
         gains.append(np.stack([b - c, (a - c) / 2], axis=-1))
         rests.append(c)
         sides.append(np.zeros(bound.size, bool))
-    polygon = support_polygon(pepper) if limits.balance is not None else None
-    if polygon is not None and limits.balance is not None:
-        c, a, b = edge_moments(pepper, polygon, *states, limits.balance, limits.payload)
+    if quantities.edges:
+        c, a, b = quantities.moments(*states).reshape(3, len(q), quantities.edges)
         weight = np.abs(c).max()  # h >= 0 as 1 - h / weight <= 1
         gains.append(np.stack([c - b, (c - a) / 2], axis=-1) / weight)
         rests.append(1 - c / weight)
-        sides.append(np.ones(polygon.shape[0], bool))
+        sides.append(np.ones(quantities.edges, bool))
     return np.concatenate(gains, axis=1), np.concatenate(rests, axis=1), np.concatenate(sides)
 
 

@@ -8,33 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import edge_moments, support_polygon
-from pepper_kin.trajectory.payload import AtFrames, frame_speed_shares, joint_torque
+from pepper_kin.trajectory.limits import LimitedQuantities, Limits
 from pepper_kin.trajectory.trajectory import State
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """What a trajectory may use; inf where there is no limit.
-
-    Attributes:
-        velocity: [rad/s or m/s], shape (n,).
-        acceleration: [rad/s^2 or m/s^2], shape (n,).
-        torque: [N m or N], shape (n,); None to leave torque out.
-        balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
-            balance out.
-        payload: Masses held, by frame [kg]; they act on torque and balance.
-        speed: Greatest speeds of frames' origins [m/s].
-    """
-
-    velocity: Array
-    acceleration: Array
-    torque: Array | None
-    balance: float | None = None
-    payload: AtFrames = ()
-    speed: AtFrames = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,25 +45,24 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
         "acceleration": np.abs(state.acceleration).max(axis=0) / limits.acceleration,
     }
     square = max(1.0, float(share["velocity"].max()) ** 2, float(share["acceleration"].max()))
-    if limits.speed:
-        share["frame speed"] = frame_speed_shares(pepper, limits.speed, *state[:2]).max(axis=0)
+    quantities, q = LimitedQuantities(pepper, limits), state.position
+    if quantities.frames:
+        share["frame speed"] = quantities.speed(q, state.velocity).max(axis=0)
         square = max(square, float(share["frame speed"].max()) ** 2)
-    if limits.torque is not None and np.isfinite(limits.torque).any():
-        torque = joint_torque(pepper, limits.payload, *state)
-        share["torque"] = np.abs(torque).max(axis=0) / limits.torque
-        over = (np.abs(torque) > limits.torque).any(axis=1)
+    if quantities.torque_limit.size:
+        torque = quantities.torque(*state)
+        share["torque"] = np.abs(torque).max(axis=0) / quantities.torque_limit
+        over = (np.abs(torque) > quantities.torque_limit).any(axis=1)
         if over.any():
-            q = state.position[over]
-            gravity = joint_torque(pepper, limits.payload, q, np.zeros_like(q), np.zeros_like(q))
-            square = max(square, _square_stretch(torque[over], gravity, limits.torque))
-    polygon = support_polygon(pepper) if limits.balance is not None else None
-    if polygon is not None and limits.balance is not None:
-        moving = edge_moments(pepper, polygon, *state, limits.balance, limits.payload)
+            still = np.zeros_like(q[over])
+            gravity = quantities.torque(q[over], still, still)
+            square = max(square, _square_stretch(torque[over], gravity, quantities.torque_limit))
+    if quantities.edges:
+        moving = quantities.moments(*state)
         tipping = (moving < 0).any(axis=1)
         if tipping.any():
-            still = np.zeros_like(state.position[tipping])
-            q = state.position[tipping]
-            resting = edge_moments(pepper, polygon, q, still, still, limits.balance, limits.payload)
+            still = np.zeros_like(q[tipping])
+            resting = quantities.moments(q[tipping], still, still)
             square = max(square, _square_stretch_to_stand(moving[tipping], resting))
     return LimitUse(share, float(np.sqrt(square)))
 

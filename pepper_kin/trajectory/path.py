@@ -9,7 +9,8 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.core.splines import bounded_cubic_spline, cubic_spline, derivatives_on_pieces
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
 from pepper_kin.model.shapes import read_only
@@ -37,7 +38,28 @@ class PiecewiseCubic(Protocol):
         """Constant term first, shape (m, 4, n)."""
 
 
-PathLike: TypeAlias = ArrayLike | PiecewiseCubic
+@runtime_checkable
+class PlannedPath(Protocol):
+    """What planning returns, such as `pepper_kin.motion.Plan`: a curve, or none and the reason."""
+
+    @property
+    def success(self) -> bool:
+        """Whether a path was found."""
+
+    @property
+    def curve(self) -> PiecewiseCubic | None:
+        """The curve that was examined; None where there is none, or nowhere to go."""
+
+    @property
+    def message(self) -> str:
+        """What happened, in a sentence."""
+
+    @property
+    def advice(self) -> str:
+        """What to try, in a sentence."""
+
+
+PathLike: TypeAlias = ArrayLike | PiecewiseCubic | PlannedPath
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +84,8 @@ class CubicPath:
         if breaks.size < 2 or np.any(np.diff(breaks) <= 0):
             raise InvalidValueError("breaks of the path", f"{breaks.size} numbers", "two or more that rise")
         shape = (breaks.size - 1, 4, None)
-        coefficients = read_only(as_finite(self.coefficients, "coefficients of the path", shape))
+        coefficients = as_finite(self.coefficients, "coefficients of the path", shape)
+        coefficients = read_only(np.ascontiguousarray(coefficients))
         object.__setattr__(self, "breaks", breaks)
         object.__setattr__(self, "coefficients", coefficients)
         ends = self.at(np.arange(breaks.size - 1), np.diff(breaks))
@@ -86,13 +109,7 @@ class CubicPath:
         Returns:
             Shape (..., n).
         """
-        chosen = self.coefficients[np.asarray(piece)]
-        x = np.asarray(local, dtype=float)[..., None]
-        value = np.zeros(np.broadcast_shapes(chosen[..., 0, :].shape, x.shape))
-        for power in range(3, derivative - 1, -1):
-            factor = float(np.prod(np.arange(power - derivative + 1, power + 1)))
-            value = value * x + factor * chosen[..., power, :]
-        return value
+        return np.asarray(derivatives_on_pieces(self.coefficients, piece, local, derivative + 1)[derivative])
 
     def extremes(self) -> Array:
         """Return all positions where a joint may be extreme, ends of pieces and dq/ds = 0, shape (k, n)."""
@@ -113,7 +130,7 @@ class CubicPath:
 
 
 def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
-    """Turn way-points or a piecewise cubic curve into a `CubicPath` within the position limits.
+    """Turn way-points, a piecewise cubic curve or a plan into a `CubicPath` within the position limits.
 
     Way-points are joined by a cubic spline with continuous second derivative over the chord length, with unit
     speed along the first and the last chord.  Between way-points it leaves the polyline (two way-points give
@@ -124,8 +141,8 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
 
     Args:
         pepper: The robot.
-        path: Way-points [rad or m], shape (k, n), k >= 2; or an object with `breaks` and `coefficients` as
-            in `PiecewiseCubic`.
+        path: Way-points [rad or m], shape (k, n), k >= 2; an object with `breaks` and `coefficients` as
+            in `PiecewiseCubic`; or a plan, of which the curve is taken.
 
     Returns:
         The path.
@@ -134,19 +151,74 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         InvalidValueError: for one way-point, two successive ones that are the same, a start that equals the
             goal, NaN, or a wrong shape.
         LimitError: where the path leaves the position limits, naming the joint.
+        InfeasibleError: for a plan that failed, with its reason.
     """
-    if isinstance(path, PiecewiseCubic):
-        curve = CubicPath(path.breaks, path.coefficients)
-        if curve.coefficients.shape[2] != pepper.n:
-            raise InvalidValueError("path", f"{curve.coefficients.shape[2]} joints", f"{pepper.n} joints")
-        points = curve.extremes()
-        if np.ptp(points, axis=0).max() <= SAME:
-            raise InvalidValueError("path", "a path of zero length", "start and goal that differ")
-    else:
+    if type(path) not in (np.ndarray, list, CubicPath) and isinstance(path, PlannedPath):
+        path = _curve_of(path)
+    if type(path) is CubicPath:
+        return _checked(pepper, path)
+    if type(path) in (np.ndarray, list) or not isinstance(path, PiecewiseCubic):
+        found = _quick_spline(pepper, path)
+        if found is not None:
+            return found
         curve = _through_waypoints(pepper, _waypoints(pepper, path))
-        points = curve.extremes()
+        check_within_limits(pepper, curve.extremes(), "path", LIMIT_TOLERANCE)
+        return curve
+    assert isinstance(path, PiecewiseCubic)
+    return _checked(pepper, CubicPath(path.breaks, path.coefficients))
+
+
+def _curve_of(plan: PlannedPath) -> PiecewiseCubic:
+    """Return a plan's curve.
+
+    Raises:
+        InfeasibleError: with the plan's reason, where planning failed.
+        InvalidValueError: for a plan that leads nowhere.
+    """
+    if not plan.success:
+        raise InfeasibleError("trajectory", f"planning failed: {plan.message.rstrip('.')}", plan.advice)
+    if plan.curve is None:
+        raise InvalidValueError("plan", "a start that equals the goal", "a path longer than zero")
+    return plan.curve
+
+
+def _checked(pepper: PepperModel, curve: CubicPath) -> CubicPath:
+    if curve.coefficients.shape[2] != pepper.n:
+        raise InvalidValueError("path", f"{curve.coefficients.shape[2]} joints", f"{pepper.n} joints")
+    points = curve.extremes()
+    if np.ptp(points, axis=0).max() <= SAME:
+        raise InvalidValueError("path", "a path of zero length", "start and goal that differ")
     check_within_limits(pepper, points, "path", LIMIT_TOLERANCE)
     return curve
+
+
+def _quick_spline(pepper: PepperModel, path: Any) -> CubicPath | None:
+    """Return the spline through way-points; None where there is something to say about them."""
+    try:
+        points = np.asarray(path)
+        if (
+            points.dtype.kind not in "fiu"
+            or points.ndim != 2
+            or points.shape[1] != pepper.n
+            or len(points) < 2
+        ):
+            return None
+        points = np.ascontiguousarray(points, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    breaks, coefficients = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
+    bounds = pepper.lower_limits, pepper.upper_limits
+    excess = bounded_cubic_spline(points, *bounds, SAME, breaks, coefficients)
+    return _known_path(breaks, coefficients) if excess <= LIMIT_TOLERANCE else None
+
+
+def _known_path(breaks: Array, coefficients: Array) -> CubicPath:
+    """Return the path of new arrays that are known to be right, without copies and checks."""
+    path = object.__new__(CubicPath)
+    for name, value in (("breaks", breaks), ("coefficients", coefficients)):
+        value.setflags(write=False)
+        object.__setattr__(path, name, value)
+    return path
 
 
 def _waypoints(pepper: PepperModel, path: Any) -> Array:
@@ -168,14 +240,10 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
 
 
 def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
-    from scipy.interpolate import CubicSpline  # 0.3 s to import: only here
-
-    chords = np.diff(points, axis=0)
-    lengths = np.linalg.norm(chords, axis=1)
-    s = np.concatenate([[0.0], np.cumsum(lengths)])
-    slopes = chords / lengths[:, None]
-    spline = CubicSpline(s, points, bc_type=((1, slopes[0]), (1, slopes[-1])))
-    curve = CubicPath(s, np.transpose(spline.c[::-1], (1, 0, 2)))
+    s, pieces = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
+    cubic_spline(np.ascontiguousarray(points), s, pieces)
+    curve, lengths = CubicPath(s, pieces), np.diff(s)
+    slopes = np.diff(points, axis=0) / lengths[:, None]
     extremes = curve.extremes()
     excess = np.maximum(pepper.lower_limits - extremes, extremes - pepper.upper_limits).max(axis=0)
     outside = excess > LIMIT_TOLERANCE

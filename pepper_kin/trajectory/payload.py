@@ -43,10 +43,8 @@ def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | 
     return tuple(found.items())
 
 
-def joint_torque(pepper: PepperModel, payload: AtFrames, q: Array, v: Array, a: Array) -> Array:
-    """Return the torques of a motion with point masses m at frames p.
-
-        tau = M(q) a + C(q, v) v + g(q) + sum J_p^T m (d2p/dt2 - g).
+def payload_torque(pepper: PepperModel, payload: AtFrames, q: Array, v: Array, a: Array) -> Array:
+    """Return what point masses m at frames p add to the torques, sum J_p^T m (d2p/dt2 - g).
 
     Args:
         pepper: The robot.
@@ -58,14 +56,6 @@ def joint_torque(pepper: PepperModel, payload: AtFrames, q: Array, v: Array, a: 
     Returns:
         Torques or forces [N m or N], shape (..., n).
     """
-    from pepper_kin import dynamics
-
-    torque = dynamics.inverse_dynamics(pepper, q, v, a)
-    return torque + payload_torque(pepper, payload, q, v, a) if payload else torque
-
-
-def payload_torque(pepper: PepperModel, payload: AtFrames, q: Array, v: Array, a: Array) -> Array:
-    """Return what the masses add to the torques [N m or N], shape (..., n); see `joint_torque`."""
     from pepper_kin import kinematics
 
     total = np.zeros_like(q)
@@ -92,16 +82,5 @@ def _force(pepper: PepperModel, frame: str, mass: float, q: Array, v: Array, a: 
     """Return the force that moves and carries a mass [N], shape (..., 3)."""
     from pepper_kin import kinematics
 
-    gravity = np.asarray(pepper.pinocchio_model.gravity.linear)
+    gravity = np.asarray(pepper.inner_model.gravity.linear)
     return mass * (kinematics.frame_acceleration(pepper, q, v, a, frame)[..., :3] - gravity)
-
-
-def frame_speed_shares(pepper: PepperModel, speeds: AtFrames, q: Array, v: Array) -> Array:
-    """Return the speed of frames' origins over their limits, shape (..., number of frames)."""
-    from pepper_kin import kinematics
-
-    shares = np.empty((*q.shape[:-1], len(speeds)))
-    for k, (frame, limit) in enumerate(speeds):
-        velocity = kinematics.frame_velocity(pepper, q, v, frame)[..., :3]
-        shares[..., k] = np.sqrt(np.einsum("...i,...i->...", velocity, velocity)) / limit
-    return shares

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.atomic_file import write_bytes
+from pepper_kin.atomic_file import PathName, write_bytes
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.table_file import PathName
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ points: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 
 
 Between grid points the limits could be exceeded slightly.  Therefore the result is examined there, the limits
 are tightened where need be, and a last excess is removed by stretching time: at grid points and at every
-multiple of 1 ms all limits hold (with the compiled solver, velocity and acceleration at every instant).
+multiple of 1 ms all limits hold (with this library's own solver, velocity and acceleration at every instant).
 
 With jerk limits, accelerations are continuous too; see `pepper_kin.trajectory.jerk_retiming`.
 """
@@ -23,27 +23,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
-from pepper_kin.kernels.compilation import Compilation
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.trajectory.balance import WHEELS, support_polygon
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limit_use import Limits, measure_use
-from pepper_kin.trajectory.path import CubicPath, PathLike, PiecewiseCubic, as_cubic_path
-from pepper_kin.trajectory.path_limits import Grid, PathLimits, make_grid, path_limits
+from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.path import PathLike, as_cubic_path
 from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames
-from pepper_kin.trajectory.time_law import compose, slower
-from pepper_kin.trajectory.toppra_solver import fastest_speed
-from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory, sample_times
+from pepper_kin.trajectory.time_optimal import CHECK_STEP, fastest_motion
+from pepper_kin.trajectory.timing_problem import TimingProblem
+from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
 
 SOLVERS = ("fast", "toppra")
-CHECK_STEP = 0.001  # [s] the limits hold at every multiple of it
-_ROUNDS = 4  # solutions with tightened limits before settling for a slower one
-_SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again
-_INSIDE = (0.25, 0.5, 0.75)  # of each interval, where limits are looked at besides its ends
-_MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
 _TOLERANCE = 1e-9  # of a limit, for rounding
 
 
@@ -67,9 +61,9 @@ def retime(
 
     Args:
         pepper: The robot, which gives the limits; infinite ones do not act.
-        path: Way-points [rad or m], shape (k, n), joined by a cubic spline that leaves the polyline between
-            them (see `pepper_kin.trajectory.path.as_cubic_path`), or a piecewise cubic curve such as
-            `pepper_kin.planners.SmoothPath`, which is followed exactly.
+        path: A plan, or a piecewise cubic curve such as `Plan.curve` or `pepper_kin.planners.SmoothPath`:
+            it is followed exactly.  Or way-points [rad or m], shape (k, n), joined by a cubic spline that
+            leaves the polyline between them (see `pepper_kin.trajectory.path.as_cubic_path`).
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
@@ -82,8 +76,7 @@ def retime(
             such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
         duration: The wished duration [s]: the fastest motion is made slower evenly, which keeps every limit.
         gridpoints: Least number of intervals of the grid, at least 2.
-        solver: "fast", in machine code that the first use on a machine compiles (some seconds, once), or
-            "toppra", the package of that name, as reference.
+        solver: "fast", this library's own, or "toppra", the package of that name, as reference.
 
     Returns:
         The trajectory; its `binding` says which limit acts at each instant.
@@ -94,7 +87,8 @@ def retime(
         UnknownNameError: for a frame that the robot lacks, or a name of jerk limits.
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place;
-            where the robot would tip over even at rest; or where `duration` is less than the least one.
+            where the robot would tip over even at rest; where `duration` is less than the least one; or for
+            a plan that failed, with its reason.
     """
     check_choice("solver", solver, SOLVERS)
     wished = None if duration is None else check_positive("duration", duration, "s")
@@ -134,16 +128,21 @@ def _timed(
     pepper: PepperModel, path: PathLike, limits: Limits, jerk: Array | None, intervals: int, solver: str
 ) -> Trajectory:
     """Return the fastest trajectory."""
-    pieces = _pieces(pepper, path, solver)
-    _refuse_unbounded(pieces[1], limits)
-    time_law = _fast if solver == "fast" else _by_toppra
-    trajectory = time_law(pepper, pieces, limits, intervals)
+    curve = as_cubic_path(pepper, path)
+    _refuse_unbounded(curve.coefficients, limits)
+    problem = TimingProblem(pepper, curve.breaks, curve.coefficients, intervals, limits)
+    s = problem.grid.s.copy()
+    if solver == "fast":
+        trajectory = fastest_motion(problem)
+    else:
+        from pepper_kin.trajectory.toppra_solver import toppra_motion
+
+        trajectory = toppra_motion(pepper, problem, limits)
     if jerk is None:
         return trajectory
     from pepper_kin.trajectory.jerk_retiming import limit_jerk
 
-    curve = CubicPath(*pieces)
-    return limit_jerk(pepper, curve, trajectory, make_grid(curve, intervals).s, limits, jerk)
+    return limit_jerk(pepper, curve, trajectory, s, limits, jerk)
 
 
 def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: Limits) -> Trajectory:
@@ -174,39 +173,6 @@ def _speeds(pepper: PepperModel, hand_speed: float | Mapping[str, float] | None)
     return at_frames(pepper, "hand_speed", dict.fromkeys(HANDS, hand_speed), "m/s")
 
 
-def _pieces(pepper: PepperModel, path: PathLike, solver: str) -> tuple[Array, Array]:
-    """Return breaks and coefficients of the path; in machine code where nothing is wrong with way-points."""
-    if solver == "fast" and (type(path) in (np.ndarray, list) or not isinstance(path, PiecewiseCubic)):
-        from pepper_kin.trajectory.fast_solver import quick_spline  # imports numba
-
-        found = quick_spline(pepper, path)
-        if found is not None:
-            return found
-    curve = as_cubic_path(pepper, path)
-    return np.array(curve.breaks), np.array(curve.coefficients)
-
-
-def _fast(pepper: PepperModel, pieces: tuple[Array, Array], limits: Limits, intervals: int) -> Trajectory:
-    """Time a path in machine code; where there is no solution, let toppra try, then say why."""
-    from pepper_kin.trajectory.fast_solver import fast_time_law, search
-
-    first = None if search.signatures else Compilation("the timing of paths")
-    try:
-        found = fast_time_law(pepper, *pieces, intervals, limits)
-    finally:
-        if first is not None:
-            first.end(compiled=bool(search.stats.cache_misses))
-    if found.breaks is None or found.coefficients is None:
-        return _by_toppra(pepper, pieces, limits, intervals)
-    return known_trajectory(pepper.joint_names, pepper.joint_units, found.breaks, found.coefficients)
-
-
-def _by_toppra(
-    pepper: PepperModel, pieces: tuple[Array, Array], limits: Limits, intervals: int
-) -> Trajectory:
-    return _within_limits(pepper, CubicPath(*pieces), limits, intervals)
-
-
 def _share(quantity: str, value: float) -> float:
     share = check_positive(quantity, value)
     if share > 1.0:
@@ -224,60 +190,6 @@ def _distance(pepper: PepperModel, balance: float | None) -> float | None:
     return float(balance)
 
 
-def _within_limits(pepper: PepperModel, curve: CubicPath, limits: Limits, intervals: int) -> Trajectory:
-    """Solve, examine and tighten until the limits hold or nearly so, then stretch time until they do."""
-    grid = make_grid(curve, intervals)
-    rows = path_limits(pepper, grid, limits)
-    row_scale, velocity_scale = np.ones(len(rows.names)), np.ones(pepper.n)
-    frame_scale = np.ones(len(limits.speed))
-    best: Trajectory | None = None
-    failed_at: int | None = None
-    for _ in range(_ROUNDS):
-        profile = fastest_speed(grid, rows, row_scale, velocity_scale, frame_scale)
-        failed_at = profile.failed_at
-        if profile.speed is None:
-            break
-        candidate = compose(pepper, grid, profile.speed)
-        use = measure_use(pepper, candidate.at_pieces(*_inspection_points(candidate)), limits)
-        if np.isfinite(use.stretch) and (best is None or candidate.duration * use.stretch < best.duration):
-            best = slower(candidate, use.stretch * _MORE)
-        if use.stretch <= 1.0 + _SMALL_STRETCH:
-            break
-        velocity_scale = velocity_scale / np.maximum(1.0, use.share["velocity"])
-        if limits.speed:
-            frame_scale = frame_scale / np.maximum(1.0, use.share["frame speed"])
-        row_scale = row_scale / [
-            1.0 if quantity == "balance" else max(1.0, use.share[quantity][pepper.joint_index(joint)])
-            for quantity, joint in rows.names
-        ]
-    if best is None:
-        raise _infeasible(grid, rows, failed_at, limits.payload)
-    return _hold_every_millisecond(pepper, best, limits)
-
-
-def _inspection_points(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
-    """Return pieces and local times: both ends of every piece and some points inside."""
-    h = np.diff(trajectory.breaks)
-    share = np.array([0.0, *_INSIDE, 1.0])
-    return np.repeat(np.arange(h.size), share.size), (h[:, None] * share).ravel()
-
-
-def _hold_every_millisecond(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
-    """Slow down, where need be, until all limits hold at every multiple of 1 ms."""
-    while True:
-        state = trajectory(sample_times(trajectory.duration, CHECK_STEP))
-        stretch = measure_use(pepper, state, limits).stretch
-        if stretch <= 1.0 + _TOLERANCE:
-            return trajectory
-        if not np.isfinite(stretch):
-            raise InfeasibleError(
-                "trajectory",
-                "between grid points the path passes where the torque limits do not hold the robot still",
-                "use more grid points",
-            )
-        trajectory = slower(trajectory, stretch * _MORE)
-
-
 def _refuse_unbounded(coefficients: Array, limits: Limits) -> None:
     if np.isfinite(limits.velocity).all():
         return
@@ -289,40 +201,3 @@ def _refuse_unbounded(coefficients: Array, limits: Limits) -> None:
             "no finite velocity, acceleration or torque limit of a joint that moves",
             "a robot with at least one",
         )
-
-
-def _infeasible(grid: Grid, rows: PathLimits, failed_at: int | None, payload: AtFrames) -> InfeasibleError:
-    """Say why there is no trajectory: with velocity and acceleration alone there always is one."""
-    torque = [i for i, (quantity, _) in enumerate(rows.names) if quantity == "torque"]
-    use = np.abs(rows.c[..., torque]) / rows.bound[torque]
-    end, interval, row = np.unravel_index(int(np.argmax(use)), use.shape) if torque else (0, 0, 0)
-    total = grid.s[-1] - grid.s[0]
-    if torque and use[end, interval, row] >= 1.0:
-        joint = rows.names[torque[row]][1]
-        share = (grid.s[interval + int(end)] - grid.s[0]) / total
-        held, limit = rows.c[end, interval, torque[row]], rows.bound[torque[row]]
-        reason = (
-            f"{joint} needs {held:.4g} N m to hold still against gravity{_load(payload)} "
-            f"{share:.0%} along the path, "
-            f"and its limit is {limit:.4g} N m"
-        )
-        advice = "choose a path with less load on that joint" + (", or carry less" if payload else "")
-        return InfeasibleError("trajectory", reason, advice)
-    tipping = [i for i, (quantity, _) in enumerate(rows.names) if quantity == "balance"]
-    lean = (rows.c + rows.bound)[..., tipping]
-    if tipping and lean.min() < 0:
-        end, interval, _ = np.unravel_index(int(np.argmin(lean)), lean.shape)
-        share = (grid.s[interval + int(end)] - grid.s[0]) / total
-        reason = f"{share:.0%} along the path the robot would tip over even at rest"
-        return InfeasibleError("trajectory", reason, "choose a path that leans less, or a smaller margin")
-    where = "" if failed_at is None else f" from {(grid.s[failed_at] - grid.s[0]) / total:.0%} of it on"
-    return InfeasibleError(
-        "trajectory",
-        f"no speed along the path obeys all limits{where}",
-        "raise the scales, use more grid points, or smooth the path",
-    )
-
-
-def _load(payload: AtFrames) -> str:
-    """Name what is carried."""
-    return "".join(f" with {mass:.4g} kg at {frame}" for frame, mass in payload)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.core.splines import derivatives_on_pieces, quintic_hermite
 from pepper_kin.trajectory.path import CubicPath
 
 Array = NDArray[np.float64]
@@ -25,7 +26,7 @@ class SmoothTime:
 
     Attributes:
         knots: Rising from 0 [s], shape (K + 1,); the path's breaks are among their values of s.
-        coefficients: Constant term first, shape (K, 6).
+        coefficients: Constant term first, shape (K, 6, 1).
     """
 
     knots: Array
@@ -33,17 +34,8 @@ class SmoothTime:
 
     def at(self, piece: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array, Array]:
         """Return s and its first three derivatives on chosen pieces."""
-        values = []
-        powers = np.arange(6.0)
-        gain = np.ones(6)
-        for derivative in range(4):
-            chosen = self.coefficients[piece] * gain
-            total = np.zeros(np.broadcast_shapes(chosen.shape[:-1], np.shape(local)))
-            for power in range(5, derivative - 1, -1):
-                total = total * local + chosen[..., power]
-            values.append(total)
-            gain = gain * np.maximum(powers - derivative, 0.0)
-        return values[0], values[1], values[2], values[3]
+        s = derivatives_on_pieces(self.coefficients, piece, local, 4)[..., 0]
+        return s[0], s[1], s[2], s[3]
 
     def derivatives(
         self, curve: CubicPath, piece: NDArray[np.intp], local: Array
@@ -53,7 +45,7 @@ class SmoothTime:
         middle = self.at(np.arange(self.knots.size - 1), np.diff(self.knots) / 2)[0]
         of_path = np.clip(np.searchsorted(curve.breaks, middle) - 1, 0, curve.breaks.size - 2)[piece]
         within = s[:, 0] - curve.breaks[of_path]
-        q, q1, q2, q3 = (curve.at(of_path, within, derivative) for derivative in range(4))
+        q, q1, q2, q3 = derivatives_on_pieces(curve.coefficients, of_path, within, 4)
         return q, q1 * s1, q2 * s1**2 + q1 * s2, q3 * s1**3 + 3 * q2 * s1 * s2 + q1 * s3
 
 
@@ -85,7 +77,8 @@ def smooth_time(curve: CubicPath, time: Array, s: Array, window: float) -> Smoot
         inner = np.clip(inner - (place - curve.breaks[1:-1]) / np.maximum(speed, 1e-12), 0.0, duration)
     knots = _with(knots, inner, _CLOSE * duration / PIECES)
     knots = _with(knots, _jumps(law, window), _CLOSE * duration / PIECES, set(inner))
-    return SmoothTime(knots, _quintics(np.diff(knots), *average(knots)))
+    at_knots = (value[:, None] for value in average(knots))
+    return SmoothTime(knots, quintic_hermite(np.diff(knots), *at_knots))
 
 
 def _jumps(law: _TimeLaw, window: float) -> Array:
@@ -131,21 +124,3 @@ class _TimeLaw:
         area = area + (t - inside) * np.where(t < 0, self._s[0], self._s[-1])
         outside = (t < 0) | (t > self.time[-1])
         return area, place, np.where(outside, 0.0, speed)
-
-
-def _quintics(h: Array, value: Array, slope: Array, bend: Array) -> Array:
-    """Return Hermite's quintics between values, first and second derivatives, shape (K, 6)."""
-    d0 = value[1:] - value[:-1] - h * slope[:-1] - h**2 / 2 * bend[:-1]
-    d1 = slope[1:] - slope[:-1] - h * bend[:-1]
-    d2 = bend[1:] - bend[:-1]
-    return np.stack(
-        [
-            value[:-1],
-            slope[:-1],
-            bend[:-1] / 2,
-            (10 * d0 - 4 * h * d1 + h**2 / 2 * d2) / h**3,
-            (-15 * d0 + 7 * h * d1 - h**2 * d2) / h**4,
-            (6 * d0 - 3 * h * d1 + h**2 / 2 * d2) / h**5,
-        ],
-        axis=1,
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
@@ -214,10 +214,4 @@ def _on(knots: Array, breaks: Array, powers: Array) -> Array:
     """Return the cubic pieces of one joint on finer knots, shape (m, 4)."""
     middle = (knots[:-1] + knots[1:]) / 2
     piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, breaks.size - 2)
-    shift = knots[:-1] - breaks[piece]
-    old = powers[piece]
-    new = np.zeros_like(old)
-    for p in range(4):
-        for k in range(p, 4):
-            new[:, p] += math.comb(k, p) * old[:, k] * shift ** (k - p)
-    return new
+    return shifted(powers[piece][..., None], knots[:-1] - breaks[piece])[..., 0]

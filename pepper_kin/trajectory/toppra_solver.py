@@ -1,109 +1,157 @@
-"""Time-optimal speed along a path by the package toppra."""
+"""Time-optimal speed along a path by the package toppra, as reference."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.trajectory.path_limits import Grid, PathLimits
+from pepper_kin.core.timing.constraints import fill_rows
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.time_optimal import CHECK_STEP
+from pepper_kin.trajectory.timing_problem import TimingProblem
+from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
 
+_ROUNDS = 4  # solutions with tightened limits before settling for a slower one
+_SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again
+_INSIDE = (0.25, 0.5, 0.75)  # of each interval, where limits are looked at besides its ends
+_MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
+_TOLERANCE = 1e-9  # of a limit, for rounding
 _UNTHREADED_PRODUCT = 200_000  # multiplications that OpenBLAS does without threads
 _GREATEST = 1e6  # bound on scaled x where no velocity limit acts; toppra wants numbers
+_FARTHEST = 20.0  # times the greatest edge moment at rest: no motion has as much, and toppra wants numbers
 
 
-@dataclass(frozen=True, eq=False)
-class SpeedProfile:
-    """Speed along the path at the grid points, or where the search for one ended.
-
-    Attributes:
-        speed: ds/dt, shape (N + 1,); None where there is none.
-        failed_at: Grid point from which the end cannot be reached; None on success.
-    """
-
-    speed: Array | None
-    failed_at: int | None = None
-
-
-def fastest_speed(
-    grid: Grid,
-    limits: PathLimits,
-    row_scale: Array,
-    velocity_scale: Array,
-    frame_scale: Array | float = 1.0,
-) -> SpeedProfile:
-    """Return the fastest speed from rest to rest.
+def toppra_motion(pepper: PepperModel, problem: TimingProblem, limits: Limits) -> Trajectory:
+    """Return the fastest motion along a path by toppra; all limits hold at every multiple of 1 ms.
 
     The path's acceleration is constant on each interval, and the limits hold at both ends of each interval
-    ("interpolation scheme" of toppra).  toppra works with absolute tolerances, so that the path is scaled to
-    unit length and time such that one unit of acceleration is what the limits typically allow.
+    ("interpolation scheme" of toppra).  Then the motion is examined; limits are tightened all along the path
+    by as much as they are exceeded anywhere, until they hold or nearly so, and time is stretched until they
+    do.
 
     Args:
-        grid: The path's grid.
-        limits: The limits along it.
-        row_scale: Factors on `limits.bound`, shape (r,).
-        velocity_scale: Factors on `limits.velocity`, shape (n,).
-        frame_scale: Factors on the frames' speed limits, shape (f,).
+        pepper: The robot.
+        problem: The path and its limits.
+        limits: The same limits, for the examination.
 
-    Returns:
-        The profile.
+    Raises:
+        InfeasibleError: where there is none, saying why.
     """
+    allowed, effects = problem.limits, problem.effects
+    best: Trajectory | None = None
+    failed_at: int | None = None
+    for _ in range(_ROUNDS):
+        fill_rows(problem.grid, effects, allowed, problem.rows)
+        x, failed_at = _fastest_profile(problem)
+        if x is None:
+            break
+        candidate = problem.trajectory(x)
+        use = measure_use(pepper, candidate.at_pieces(*_inspection_points(candidate)), limits)
+        if np.isfinite(use.stretch) and (best is None or candidate.duration * use.stretch < best.duration):
+            best = candidate.scaled(use.stretch * _MORE)
+        if use.stretch <= 1.0 + _SMALL_STRETCH:
+            break
+        over = {quantity: np.maximum(1.0, share) for quantity, share in use.share.items()}
+        allowed = allowed._replace(
+            velocity=allowed.velocity / over["velocity"],
+            acceleration=allowed.acceleration / over["acceleration"],
+            torque=allowed.torque / over["torque"] if allowed.torque.size else allowed.torque,
+        )
+        if limits.speed:
+            effects = effects._replace(frame_speed=effects.frame_speed * over["frame speed"])
+    if best is None:
+        raise problem.infeasible(failed_at)
+    return _hold_every_millisecond(pepper, best, limits)
+
+
+def _inspection_points(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
+    """Return pieces and local times: both ends of every piece and some points inside."""
+    h = np.diff(trajectory.breaks)
+    share = np.array([0.0, *_INSIDE, 1.0])
+    return np.repeat(np.arange(h.size), share.size), (h[:, None] * share).ravel()
+
+
+def _hold_every_millisecond(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
+    """Slow down, where need be, until all limits hold at every multiple of 1 ms."""
+    while True:
+        state = trajectory(sample_times(trajectory.duration, CHECK_STEP))
+        stretch = measure_use(pepper, state, limits).stretch
+        if stretch <= 1.0 + _TOLERANCE:
+            return trajectory
+        if not np.isfinite(stretch):
+            raise InfeasibleError(
+                "trajectory",
+                "between grid points the path passes where the torque limits do not hold the robot still",
+                "use more grid points",
+            )
+        trajectory = trajectory.scaled(stretch * _MORE)
+
+
+def _fastest_profile(problem: TimingProblem) -> tuple[Array | None, int | None]:
+    """Return the squared speed at the grid points, or the grid point from which the end cannot be reached.
+
+    toppra works with absolute tolerances, so that the path is scaled to unit length and time such that one
+    unit of acceleration is what the limits typically allow: u = gain u', x = gain length x'.
+    """
+    grid, rows = problem.grid, problem.rows
+    finite = np.isfinite(rows.low[0]) | np.isfinite(rows.high[0])
+    low, high = (bound[0][finite] for bound in (rows.low, rows.high))
+    high = np.where(np.isfinite(high), high, low + _FARTHEST * np.abs(rows.c[:, finite]).max(initial=1e-3))
+    middle, bound = (low + high) / 2, (high - low) / 2
+    ends = np.stack([grid.first, grid.first + 1])
+    a, b, c = (row[ends][..., finite] for row in (rows.a, rows.b, rows.c))
+    c = c - middle
     length = float(grid.s[-1] - grid.s[0])
-    bound = limits.bound * row_scale
-    speed_bound = limits.speed_bound(velocity_scale, frame_scale)
-    time_unit = _time_unit(limits, bound, speed_bound, length)
+    time_unit = _time_unit(a, c, bound, rows.x_most[rows.x_most < problem.limits.x], length)
     gain = length / time_unit**2
-    constraints = _canonical_form(grid, limits, bound, gain, length, speed_bound * time_unit**2 / length**2)
-    scaled_speed, failed_at = _solve((grid.s - grid.s[0]) / length, constraints)
-    if scaled_speed is None:
-        return SpeedProfile(None, failed_at)
-    return SpeedProfile(scaled_speed * length / time_unit)
+    scaled = a * (gain / bound), b * (gain * length / bound), c / bound
+    x_most = rows.x_most * time_unit**2 / length**2
+    speed, failed_at = _solve(
+        (grid.s - grid.s[0]) / length, _canonical_form(grid.step / length, *scaled, x_most)
+    )
+    return (None, failed_at) if speed is None else ((speed * length / time_unit) ** 2, None)
 
 
-def _time_unit(limits: PathLimits, bound: Array, speed_bound: Array, length: float) -> float:
+def _time_unit(a: Array, c: Array, bound: Array, x_most: Array, length: float) -> float:
     """Return a time in which the typical acceleration allowed covers the path [s]."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(limits.a != 0, np.maximum(bound - np.abs(limits.c), 0.0) / np.abs(limits.a), np.inf)
+        room = np.where(a != 0, np.maximum(bound - np.abs(c), 0.0) / np.abs(a), np.inf)
     u = room.min(axis=-1).ravel() if room.shape[-1] else np.array([])
     u = u[np.isfinite(u) & (u > 0)]
     if u.size:
         return float(np.sqrt(length / np.median(u)))
-    x = speed_bound[np.isfinite(speed_bound) & (speed_bound > 0)]
-    return float(length / np.sqrt(np.median(x)))
+    return float(length / np.sqrt(np.median(x_most)))
 
 
-def _canonical_form(
-    grid: Grid, limits: PathLimits, bound: Array, gain: float, length: float, x_most: Array
-) -> list[tuple[Any, ...]]:
-    """Return toppra's (a, b, c, F, g, ubound, xbound) of `|a u + b x + c| <= bound` at both ends.
+def _canonical_form(step: Array, a: Array, b: Array, c: Array, x_most: Array) -> list[tuple[Any, ...]]:
+    """Return toppra's (a, b, c, F, g, ubound, xbound) of `|a u + b x + c| <= 1` at both ends.
 
     With v = (rows at the first end, rows at the second end), F v <= g reads v <= 1, -v <= 1.
-    At the second end x is x + 2 D u.  Unit length and time: u = gain u', x = gain L x'.
+    At the second end x is x + 2 D u.  Arrays have shape (2, N, r).
 
     The rows come in groups: toppra multiplies each group by its F, and products above a certain size are
     handed to threads, whose start costs more than all the rest where the machine is busy.
     """
-    a = limits.a * (gain / bound)
-    b = limits.b * (gain * length / bound)
-    c = limits.c / bound
-    step = (np.diff(grid.s) / length)[:, None]
     rows = [
         np.concatenate([first, second], axis=-1)
-        for first, second in ((a[0], a[1] + 2 * step * b[1]), (b[0], b[1]), (c[0], c[1]))
+        for first, second in ((a[0], a[1] + 2 * step[:, None] * b[1]), (b[0], b[1]), (c[0], c[1]))
     ]
     rows = [np.concatenate([row, row[-1:]]) for row in rows]  # the last grid point has no interval
-    k = rows[0].shape[-1]
-    x_bound = np.stack([np.zeros(grid.size + 1), np.minimum(x_most, _GREATEST)], axis=-1)
+    count = rows[0].shape[-1]
+    x_bound = np.stack([np.zeros(x_most.size), np.minimum(x_most, _GREATEST)], axis=-1)
     constraints: list[tuple[Any, ...]] = [(None, None, None, None, None, None, x_bound)]
-    group = max(1, int(np.sqrt(_UNTHREADED_PRODUCT / (2 * (grid.size + 1)))))
-    for start in range(0, k, group):
+    group = max(1, int(np.sqrt(_UNTHREADED_PRODUCT / (2 * x_most.size))))
+    for start in range(0, count, group):
         part = [np.ascontiguousarray(row[:, start : start + group]) for row in rows]
         identity = np.eye(part[0].shape[1])
         constraints.append((*part, np.vstack([identity, -identity]), np.ones(2 * len(identity)), None, None))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.core.splines import derivatives_on_pieces, evaluate_at_times, quintic_hermite
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.shapes import read_only
@@ -26,8 +26,6 @@ _Value = TypeVar("_Value", "Samples", "Trajectory")
 
 TIME_TOLERANCE = 1e-9
 _MOST_SAMPLES = 10_000_000
-_COMPILED = "pepper_kin.trajectory.fast_samples"
-_MANY = 200  # states from which on machine code pays, where it is loaded
 
 
 class State(NamedTuple):
@@ -87,19 +85,11 @@ class Samples:
         """
         if len(self) < 2:
             raise InvalidValueError("samples", len(self), "at least 2")
-        h = np.diff(self.time)[:, None]
-        if self.time[0] != 0.0 or np.any(h <= 0):
+        step = np.diff(self.time)
+        if self.time[0] != 0.0 or np.any(step <= 0):
             raise InvalidValueError("time", "times that do not rise from 0", "times that rise from 0")
-        q, v, a = self.position, self.velocity, self.acceleration
-        # What is missing at the end of a piece after the Taylor polynomial of its start.
-        dq = q[1:] - q[:-1] - h * v[:-1] - h**2 / 2 * a[:-1]
-        dv = v[1:] - v[:-1] - h * a[:-1]
-        da = a[1:] - a[:-1]
-        cubic = (10 * dq - 4 * h * dv + h**2 / 2 * da) / h**3
-        quartic = (-15 * dq + 7 * h * dv - h**2 * da) / h**4
-        quintic = (6 * dq - 3 * h * dv + h**2 / 2 * da) / h**5
-        powers = [q[:-1], v[:-1], a[:-1] / 2, cubic, quartic, quintic]
-        return Trajectory(self.joint_names, self.time, np.stack(powers, axis=1), self.joint_units)
+        pieces = quintic_hermite(step, self.position, self.velocity, self.acceleration)
+        return Trajectory(self.joint_names, self.time, pieces, self.joint_units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,12 +155,8 @@ class Trajectory:
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
         """
-        compiled = sys.modules.get(_COMPILED)
-        if compiled is not None and type(t) is np.ndarray and t.ndim == 1 and t.size >= _MANY:
-            # Loaded already by the fast solver; the same sums in the same order.
-            state = compiled.states_at_times(self.breaks, self.coefficients, self._within(t))
-            return State(state[0], state[1], state[2])
-        return self.at_pieces(*self._places(t))
+        state = self._derivatives(t, 3)
+        return State(state[0], state[1], state[2])
 
     def at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> State:
         """Return the state of chosen pieces, which tells the two sides of a break apart.
@@ -182,12 +168,8 @@ class Trajectory:
         Returns:
             Arrays of shape (..., n).
         """
-        compiled = sys.modules.get(_COMPILED)
-        if compiled is not None and np.ndim(piece) == np.ndim(local_time) == 1 and np.size(piece) >= _MANY:
-            index, local = np.broadcast_arrays(np.asarray(piece, np.int64), np.asarray(local_time, float))
-            if index.min() >= 0 and index.max() < self.breaks.size - 1:
-                return State(*compiled.states_on_pieces(self.coefficients, index.copy(), local.copy()))
-        return State(*_taylor(self.coefficients, piece, local_time, 3))
+        state = derivatives_on_pieces(self.coefficients, piece, local_time, 3)
+        return State(state[0], state[1], state[2])
 
     @property
     def n(self) -> int:
@@ -268,11 +250,11 @@ class Trajectory:
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
         """
-        return self.jerk_at_pieces(*self._places(t))
+        return self._derivatives(t, 4)[3]
 
     def jerk_at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> Array:
         """Return d3q/dt3 of chosen pieces, as `at_pieces` does the state, shape (..., n)."""
-        return _taylor(self.coefficients, piece, local_time, 4)[3]
+        return np.asarray(derivatives_on_pieces(self.coefficients, piece, local_time, 4)[3])
 
     def scaled(self, factor: float) -> Trajectory:
         """Return the trajectory that takes `factor` times as long along the same path, q(t / factor).
@@ -350,12 +332,13 @@ class Trajectory:
 
         return plot(self, pepper, path, **options)
 
-    def _places(self, t: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """Return piece and local time of times; see `_within`."""
+    def _derivatives(self, t: ArrayLike, count: int) -> Array:
+        """Return value and derivatives at times, shape (count, ..., n); see `_within`."""
         time = self._within(t)
-        piece = np.searchsorted(self.breaks, time, side="right") - 1
-        piece = np.minimum(piece, self.breaks.size - 2)
-        return piece, time - self.breaks[piece]
+        state = np.empty((count, *time.shape, self.n))
+        flat = np.ascontiguousarray(time.reshape(-1))
+        evaluate_at_times(self.breaks, self.coefficients, flat, state.reshape(count, flat.size, self.n))
+        return state
 
     def _within(self, t: ArrayLike) -> Array:
         """Return times as new numbers within [0, duration].
@@ -414,26 +397,3 @@ def _names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[
     if len(units) != len(names) or not set(units) <= {"rad", "m"}:
         raise InvalidValueError("joint_units", units, f"'rad' or 'm' for each of {len(names)} joints")
     return names, units
-
-
-def _taylor(coefficients: Array, piece: ArrayLike, local_time: ArrayLike, count: int) -> list[Array]:
-    """Return the value and the first derivatives, `count` in all, of chosen pieces, shape (..., n) each.
-
-    Horner's scheme for all of them at once: the sums of its steps are p(x), p'(x), p''(x) / 2, ...
-    """
-    index, x = np.asarray(piece), np.asarray(local_time, dtype=float)[..., None]
-    shape = (*np.broadcast_shapes(index.shape, x.shape[:-1]), coefficients.shape[2])
-    sums = [np.zeros(shape) for _ in range(count)]
-    order = coefficients.shape[1]
-    for power in range(order - 1, -1, -1):
-        # A sum is zero until as many coefficients have been met.
-        for k in range(min(count - 1, order - 1 - power), 0, -1):
-            sums[k] *= x
-            sums[k] += sums[k - 1]
-        sums[0] *= x
-        sums[0] += coefficients[index, power]
-    factor = 1.0
-    for k in range(2, count):
-        factor *= k
-        sums[k] *= factor
-    return sums

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
+from pepper_kin.core.simulation.rollout import Inputs
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_within_limits
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
+from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, mass_factors, payloads
 from pepper_kin.twin.batch_run import BatchRun, recorded_steps
 from pepper_kin.twin.command import Command, Delay
-from pepper_kin.twin.integrator import check_joints, check_timestep
-from pepper_kin.twin.joint_law import LawTable, law_table, piece_at, seen
+from pepper_kin.twin.integrator import check_timestep, whole_number
 from pepper_kin.twin.reference import sampled
+from pepper_kin.twin.simulator import Rollout, Simulator
 from pepper_kin.twin.state import diverged
-from pepper_kin.twin.twin import FEEDFORWARDS, whole_number
-
-if TYPE_CHECKING:
-    from pepper_kin.twin.fast.engine import Rolled
+from pepper_kin.twin.twin import FEEDFORWARDS
 
 Array = NDArray[np.float64]
 
@@ -66,8 +65,6 @@ class TwinBatch:
         payload: Mapping[str, ArrayLike] | None = None,
         substeps: int = 1,
     ) -> None:
-        from pepper_kin.twin.fast.engine import Engine
-
         self.pepper, self.count = pepper, whole_number("count", count)
         self.timestep = check_timestep(timestep)
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
@@ -75,12 +72,12 @@ class TwinBatch:
         check_joints(pepper, self.actuators)
         self.substeps = whole_number("substeps", substeps)
         everyone = actuators_of_all(self.count, self.actuators, vary or {})
-        law = LawTable(*(x.reshape(self.count, pepper.n) for x in law_table(pepper, everyone)))
-        self._law = law
-        self._engine = Engine(
+        table = actuator_table(pepper, everyone)
+        self._actuators = ActuatorTable(*(x.reshape(self.count, pepper.n) for x in table))
+        self._simulator = Simulator(
             pepper,
             self.timestep / self.substeps,
-            law,
+            self._actuators,
             gravity=feedforward == "gravity",
             scale=mass_factors(pepper, self.count, mass_scale),
             payload=payloads(pepper, self.count, payload),
@@ -118,7 +115,7 @@ class TwinBatch:
         self._q, self._v = position, velocity
         self._torque = self._torque_at_rest()
         still = np.zeros_like(position)
-        self._delay.fill(Command(position, still, self._given(position, still, still, rest)))
+        self._delay.fill(Command(position, still, self._feedforward(position, still, still, rest)))
 
     def execute(
         self,
@@ -150,7 +147,7 @@ class TwinBatch:
         if not from_present:
             self.reset(reference.position[0], reference.velocity[0])
         q_ref, v_ref, a_ref = (x[np.newaxis, 1:] for x in reference)
-        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, np.zeros(self.pepper.n)))
+        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, np.zeros(self.pepper.n)))
         return self._follow(command, np.zeros((1, 1, self.pepper.n)), every, threads)
 
     def follow(
@@ -193,46 +190,44 @@ class TwinBatch:
         q_ref, v_ref, a_ref, torque = (
             np.broadcast_to(x, (robots, steps, self.pepper.n)) for x in (q_ref, v_ref, a_ref, torque)
         )
-        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
+        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
         return self._follow(command, outer if load is not None else zero[:, :1], every, threads)
 
     def _follow(self, command: Command, load: Array, every: int | None, threads: int) -> BatchRun:
-        from pepper_kin.twin.fast.engine import Inputs
-
         steps, k = command.position.shape[1], self.substeps
         between = recorded_steps(steps, every)
         whole_number("threads", threads)
         due = self._delay.through(command)
-        if not due.given.any():
-            due = due._replace(given=np.zeros((1, 1, self.pepper.n)))
+        if not due.feedforward.any():
+            due = due._replace(feedforward=np.zeros((1, 1, self.pepper.n)))
         if k > 1:
-            quiet = due.given.shape[1] == 1
-            full = due._replace(given=np.zeros_like(due.position)) if quiet else due
+            quiet = due.feedforward.shape[1] == 1
+            full = due._replace(feedforward=np.zeros_like(due.position)) if quiet else due
             fine = full.refined(k, self.timestep / k)
-            due = fine._replace(given=due.given) if quiet else fine
+            due = fine._replace(feedforward=due.feedforward) if quiet else fine
             load = load if load.shape[1] == 1 else np.repeat(load, k, axis=1)
         start = (self._q, self._v)
-        inputs = Inputs(due.position, due.velocity, due.given, load)
-        rolled = self._engine.run(*start, inputs, steps * k, every=between * k, threads=threads)
-        rolled.torque[:, 0] = self._torque
-        self._q, self._v, self._torque = rolled.last_position, rolled.last_velocity, rolled.last_torque
-        return self._run(command, rolled, start, steps, between)
+        inputs = Inputs(due.position, due.velocity, due.feedforward, load)
+        rollout = self._simulator.run(*start, inputs, steps * k, every=between * k, threads=threads)
+        rollout.torque[:, 0] = self._torque
+        self._q, self._v, self._torque = rollout.last_position, rollout.last_velocity, rollout.last_torque
+        return self._run(command, rollout, start, steps, between)
 
     def _run(
-        self, command: Command, rolled: Rolled, start: tuple[Array, Array], steps: int, between: int
+        self, command: Command, rollout: Rollout, start: tuple[Array, Array], steps: int, between: int
     ) -> BatchRun:
         """Return what was recorded, and name the robots that stopped."""
         rows = steps // between + 1
-        good = rolled.good // self.substeps
+        good = rollout.good // self.substeps
         messages = {}
         for robot in np.flatnonzero(good < steps):
-            row = int(rolled.good[robot]) // (between * self.substeps) + 1
-            before = (rolled.last_position[robot], rolled.last_velocity[robot])
-            after = (rolled.position[robot, row], rolled.velocity[robot, row], rolled.torque[robot, row])
+            row = int(rollout.good[robot]) // (between * self.substeps) + 1
+            before = (rollout.last_position[robot], rollout.last_velocity[robot])
+            after = (rollout.position[robot, row], rollout.velocity[robot, row], rollout.torque[robot, row])
             step = int(good[robot]) + 1
             error = diverged(self.pepper.joint_names, step, step * self.timestep, before, after)
             messages[int(robot)] = str(error)
-            for values in rolled[:3]:
+            for values in rollout[:3]:
                 values[robot, row:] = np.nan
         places = between * np.arange(1, rows) - 1
         reference = command.position[:, places]
@@ -240,12 +235,12 @@ class TwinBatch:
         return BatchRun(
             joint_names=self.pepper.joint_names,
             time=self.timestep * between * np.arange(rows, dtype=float),
-            position=rolled.position[:, :rows],
-            velocity=rolled.velocity[:, :rows],
-            torque=rolled.torque[:, :rows],
+            position=rollout.position[:, :rows],
+            velocity=rollout.velocity[:, :rows],
+            torque=rollout.torque[:, :rows],
             reference_position=np.concatenate([begin[:, np.newaxis], reference], axis=1),
-            final_position=rolled.last_position,
-            final_velocity=rolled.last_velocity,
+            final_position=rollout.last_position,
+            final_velocity=rollout.last_velocity,
             good_steps=good,
             messages=messages,
         )
@@ -254,14 +249,17 @@ class TwinBatch:
         """Return the torques of the actuators at the present states, if these are where they should be."""
         from pepper_kin import dynamics
 
-        law = self._law
-        servo = law.kp * (self._q - seen(law, self._q)) + law.kd * self._v
+        n = self._q.size
+        held, torque = np.zeros((self.count, self.pepper.n)), np.empty(n)
         if self.feedforward == "gravity":
-            servo += law.feedforward * dynamics.gravity_torque(self.pepper, self._q)
-        return piece_at(law, 0.0, self._q, self._v, servo).torque
+            held = self._actuators.feedforward * dynamics.gravity_torque(self.pepper, self._q)
+        table = np.stack([values.ravel() for values in self._actuators])
+        state = np.stack([x.ravel() for x in (self._q, self._v, self._q, self._v)])
+        present_torques(table, state, held.ravel(), torque)
+        return torque.reshape(self.count, self.pepper.n)
 
-    def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
-        """Return what the actuators are told besides positions and velocities, shape (..., n)."""
+    def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
+        """Return the feed-forward of the actuators, or the effort in torque mode, shape (..., n)."""
         forward = np.zeros_like(q)
         if self.feedforward == "inverse_dynamics":
             from pepper_kin import dynamics

@@ -1,4 +1,4 @@
-"""What actuators are told, and how it comes late."""
+"""Commands of actuators, and their latency."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ class Command(NamedTuple):
     Attributes:
         position: [rad or m], shape (n,), (T, n) or (N, T, n); N may be 1 for all robots.
         velocity: [rad/s or m/s], the same shape.
-        given: Feed-forward of joints in position and velocity mode that depends on the reference alone, and
-            the effort of those in torque mode [N m or N], the same shape.
+        feedforward: Feed-forward of joints in position and velocity mode that depends on the reference
+            alone, and the effort of those in torque mode [N m or N], the same shape.
     """
 
     position: Array
     velocity: Array
-    given: Array
+    feedforward: Array
 
     def as_rows(self) -> Command:
         """Return one command as T = 1 commands."""
-        return Command(*(x[np.newaxis] for x in self))
+        position, velocity, feedforward = self
+        return Command(position[np.newaxis], velocity[np.newaxis], feedforward[np.newaxis])
 
     def part(self, rows: slice) -> Command:
         """Return some of T commands."""
-        return Command(*(x[..., rows, :] for x in self))
+        position, velocity, feedforward = self
+        return Command(position[..., rows, :], velocity[..., rows, :], feedforward[..., rows, :])
 
     def row(self, k: int) -> Command:
         """Return one of T commands."""
@@ -47,9 +49,9 @@ class Command(NamedTuple):
             count: Sub-steps in a step.
             h: Time of a sub-step [s].
         """
-        position, velocity, given = (np.repeat(x, count, axis=-2) for x in self)
+        position, velocity, feedforward = (np.repeat(x, count, axis=-2) for x in self)
         ahead = np.tile(h * np.arange(count - 1, -1, -1.0), self.position.shape[-2])
-        return Command(position - ahead[:, np.newaxis] * velocity, velocity, given)
+        return Command(position - ahead[:, np.newaxis] * velocity, velocity, feedforward)
 
 
 class Delay:

@@ -133,7 +133,7 @@ def replay(
     Args:
         pepper: Pepper.
         name: "left-arm", "right-arm" or "head".
-        twin: The twin to use; if omitted a new one, by the way that needs nothing compiled.
+        twin: The twin to use; a new one if omitted.
         duration: How long it is to take [s], at least the shortest time; the shortest if omitted.
 
     Returns:
@@ -150,7 +150,7 @@ def replay(
     # With toppra: nothing to compile for one motion.
     trajectory = retime(pepper, points, solver="toppra", duration=duration)
     key_times = passing_times(trajectory, points)
-    run = (twin if twin is not None else Twin(pepper, compiled=False)).execute(trajectory)
+    run = (twin if twin is not None else Twin(pepper)).execute(trajectory)
     reached = np.minimum(key_times, run.duration)  # short of the end only where the run stopped
     measured = run.position_at(reached)[:, places]
     return GestureReport(gesture, trajectory, run, key_times, points[:, places], measured)

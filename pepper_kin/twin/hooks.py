@@ -1,4 +1,4 @@
-"""What the twin asks of a world around it and of sensors on it."""
+"""Protocols of the world around a twin and of the sensors on it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.core.simulation.contact_solver import ADDRESSES
+from pepper_kin.core.simulation.contact_step import CALLBACK, WorldTables, no_world
+from pepper_kin.kernels.intrinsics import floats_at, words_at
+from pepper_kin.twin.callback import Callback
 from pepper_kin.twin.state import TwinState
 
 if TYPE_CHECKING:
-    from pepper_kin.twin.command import Command
-    from pepper_kin.twin.fast.single import SingleRobot
     from pepper_kin.twin.integrator import Series
     from pepper_kin.twin.sensors.recording import ReadingSeries
 
@@ -33,23 +35,58 @@ class WorldHook(Protocol):
             h: Time of the step [s].
 
         Returns:
-            Generalised contact load [N m or N], shape (n,).
+            Generalized contact load [N m or N], shape (n,).
 
         Raises:
             ContactError: where it cannot; `Twin.step` lets it pass, a run stops there.
         """
 
 
-class MarchingWorld(WorldHook, Protocol):
-    """A world that, besides, can take many steps with a robot in machine code."""
+class WorldCoupling(Protocol):
+    """A world as the compiled time loop takes it."""
 
-    def march(self, robot: SingleRobot, q: Array, v: Array, command: Command, load: Array) -> Series:
-        """Advance together with a robot by a step for each command, as far as machine code alone goes.
+    def begin(self, h: float) -> WorldTables:
+        """Return the tables for steps of length h [s]."""
 
-        Returns:
-            The states after the steps taken: fewer rows than commands, or none, where the next step needs
-            `advance`.
-        """
+    def end(self, steps: int, outcome: int) -> BaseException | None:
+        """Take note of the steps that were taken; return why the next one failed, if its outcome says so."""
+
+
+class HookCoupling:
+    """A world that is called back in every step.
+
+    Args:
+        world: The world.
+        n: Number of joints.
+    """
+
+    def __init__(self, world: WorldHook, n: int) -> None:
+        self._world, self._callback, self._h = world, Callback(self._advance), 0.0
+        self._tables = no_world(n)._replace(kind=CALLBACK, callback=self._callback.address)
+
+    def begin(self, h: float) -> WorldTables:
+        """Return the tables for steps of length h [s]."""
+        self._h = h
+        return self._tables
+
+    def end(self, steps: int, outcome: int) -> BaseException | None:
+        """Return what the world has raised."""
+        return self._callback.raised()
+
+    def _advance(self, what: int, address: int, *_: int) -> int:
+        n, q, v, mass_hat, force, load = words_at(address, ADDRESSES)[:6].tolist()
+        matrix = floats_at(mass_hat, n * n).reshape(n, n)
+        arrays = (floats_at(q, n), floats_at(v, n), matrix, floats_at(force, n))
+        moving = [array.copy() for array in arrays]
+        floats_at(load, n)[:] = self._world.advance(moving[0], moving[1], moving[2], moving[3], self._h)
+        return 0
+
+
+def coupling_of(world: WorldHook, n: int) -> WorldCoupling:
+    """Return a world's own `coupling`, or one that calls it back in every step."""
+    own = getattr(world, "coupling", None)
+    found: WorldCoupling | None = None if own is None else own()
+    return HookCoupling(world, n) if found is None else found
 
 
 class SensorsHook(Protocol):
@@ -71,3 +108,28 @@ def readings_since(sensors: SensorsHook | None, start: float) -> dict[str, Readi
     """Return what sensors have recorded since a time [s], by name; nothing for those that record nothing."""
     recorded = getattr(sensors, "recorded", None)
     return {} if recorded is None else dict(recorded(start))
+
+
+def show_first(
+    sensors: SensorsHook, series: Series, count: int, velocity: Array, clock: tuple[int, float]
+) -> None:
+    """Show sensors the first states of a series.
+
+    Args:
+        sensors: The sensors.
+        series: The states.
+        count: How many of them.
+        velocity: Before the first [rad/s or m/s], shape (n,).
+        clock: Number of the step before the first, and the timestep [s].
+    """
+    (step, h), due = clock, due_time(sensors, -math.inf)
+    for k in range(count):
+        time = (step + k + 1) * h
+        if time < due:
+            continue
+        before = series.velocity[k - 1] if k else velocity
+        acceleration = (series.velocity[k] - before) / h
+        sensors.observe(
+            TwinState(time, series.position[k], series.velocity[k], series.torque[k], acceleration)
+        )
+        due = due_time(sensors, -math.inf)

@@ -1,134 +1,121 @@
-"""One step of time: semi-implicit Euler on the articulated body, with all joint forces implicit."""
+"""One robot's steps of time: semi-implicit Euler on the articulated body, with all joint forces implicit."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
+from pepper_kin.core.simulation.contact_step import WorldTables, no_world
+from pepper_kin.core.simulation.rollout import DONE, Inputs, Log, Span, linearized_step, rollout
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import ActuatorParameters
-from pepper_kin.twin.joint_law import Piece, first_piece, holds_unclipped, law_table, piece_at, seen
+from pepper_kin.twin.command import Command
+from pepper_kin.twin.simulator import Simulator
 
 Array = NDArray[np.float64]
 
 GREATEST_TIMESTEP = 0.05  # [s]
-RUNAWAY = 1e4  # [rad/s or m/s] no joint gets this fast but by a divergence
-NEWTON_ROUNDS = 4  # after which the way to the next guess is searched for the least energy
-MOST_ROUNDS = 60
-HALVINGS = 50  # of the interval that is searched
-SAME_FORCE = 1e-9  # [N m or N] and part of the force: agreement of law and equation of motion
+_ONE = Span(1, 1, 0, 1)
 
 
 class Series(NamedTuple):
-    """What an engine did in some steps; where the state diverged, `good` is less than their number.
+    """States after some steps; where the state diverged, `good` is less than their number.
 
     Attributes:
         position: At the end of each step [rad or m], shape (T, n).
         velocity: [rad/s or m/s], shape (T, n).
         torque: Of the actuators during each step [N m or N], shape (T, n).
         good: Number of good steps; the row after them, if any, is the state that diverged.
+        outcome: DONE, or the outcome of the world's step that failed; then there is no such row.
+        rows: Arrays of position, velocity and torque that begin with the start, shape (1 + T, n) each, where
+            there are such; the first row of the torque is not written.
     """
 
     position: Array
     velocity: Array
     torque: Array
     good: int
+    outcome: int = DONE
+    rows: tuple[Array, Array, Array] | None = None
 
 
-def nothing_done(n: int) -> Series:
-    """Return a series of no steps."""
-    return Series(np.empty((0, n)), np.empty((0, n)), np.empty((0, n)), 0)
-
-
-class Forecast(NamedTuple):
-    """A step, and the linear equation mass_hat a = force that it solves; see `Integrator.linearised`.
-
-    Attributes:
-        series: The step.
-        mass_hat: Shape (n, n) [kg m^2, kg m or kg].
-        force: Shape (n,) [N m or N].
-    """
-
-    series: Series
-    mass_hat: Array
-    force: Array
+def joined(parts: list[Series], good: int) -> Series:
+    """Return series that follow one another as one."""
+    if len(parts) == 1:
+        return parts[0]
+    rows = zip(*(part[:3] for part in parts), strict=True)
+    position, velocity, torque = (np.concatenate(values) for values in rows)
+    return Series(position, velocity, torque, good)
 
 
 class Integrator:
     """Steps a robot whose joints are driven by actuators.
 
     Scheme, with step h, position q, velocity v, bias b(q, v) = C(q, v) v + g(q) and the force F_j(v_j+) of
-    actuator, friction and stop on each joint at the end of the step (see `pepper_kin.twin.joint_law`):
+    actuator, friction and stop on each joint at the end of the step (see `core.simulation.actuator_model`):
 
         v+ = v + h a,   q+ = q + h v+                     (semi-implicit, or symplectic, Euler)
         (M(q) + J) a + b(q, v) = F(v+) + load             (J: rotors; servo, friction and stops implicit)
 
-    On a straight piece of the law, F = c - k v+, this is (M + J + h k) a = c - k v - b + load: the
-    articulated-body algorithm with J + h k added to the joints' inertia ("armature").  For a servo alone,
-    h k = h^2 Kp + h Kd.
-
-    As no F_j rises, the step minimises the strictly convex, piecewise quadratic function (w - v)^T (M + J)
-    (w - v) / 2h + (b - load)^T w - sum of integrals of F_j, and so has exactly one solution.  It is found by
-    Newton's method: solve on guessed pieces, look up the pieces at the solution, and again until they agree;
-    mostly at once.  From the fifth round on the way to the new guess is searched exactly for the least value,
-    after which the method ends in finitely many rounds.
+    On a straight segment of the model, F = c - k v+, this is (M + J + h k) a = c - k v - b + load: for a
+    servo alone, h k = h^2 Kp + h Kd.  The segments are found by Newton's method
+    (`core.simulation.implicit_step`).
 
     Order: one in h, for position and velocity.  Stability: the actuator is damped for every h > 0, as in
     implicit Euler, however high its gains; M and b are taken at the start of the step, which bounds h by the
     speed of the links.  Without servo and stops, the scheme is symplectic for constant M: the energy of a
     swing oscillates by O(h) and does not drift.
 
-    Robots with mimic joints use M = E^T M_full E, formed and solved densely.
-
     Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), I.1.2 and VI.3; Featherstone,
-    Rigid Body Dynamics Algorithms (2008), table 7.1; Sun, On piecewise quadratic Newton and trust region
-    problems, Mathematical Programming 76 (1997), for the end of the rounds.
+    Rigid Body Dynamics Algorithms (2008), table 7.1.
+
+    Not to be shared among threads.
 
     Args:
-        pepper: The robot; its Pinocchio model is copied, not changed.
+        pepper: The robot.
         timestep: h [s], above 0 and at most 0.05.
         actuators: The actuators and stops.
+        gravity: Whether servos add what holds the present posture.
 
     Raises:
         InvalidValueError: for a timestep out of range, or actuators of other joints.
     """
 
-    def __init__(self, pepper: PepperModel, timestep: float, actuators: ActuatorParameters) -> None:
-        import pinocchio
-
+    def __init__(
+        self, pepper: PepperModel, timestep: float, actuators: ActuatorParameters, *, gravity: bool = False
+    ) -> None:
         self.timestep = check_timestep(timestep)
         check_joints(pepper, actuators)
-        self._pinocchio = pinocchio
-        self._model: Any = pinocchio.Model(pepper.pinocchio_model)
-        self._data = self._model.createData()
-        self._own_armature = np.array(self._model.armature)
-        self._map = pepper.full_map if pepper.is_coupled else None
-        self._offset = pepper.full_offset
-        self._law = law_table(pepper, actuators)
-        self._plain = not (self._law.coulomb.any() or self._law.line.any())
-        self._n = pepper.n
+        self._pepper, self._gravity = pepper, bool(gravity)
+        self._actuators = actuator_table(pepper, actuators)
+        self._table = np.ascontiguousarray(np.stack(self._actuators))
+        self._nothing = np.zeros((1, pepper.n))
+        self._alone = no_world(pepper.n)
+        self._made: Simulator | None = None
 
     def gravity_torque(self, q: Array) -> Array:
         """Return g(q) [N m or N], shape (n,)."""
-        if self._map is None:
-            return np.array(self._pinocchio.computeGeneralizedGravity(self._model, self._data, q))
-        full = self._map @ q + self._offset
-        tau = self._pinocchio.computeGeneralizedGravity(self._model, self._data, full)
-        return np.asarray(tau @ self._map)
+        from pepper_kin import dynamics
 
-    def servo_torque(self, q: Array, v: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
+        return np.asarray(dynamics.gravity_torque(self._pepper, q))
+
+    def present_torque(self, q: Array, v: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
         """Return the torque of the actuators at a state, instead of at the end of a step [N m or N]."""
-        servo = self._servo(q, q_ref, v_ref, feedforward)
-        return piece_at(self._law, 0.0, q, v, servo).torque
+        torque, state = np.empty(self._pepper.n), np.stack([q, v, q_ref, v_ref])
+        present_torques(self._table, state, self._actuators.strength * feedforward, torque)
+        return torque
 
     def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
         """Return what the actuators want at the end of a step if the joints then stand still, unclipped."""
+        servo = self._actuators
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._servo(q, q_ref, v_ref, feedforward)
+            return servo.kp * (q_ref - q) + servo.kd * v_ref + servo.strength * feedforward
 
     def step(
         self,
@@ -140,8 +127,6 @@ class Integrator:
         load: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """Advance by one timestep.
-
-        Nothing is checked here: this is the hot path.
 
         Args:
             q: Position [rad or m], shape (n,).
@@ -155,11 +140,11 @@ class Integrator:
         Returns:
             Position and velocity at the end of the step, and the actuators' torque during it [N m or N].
         """
-        servo = self._servo(q, q_ref, v_ref, feedforward)
-        w, torque, _ = self._solve(q, v, servo, load)
-        return q + self.timestep * w, w, torque
+        command = Command(q_ref, v_ref, feedforward).as_rows()
+        series = self.run(q, v, command, self._nothing if load is None else load[np.newaxis])
+        return series.position[0], series.velocity[0], series.torque[0]
 
-    def linearised(
+    def linearized(
         self,
         q: Array,
         v: Array,
@@ -170,7 +155,7 @@ class Integrator:
     ) -> tuple[Array, Array]:
         """Return the step as one linear equation, mass_hat a = force.
 
-        mass_hat = M + J + h diag(k) and force = c - k v - b + load on the pieces where the step without
+        mass_hat = M + J + h diag(k) and force = c - k v - b + load on the segments where the step without
         further load ends, so that its solution a is exactly that of `step`; a further load adds to the force.
 
         Args:
@@ -184,146 +169,82 @@ class Integrator:
         Returns:
             mass_hat (n, n) [kg m^2, kg m or kg], symmetric and positive definite, and force (n,) [N m or N].
         """
-        _, mass_hat, force = self.forecast(q, v, q_ref, v_ref, feedforward, load)
+        n = self._pepper.n
+        tables = self._simulator.tables
+        space = self._space
+        inputs = (q, v, q_ref, v_ref, self._actuators.strength * feedforward, 0.0 if load is None else load)
+        for row, values in enumerate(inputs):
+            space.given[row * n : (row + 1) * n] = values
+        space.given[6 * n :] = tables.constant[0]
+        mass_hat, force = np.empty((n, n)), np.empty(n)
+        linearized_step(tables, space, mass_hat, force)
         return mass_hat, force
-
-    def forecast(
-        self,
-        q: Array,
-        v: Array,
-        q_ref: Array,
-        v_ref: Array,
-        feedforward: Array,
-        load: Array | None = None,
-        *,
-        gravity: bool = False,
-    ) -> Forecast:
-        """Return a step together with its linear equation; see `step`, `linearised` and `run`."""
-        if gravity:
-            feedforward = feedforward + self._shares * self.gravity_torque(q)
-        w, torque, piece = self._solve(q, v, self._servo(q, q_ref, v_ref, feedforward), load)
-        mass, bias = self._mass(q), self._bias(q, v)
-        force = piece.intercept - piece.slope * v - bias
-        mass[np.diag_indices(self._n)] += self._law.rotor + self.timestep * piece.slope
-        following = (q + self.timestep * w)[np.newaxis]
-        series = Series(following, w[np.newaxis], torque[np.newaxis], int(_sound(w, torque)))
-        return Forecast(series, mass, force if load is None else force + load)
 
     def run(
         self,
         q: Array,
         v: Array,
-        q_ref: Array,
-        v_ref: Array,
-        feedforward: Array,
+        command: Command,
         load: Array,
         *,
-        gravity: bool = False,
+        every: int = 1,
+        world: WorldTables | None = None,
     ) -> Series:
-        """Advance by one step for each row of the references.
+        """Advance by one step for each command.
+
+        Nothing is checked here: this is the hot path.
 
         Args:
             q: Position [rad or m], shape (n,).
             v: Velocity, shape (n,).
-            q_ref: Position wanted at the end of each step, shape (T, n).
-            v_ref: Velocity wanted at the end of each step, shape (T, n).
-            feedforward: As for `step`, shape (T, n).
-            load: As for `step`, shape (T, n), or (1, n) for all steps.
-            gravity: Whether servos add what holds the present posture.
+            command: For the end of each step, shape (T, n) each.
+            load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
+            every: Steps between states of the result, a divisor of T.
+            world: What the robot meets; nothing if omitted.
 
         Returns:
-            The states after each step.
+            The states.
         """
-        position, velocity, torque = (np.empty_like(q_ref) for _ in range(3))
-        for k in range(len(q_ref)):
-            forward = feedforward[k]
-            if gravity:
-                forward = forward + self._shares * self.gravity_torque(q)
-            q, v, tau = self.step(q, v, q_ref[k], v_ref[k], forward, load[min(k, len(load) - 1)])
-            position[k], velocity[k], torque[k] = q, v, tau
-            if not _sound(v, tau):
-                return Series(position, velocity, torque, k)
-        return Series(position, velocity, torque, len(q_ref))
+        tables, world = self._simulator.tables, self._alone if world is None else world
+        steps, n = command.position.shape
+        if steps == 1:
+            return self._one_step(q, v, command, load, world)
+        inputs = Inputs(*(np.ascontiguousarray(x, np.float64).reshape(1, -1, n) for x in (*command, load)))
+        shape = (1 + steps // every, n)
+        position, velocity, torque = np.empty(shape), np.empty(shape), np.empty(shape)
+        state, good = np.empty((3, 1, n)), np.array([steps])
+        state[0, 0], state[1, 0] = position[0], velocity[0] = q, v
+        log = Log(position[np.newaxis], velocity[np.newaxis], torque[np.newaxis], good)
+        outcome = rollout(Span(steps, every, 0, 1), tables, self._space, inputs, state, log, world)
+        kept = (position, velocity, torque)
+        return Series(position[1:], velocity[1:], torque[1:], int(good[0]) // every, int(outcome), kept)
+
+    def _one_step(self, q: Array, v: Array, command: Command, load: Array, world: WorldTables) -> Series:
+        """Take one step in arrays that are made once; the result is the caller's."""
+        inputs, state, log = self._single
+        state[0], state[1] = q, v
+        inputs.position[0], inputs.velocity[0], inputs.feedforward[0] = command
+        inputs.load[0] = load
+        log.good[0] = 1
+        outcome = rollout(_ONE, self._simulator.tables, self._space, inputs, state, log, world)
+        return Series(
+            log.position[0, 1:].copy(), log.velocity[0, 1:].copy(), log.torque[0, 1:].copy(),
+            int(log.good[0]), outcome,
+        )  # fmt: skip
 
     @property
-    def _shares(self) -> Array:
-        """1 where feed-forward is applied, 0 in torque mode (the strength comes later)."""
-        return (self._law.feedforward > 0).astype(float)
-
-    def _servo(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
-        """Return what the actuators want at the end of the step if the joints then stand still."""
-        law = self._law
-        return law.kp * (q_ref - seen(law, q)) + law.kd * v_ref + law.strength * feedforward
-
-    def _solve(self, q: Array, v: Array, servo: Array, load: Array | None) -> tuple[Array, Array, Piece]:
-        """Return velocity and torque at the end of the step, and the piece of the law that they lie on."""
-        law, h = self._law, self.timestep
-        piece = first_piece(law, h, v, servo)
-        w = v
-        for round_ in range(MOST_ROUNDS):
-            force = piece.intercept - piece.slope * v
-            a = self._acceleration(q, v, force if load is None else force + load, law.rotor + h * piece.slope)
-            before, w = w, v + h * a
-            if round_ == 0 and self._plain and holds_unclipped(law, h, q, w, piece.torque):
-                return w, piece.torque - (h * law.kp + law.kd) * w, piece
-            found = piece_at(law, h, q, w, servo)
-            given, due = found.intercept - found.slope * w, piece.intercept - piece.slope * w
-            if not (
-                abs(given - due) > SAME_FORCE * (1.0 + abs(due))
-            ).any():  # False for NaN: the caller looks
-                break
-            if round_ >= NEWTON_ROUNDS:
-                w = before + self._least(q, v, before, w - before, servo, load) * (w - before)
-                found = piece_at(law, h, q, w, servo)
-            elif round_ > 0:
-                found = piece_at(law, h, q, w, servo, before)
-            piece = found
-        return w, found.torque, found
-
-    def _least(self, q: Array, v: Array, start: Array, way: Array, servo: Array, load: Array | None) -> float:
-        """Return where on start + t way, t in [0, 1], the step's convex function is least."""
-        h = self.timestep
-        inertia = self._mass(q) + np.diag(self._law.rotor)
-        slope = way @ (inertia @ (start - v) / h + self._bias(q, v) - (0.0 if load is None else load))
-        curvature = way @ inertia @ way / h
-        low, high = 0.0, 1.0
-        for _ in range(HALVINGS):
-            t = (low + high) / 2
-            w = start + t * way
-            piece = piece_at(self._law, h, q, w, servo)
-            falls = slope + t * curvature - way @ (piece.intercept - piece.slope * w) < 0
-            low, high = (t, high) if falls else (low, t)
-        return high
-
-    def _acceleration(self, q: Array, v: Array, force: Array, inertia: Array) -> Array:
-        """Return a of (M + diag(inertia)) a + b = force."""
-        if self._map is None:
-            self._model.armature = self._own_armature + inertia
-            return np.array(self._pinocchio.aba(self._model, self._data, q, v, force))
-        mass = self._mass(q)
-        mass[np.diag_indices(self._n)] += inertia
-        return np.asarray(np.linalg.solve(mass, force - self._bias(q, v)))
-
-    def _mass(self, q: Array) -> Array:
-        """Return M, with the rotors of the model but without those of the actuators."""
-        self._model.armature = self._own_armature
-        full = q if self._map is None else self._map @ q + self._offset
-        upper = np.triu(self._pinocchio.crba(self._model, self._data, full))
-        mass = upper + np.triu(upper, 1).T
-        return mass if self._map is None else self._map.T @ mass @ self._map
-
-    def _bias(self, q: Array, v: Array) -> Array:
-        if self._map is None:
-            return np.array(self._pinocchio.nonLinearEffects(self._model, self._data, q, v))
-        full_q, full_v = self._map @ q + self._offset, self._map @ v
-        return np.asarray(
-            self._pinocchio.nonLinearEffects(self._model, self._data, full_q, full_v) @ self._map
-        )
-
-
-def _sound(v: Array, torque: Array) -> bool:
-    """Return whether a state is neither absurd nor NaN."""
-    return bool(abs(v).max() < RUNAWAY and np.isfinite(torque).all())
+    def _simulator(self) -> Simulator:
+        if self._made is None:
+            one = ActuatorTable(*(values[np.newaxis] for values in self._actuators))
+            self._made = Simulator(self._pepper, self.timestep, one, gravity=self._gravity)
+            self._space = self._made.workspace()
+            n = self._pepper.n
+            self._single = (
+                Inputs(*(np.empty((1, 1, n)) for _ in Inputs._fields)),
+                np.empty((3, 1, n)),
+                Log(np.empty((1, 2, n)), np.empty((1, 2, n)), np.empty((1, 2, n)), np.ones(1, np.int64)),
+            )
+        return self._made
 
 
 def check_timestep(timestep: float) -> float:
@@ -338,13 +259,12 @@ def check_timestep(timestep: float) -> float:
     return checked
 
 
-def check_joints(pepper: PepperModel, actuators: ActuatorParameters) -> None:
-    """Refuse actuators of other joints.
+def whole_number(quantity: str, value: int) -> int:
+    """Return a number if it is an integer of at least 1.
 
     Raises:
-        InvalidValueError: naming both.
+        InvalidValueError: otherwise.
     """
-    if actuators.joint_names != pepper.joint_names:
-        raise InvalidValueError(
-            "joints of the actuators", ", ".join(actuators.joint_names), ", ".join(pepper.joint_names)
-        )
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InvalidValueError(quantity, repr(value), "an integer of at least 1")
+    return int(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,3 +77,12 @@ class Push:
             lever = frame_pose(pepper, q, self.frame)[:3, :3] @ self.point
             moment = np.asarray(np.cross(lever, self.force), dtype=np.float64)
         return external_torque(pepper, q, {self.frame: np.concatenate([self.force, moment])})
+
+
+def load_of(pushes: Sequence[Push], pepper: PepperModel, q: Array, time: float) -> Array:
+    """Return what the pushes of a time [s] are worth at the joints [N m or N], shape (n,)."""
+    total = np.zeros(pepper.n)
+    for push in pushes:
+        if push.acts_at(time + 1e-9):
+            total += push.load(pepper, q)
+    return total

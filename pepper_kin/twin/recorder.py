@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import atomic_file
+from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
-from pepper_kin.trajectory.table_file import PathName
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together
 from pepper_kin.twin.recording import HEADER, INPUTS, STATES, Recording, chunk_path, read_recording

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from pepper_kin import atomic_file
+from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, MissingDependencyError
-from pepper_kin.trajectory.mcap_file import STATE_SCHEMA, STATE_TYPE, STATES_TOPIC, message_header
-from pepper_kin.trajectory.sampled_motion import NANOSECONDS
-from pepper_kin.trajectory.table_file import PathName
+from pepper_kin.files.mcap_file import STATE_SCHEMA, STATE_TYPE, STATES_TOPIC, message_header
+from pepper_kin.files.sampled_motion import NANOSECONDS
 from pepper_kin.twin.recording import Recording
 
 SUFFIXES = (".npz", ".csv", ".mcap")

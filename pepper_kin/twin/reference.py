@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -29,9 +28,7 @@ class Reference(NamedTuple):
     acceleration: Array
 
 
-def sampled(
-    pepper: PepperModel, trajectory: Trajectory, settle: float, timestep: float, *, compiled: bool = False
-) -> Reference:
+def sampled(pepper: PepperModel, trajectory: Trajectory, settle: float, timestep: float) -> Reference:
     """Sample a trajectory at every step, and its end, at rest, for the time to settle.
 
     Args:
@@ -39,7 +36,6 @@ def sampled(
         trajectory: What to follow.
         settle: Time to hold the end afterwards [s].
         timestep: Of the twin [s].
-        compiled: Whether machine code may be loaded for it; the numbers are the same.
 
     Raises:
         InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
@@ -50,8 +46,6 @@ def sampled(
         )
     if not (np.isfinite(settle) and settle >= 0):
         raise InvalidValueError("settle", settle, "a finite time of at least 0 s")
-    if compiled:
-        import_module("pepper_kin.trajectory.fast_samples")
     steps = int(np.ceil((trajectory.duration + settle) / timestep - 1e-9))
     time: Array = timestep * np.arange(steps + 1, dtype=float)
     position, velocity, acceleration = trajectory(np.minimum(time, trajectory.duration))

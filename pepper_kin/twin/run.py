@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.files.table_file import TIME, PathName, read_table, write_table
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import kept_read_only
-from pepper_kin.trajectory.table_file import TIME, PathName, read_table, write_table
 
 if TYPE_CHECKING:
     from pepper_kin.twin.sensors.recording import ReadingSeries
@@ -165,7 +165,7 @@ class Run:
         }
 
     def save(self, path: PathName) -> Path:
-        """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.trajectory.write_table`.
+        """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.files.write_table`.
 
         Columns: `time`, then for all joints `.position`, `.velocity`, `.torque`, `.reference` and
         `.reference_velocity`.

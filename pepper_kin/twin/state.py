@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import PepperKinError
-from pepper_kin.model.shapes import read_only
+from pepper_kin.model.shapes import kept_read_only
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class TwinState:
         if not self.acceleration.size:
             object.__setattr__(self, "acceleration", np.zeros_like(self.position))
         for name in ("position", "velocity", "torque", "acceleration"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            object.__setattr__(self, name, kept_read_only(getattr(self, name)))
 
 
 def diverged(

@@ -8,18 +8,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.core.simulation.rollout import DONE
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_within_limits
+from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
+from pepper_kin.twin.actuator_table import check_joints
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.contact_error import ContactError
-from pepper_kin.twin.coupling import Coupling
-from pepper_kin.twin.hooks import SensorsHook, WorldHook, due_time, readings_since
-from pepper_kin.twin.integrator import Integrator, Series, nothing_done
-from pepper_kin.twin.push import Push
+from pepper_kin.twin.hooks import (
+    SensorsHook,
+    WorldCoupling,
+    WorldHook,
+    coupling_of,
+    due_time,
+    readings_since,
+    show_first,
+)
+from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joined, whole_number
+from pepper_kin.twin.push import Push, load_of
 from pepper_kin.twin.real_time import Commander, Timing, serve
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import COMPLETED, STOPPED, Run
@@ -27,6 +37,7 @@ from pepper_kin.twin.state import TwinState, diverged
 
 Array = NDArray[np.float64]
 
+LONGEST_RUN = 500  # steps with a world, after which the interpreter has a say: an interrupt, for one
 FEEDFORWARDS = ("none", "gravity", "inverse_dynamics")
 
 
@@ -45,9 +56,6 @@ class Twin:
         sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
-        compiled: Step by machine code, which is made once on a machine (some seconds) and then read from
-            disk; otherwise by Pinocchio from Python, some hundred times slower and ready at once.  The states
-            agree to 1e-9.
 
     Raises:
         InvalidValueError: for a timestep out of range, an unknown feed-forward, actuators of other joints, or
@@ -64,26 +72,20 @@ class Twin:
         world: WorldHook | None = None,
         sensors: SensorsHook | None = None,
         substeps: int = 1,
-        compiled: bool = True,
     ) -> None:
         self.pepper = pepper
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
         self.world, self.sensors = world, sensors
         self.substeps = whole_number("substeps", substeps)
-        Integrator(pepper, timestep, self.actuators)  # refuses what is wrong by the names given here
-        self._timestep = float(timestep)
-        self.compiled = bool(compiled)
-        self._coupling = Coupling(
-            pepper,
-            self._timestep,
-            self.actuators,
-            gravity=feedforward == "gravity",
-            substeps=self.substeps,
-            compiled=self.compiled,
+        self._timestep = check_timestep(timestep)
+        check_joints(pepper, self.actuators)
+        self._integrator = Integrator(
+            pepper, self._timestep / self.substeps, self.actuators, gravity=feedforward == "gravity"
         )
-        self._integrator = self._coupling.integrator
+        self._met: tuple[WorldHook | None, WorldCoupling | None] = (None, None)
         self._torque_mode = self.actuators.in_mode(TORQUE)
+        self._rest = read_only(np.zeros(pepper.n))
         self._pushes: tuple[Push, ...] = ()
         self._step = 0
         self._q, self._v = pepper.neutral(), np.zeros(pepper.n)
@@ -128,11 +130,11 @@ class Twin:
         self._q, self._v, self._step = position.copy(), velocity.copy(), 0
         self._a = np.zeros(self.pepper.n)
         rest = np.zeros(self.pepper.n)
-        given = self._given(position, rest, rest, rest)
+        given = self._feedforward(position, rest, rest, rest)
         self._delay.fill(Command(position, rest, given))
         held = self._integrator.gravity_torque(self._q) if self.feedforward == "gravity" else 0 * self._q
         held = np.where(self._torque_mode, 0.0, held)
-        self._torque = self._integrator.servo_torque(self._q, self._v, self._q, self._v, held)
+        self._torque = self._integrator.present_torque(self._q, self._v, self._q, self._v, held)
         if self.sensors is not None:
             self.sensors.observe(self.state)
         return self.state
@@ -198,19 +200,14 @@ class Twin:
             DivergedError: where the new state is not finite, naming joint, step and cause; the state stays.
             ContactError: where the world cannot do its step; the state stays.
         """
-        q_ref = self._vector(position, "position")
-        v_ref, a_ref, torque, outer = (
-            np.zeros(self.pepper.n) if value is None else self._vector(value, name)
-            for value, name in (
-                (velocity, "velocity"),
-                (acceleration, "acceleration"),
-                (effort, "effort"),
-                (load, "load"),
-            )
-        )
-        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
-        before = (self._q, self._v)
-        series, failed = self._advance(command.as_rows(), outer[np.newaxis])
+        q_ref, rest = self._vector(position, "position"), self._rest
+        v_ref = rest if velocity is None else self._vector(velocity, "velocity")
+        a_ref = rest if acceleration is None else self._vector(acceleration, "acceleration")
+        torque = rest if effort is None else self._vector(effort, "effort")
+        outer = rest if load is None else self._vector(load, "load")
+        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
+        before, due = (self._q, self._v), self._delay.through(command.as_rows())
+        series, failed = self._segment(due, outer[np.newaxis], self._steps_alone(1) > 0)
         if failed is not None:
             raise failed
         if series.good < 1:
@@ -218,6 +215,7 @@ class Twin:
             step = self._step + 1
             wanted = self._integrator.wanted_torque(self._q, *command)
             raise diverged(self.pepper.joint_names, step, step * self.timestep, before, after, wanted)
+        self._take(series, 1)
         return self.state
 
     def execute(self, trajectory: Trajectory, settle: float = 0.0, *, from_present: bool = False) -> Run:
@@ -237,12 +235,10 @@ class Twin:
             InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        position, velocity, acceleration = sampled(
-            self.pepper, trajectory, settle, self.timestep, compiled=self.compiled
-        )
+        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
         if not from_present:
             self.reset(position[0], velocity[0])
-        given = self._given(position, velocity, acceleration, np.zeros(self.pepper.n))
+        given = self._feedforward(position, velocity, acceleration, np.zeros(self.pepper.n))
         return self._follow(Command(position, velocity, given))
 
     def follow(
@@ -281,7 +277,7 @@ class Twin:
             np.zeros((rows, self.pepper.n)) if x is None else as_finite(x, name, (rows, self.pepper.n))
             for name, x in given_by_name.items()
         )
-        command = Command(q_ref, v_ref, self._given(q_ref, v_ref, a_ref, torque))
+        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
         first = Command(self._q, self._v, np.zeros(self.pepper.n)).as_rows()
         return self._follow(first.then(command), outer)
 
@@ -289,14 +285,14 @@ class Twin:
         """Step against the wall clock, with a function that says where to go; see `real_time.serve`."""
         return serve(self, commander, **options)
 
-    def _given(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
-        """Return what the actuators are told besides positions and velocities, shape (..., n)."""
-        forward = np.zeros(q.shape)
+    def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
+        """Return the feed-forward of the actuators, or the effort in torque mode, shape (..., n)."""
+        forward = self._rest if q.ndim == 1 else np.zeros(q.shape)
         if self.feedforward == "inverse_dynamics":
             from pepper_kin import dynamics
 
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
-        return np.where(self._torque_mode, effort, forward) if self._torque_mode.any() else forward
+        return forward if effort is self._rest else np.where(self._torque_mode, effort, forward)
 
     def _follow(self, command: Command, load: Array | None = None) -> Run:
         """Follow commands, of which the first stands for the present state."""
@@ -305,9 +301,12 @@ class Twin:
         start = (self._q, self._v, self._torque)
         outer = np.zeros((1, self.pepper.n)) if load is None else load
         series, failed = self._advance(command.part(slice(1, None)), outer)
-        logged = [
-            np.concatenate([row[np.newaxis], rows]) for row, rows in zip(start, series[:3], strict=True)
-        ]
+        if series.rows is None:
+            pairs = zip(start, series[:3], strict=True)
+            logged = [np.concatenate([row[np.newaxis], rows]) for row, rows in pairs]
+        else:
+            logged = list(series.rows)
+            logged[2][0] = start[2]
         for rows in (time, *logged):
             rows.setflags(write=False)
         count, status, message = series.good + 1, COMPLETED, ""
@@ -339,60 +338,87 @@ class Twin:
         )
 
     def _advance(self, command: Command, load: Array) -> tuple[Series, ContactError | None]:
-        """Advance by one timestep for each command, in pieces where someone else has a say in each.
+        """Advance by one timestep for each command, in segments between which pushes and sensors have a say.
 
         Returns:
             What came of it, and why the world stopped, if it did.
         """
         due = self._delay.through(command)
         total, done = len(due.position), 0
-        parts: list[Series] = []
+        nothing = np.empty((0, self.pepper.n))
+        parts = [Series(nothing, nothing, nothing, 0)] if total == 0 else []
         while done < total:
-            part = slice(done, done + max(self._steps_alone(total - done), 1))
-            outer = load if len(load) == 1 else load[part]
-            try:
-                series = self._piece(due.part(part), outer)
-            except ContactError as error:
-                return self._joined(parts, done), error
-            good = series.good
+            alone = self._steps_alone(total - done)
+            now, outer = due, load
+            if total > 1:
+                part = slice(done, done + max(alone, 1))
+                now, outer = due.part(part), load if len(load) == 1 else load[part]
+            series, error = self._segment(now, outer, alone > 0)
             parts.append(series)
-            self._take(series, good)
-            done += good
-            if good < len(series.position):
+            self._take(series, series.good)
+            done += series.good
+            if error is not None and not isinstance(error, ContactError):
+                raise error
+            if error is not None or series.good < len(series.position):
+                return joined(parts, done), error
+        return joined(parts, done), None
+
+    def _segment(self, command: Command, load: Array, alone: bool) -> tuple[Series, BaseException | None]:
+        """Return the states after some timesteps, and why the world stopped, if it did.
+
+        Args:
+            command: Of each timestep.
+            load: From elsewhere, shape (T, n) or (1, n).
+            alone: Whether no push acts.
+        """
+        k, h, q, v = self.substeps, self._integrator.timestep, self._q, self._v
+        fine = command if k == 1 else command.refined(k, h)
+        outer = load if k == 1 or len(load) == 1 else np.repeat(load, k, axis=0)
+        if alone:
+            return self._run(q, v, fine, outer, k)
+        for i in range(k):  # a push acts
+            pushed = load_of(self._pushes, self.pepper, q, self._step * self.timestep + i * h)
+            now = slice(min(i, len(outer) - 1), min(i, len(outer) - 1) + 1)
+            series, error = self._run(q, v, fine.part(slice(i, i + 1)), outer[now] + pushed, 1)
+            if error is not None or series.good == 0:
                 break
-        return self._joined(parts, done), None
+            q, v = series.position[0], series.velocity[0]
+        return series, error
 
-    def _joined(self, parts: list[Series], good: int) -> Series:
-        """Return series that follow one another as one."""
-        if len(parts) == 1:
-            return parts[0]
-        parts = [nothing_done(self.pepper.n), *parts]
-        return Series(
-            np.concatenate([part.position for part in parts]),
-            np.concatenate([part.velocity for part in parts]),
-            np.concatenate([part.torque for part in parts]),
-            good,
-        )
+    def _run(
+        self, q: Array, v: Array, command: Command, load: Array, every: int
+    ) -> tuple[Series, BaseException | None]:
+        """Return the states after some steps of the integrator, and why the world stopped, if it did."""
+        if self.world is None:
+            return self._integrator.run(q, v, command, load, every=every), None
+        coupling = self._coupling
+        tables = coupling.begin(self._integrator.timestep)
+        series = self._integrator.run(q, v, command, load, every=every, world=tables)
+        taken = series.good + (series.outcome == DONE and series.good < len(series.position))
+        error = coupling.end(taken * every, series.outcome)
+        if series.outcome != DONE:
+            position, velocity, torque = (rows[: series.good] for rows in series[:3])
+            series = Series(position, velocity, torque, series.good, series.outcome)
+        return series, error
 
-    def _piece(self, command: Command, load: Array) -> Series:
-        """Return what follows from the present state, at least one step and as many as can be had at once."""
-        alone = self._steps_alone(len(command.position))
-        if self.world is None and alone:
-            return self._coupling.quiet(self._q, self._v, command, load)
-        if self.world is not None and alone:
-            series = self._coupling.march(self._q, self._v, command, load, self.world)
-            if len(series.position):
-                return series
-        time, now = self._step * self.timestep, command.part(slice(0, 1))
-        return self._coupling.step(
-            self._q, self._v, now, load[0], time=time, pushes=self._pushes, world=self.world
-        )
+    @property
+    def _coupling(self) -> WorldCoupling:
+        assert self.world is not None
+        world, coupling = self._met
+        if coupling is None or world is not self.world:
+            coupling = coupling_of(self.world, self.pepper.n)
+            self._met = (self.world, coupling)
+        return coupling
 
     def _steps_alone(self, most: int) -> int:
         """Return how many steps no push has a say in, nor sensors that look at a world; 0 for none."""
-        now, h = self._step * self.timestep, self.timestep
-        if any(push.acts_within(now, now + h) for push in self._pushes):
+        if self.world is not None:
+            most = min(most, LONGEST_RUN)
+        now, h = self._step * self._timestep, self._timestep
+        if self._pushes and any(push.acts_within(now, now + h) for push in self._pushes):
             return 0
+        if most == 1:
+            return 1
         ahead = [push.start - now for push in self._pushes if push.start > now]
         count = min([most, *(max(int(time / h), 1) for time in ahead)])
         if self.world is None or self.sensors is None:
@@ -409,41 +435,18 @@ class Twin:
             return
         before = self._v if good == 1 else series.velocity[good - 2]
         if self.sensors is not None:
-            self._show(series, good - 1)
+            show_first(self.sensors, series, good - 1, self._v, (self._step, self.timestep))
         self._q, self._v = series.position[good - 1].copy(), series.velocity[good - 1].copy()
         self._torque = series.torque[good - 1].copy()
         self._a = (self._v - before) / self.timestep
+        for values in (self._q, self._v, self._torque, self._a):
+            values.flags.writeable = False
         self._step += good
         if self.sensors is not None and self._step * self.timestep >= due_time(self.sensors, -math.inf):
             self.sensors.observe(self.state)
-
-    def _show(self, series: Series, count: int) -> None:
-        """Show the sensors the first states of a series."""
-        due = due_time(self.sensors, -math.inf)
-        for k in range(count):
-            time = (self._step + k + 1) * self.timestep
-            if time < due:
-                continue
-            before = series.velocity[k - 1] if k else self._v
-            velocity = series.velocity[k]
-            acceleration = (velocity - before) / self.timestep
-            state = TwinState(time, series.position[k], velocity, series.torque[k], acceleration)
-            self.sensors.observe(state)  # type: ignore[union-attr]
-            due = due_time(self.sensors, -math.inf)
 
     def _vector(self, value: ArrayLike, quantity: str) -> Array:
         array = as_joint_vectors(self.pepper, value, quantity)
         if array.ndim != 1:
             raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")
         return array
-
-
-def whole_number(quantity: str, value: int) -> int:
-    """Return a number if it is an integer of at least 1.
-
-    Raises:
-        InvalidValueError: otherwise.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise InvalidValueError(quantity, repr(value), "an integer of at least 1")
-    return int(value)

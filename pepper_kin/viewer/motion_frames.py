@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
@@ -128,6 +127,8 @@ def frames_of_samples(
     """
     instants = _checked_times(times)
     poses = rigid_transforms("link_poses", kept_poses, (kept.size, link_count, 4, 4))
+    from scipy.spatial.transform import Rotation
+
     quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat()
     quaternions = quaternions.reshape(kept.size, link_count, 4)
     # q and -q are one orientation; choose signs so that neighbouring frames blend along the short way.

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pepper_kin.collision.mesh_file import read_mesh, unique_rows
 from pepper_kin.exceptions import FileFormatError
@@ -95,6 +93,9 @@ def split_at_creases(vertices: NDArray, faces: NDArray, crease_angle: float) -> 
     smooth = same_edge & (bend >= np.cos(crease_angle))
     rows = np.concatenate([low[1:][smooth], high[1:][smooth]])
     columns = np.concatenate([low[:-1][smooth], high[:-1][smooth]])
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(faces.size, faces.size))
     count, patch = connected_components(graph, directed=False)
     source = np.empty(count, dtype=np.intp)

@@ -27,7 +27,7 @@ def test_the_twin_follows_the_base_and_odometry_tells_where_it_is():
     controller = BaseController(OmniBase(pepper), timeout=1.0)
     position, velocity = driven(pepper, controller, [(0, (0.25, 0.1, 0.4))], 900)
     suite = SensorSuite(pepper, sensors=["wheel_odometry", "imu_base_gyroscope"], seed=5)
-    twin = Twin(pepper, 0.002, sensors=suite, compiled=False)
+    twin = Twin(pepper, 0.002, sensors=suite)
     run = twin.follow(position, velocity)
     assert run.success
     assert np.abs(run.position[1:] - position).max() < 2e-3
@@ -64,12 +64,12 @@ def test_a_wild_run_of_the_twin_is_seen_to_tip():
         j = pepper.joint_index(name)
         position[:, j] += rock
         velocity[:, j] = 4.2 * np.cos(12.0 * time)
-    run = Twin(pepper, 0.002, compiled=False).follow(position, velocity)
+    run = Twin(pepper, 0.002).follow(position, velocity)
     monitor = BalanceMonitor(pepper)
     report = monitor.assess_run(run)
     assert not report.balanced
     tipping = simulate_tipping(monitor, report, run.position)
     assert tipping.status != "stood"
     assert tipping.time[int(np.argmax(tipping.edge >= 0))] == report.event.time
-    calm = Twin(pepper, 0.002, compiled=False).follow(np.tile(pepper.posture("Stand"), (50, 1)))
+    calm = Twin(pepper, 0.002).follow(np.tile(pepper.posture("Stand"), (50, 1)))
     assert monitor.assess_run(calm).balanced

@@ -17,7 +17,7 @@ def folder(tmp_path_factory):
     wave = pk.motion.gesture(pepper, "nod")
     pk.trajectory.save(wave, folder / "nod.npz")
     pk.trajectory.save(wave, folder / "nod.yaml", dt=0.02)
-    pk.Twin(pepper, compiled=False, timestep=0.01).execute(wave).save(folder / "run.csv")
+    pk.Twin(pepper, timestep=0.01).execute(wave).save(folder / "run.csv")
     return folder
 
 

@@ -9,12 +9,13 @@ from scipy.spatial.transform import Rotation
 
 import pepper_kin as pk
 from pepper_kin.collision.dependent_ranges import dependent_ranges
-from pepper_kin.collision.fast.exact import segment_to_box, segment_to_segment
-from pepper_kin.collision.fast.gjk import CONTACT, FREE, TIE, nearer_than
 from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Part, Solid, parts_of, solid_of
 from pepper_kin.collision.fast.spheres import spheres_of
 from pepper_kin.collision.fast.structure import ball
-from pepper_kin.collision.fast.tables import pack_tables, violations
+from pepper_kin.collision.fast.tables import pack_tables
+from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.joint_ranges import violations
+from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 
 NO_VERTICES = np.zeros((0, 3))
 
@@ -98,14 +99,8 @@ def test_convex_cores_against_coal(kinds):
         distance = coal.distance(shapes[0], placed[0], shapes[1], placed[1], request, result)
         for threshold in (0.0, 0.02, 0.1):
             found = nearer_than(
-                kinds[0],
-                halves[0],
-                poses[0],
-                NO_VERTICES,
-                kinds[1],
-                halves[1],
-                poses[1],
-                NO_VERTICES,
+                ConvexCore(kinds[0], halves[0], poses[0], NO_VERTICES),
+                ConvexCore(kinds[1], halves[1], poses[1], NO_VERTICES),
                 threshold,
                 3e-6,
             )
@@ -123,9 +118,9 @@ def test_hull_of_a_box_is_the_box():
         a, b = random_pose(rng), random_pose(rng)
         half, other = rng.uniform(0.02, 0.3, 3), rng.uniform(0.02, 0.3, 3)
         corners = np.ascontiguousarray(signs * half)
-        arguments = (BOX, other, b, NO_VERTICES, 0.03, 3e-6)
-        assert nearer_than(HULL, half, a, corners, *arguments) == nearer_than(
-            BOX, half, a, NO_VERTICES, *arguments
+        arguments = (ConvexCore(BOX, other, b, NO_VERTICES), 0.03, 3e-6)
+        assert nearer_than(ConvexCore(HULL, half, a, corners), *arguments) == nearer_than(
+            ConvexCore(BOX, half, a, NO_VERTICES), *arguments
         )
 
 

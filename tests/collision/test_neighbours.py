@@ -74,5 +74,5 @@ def test_verdicts_are_those_of_pinocchio_without_neighbours(place):
 
 def test_a_robot_without_srdf_can_be_planned_for():
     robot = pk.load_robot(BARS)
-    plan = pk.plan(robot, robot.neutral(), [0.5, 0.4, -0.6], compiled=False, seed=0)
+    plan = pk.plan(robot, robot.neutral(), [0.5, 0.4, -0.6], seed=0)
     assert plan.status is pk.motion.PlanStatus.SOLVED, plan.report()

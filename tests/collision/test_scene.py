@@ -299,11 +299,11 @@ def test_an_overlap_at_the_start_is_a_status_of_the_plan():
 
 def test_planning_accounts_for_what_is_held():
     """The farther a held object reaches, the finer a motion is looked at; and it does not hit the post."""
-    from pepper_kin.motion.metric import joint_reaches
+    from pepper_kin.collision.motion_tree import motion_bounds
 
     pepper = pk.load_pepper()
     shoulder = pepper.joint_index("LShoulderPitch")
-    assert joint_reaches(pepper, (("l_gripper", 2.0),))[shoulder] > joint_reaches(pepper)[shoulder] + 1.5
+    assert motion_bounds(pepper, held=(("l_gripper", 2.0),))[shoulder] > motion_bounds(pepper)[shoulder] + 1.5
     q, goal = pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.6, "LShoulderRoll": 0.6})
     grip = pk.kinematics.frame_pose(pepper, q, "l_gripper")
     at = grip[:3, 3] + [0.02, 0.02, 0.0]

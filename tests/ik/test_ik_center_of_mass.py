@@ -9,7 +9,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.dynamics import WHEEL_CONTACTS, tip_over_margin
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.ik.descenders import ALL_SOLVERS
+from pepper_kin.ik.solvers import ALL_SOLVERS
 
 PEPPER = pk.load_pepper()
 FLOATING = pinocchio.buildModelFromXML(PEPPER.urdf, pinocchio.JointModelFreeFlyer())

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 import pepper_kin as pk
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.core.inverse_kinematics.box_step import solve_box
 from pepper_kin.ik import Status
-from pepper_kin.ik.fast import KINDS, structures_of
-from pepper_kin.ik.fast.box import solve_box
-from pepper_kin.ik.fast.expression import task_function, used_joints
+from pepper_kin.ik.fast import structures_of
+from pepper_kin.ik.fast.compiled_tasks import used_joints
+from pepper_kin.ik.fast.expression import task_function
 from pepper_kin.ik.fast.structure import target_of
 from pepper_kin.ik.tasks.task import HARD_WEIGHT
 from pepper_kin.model.shapes import rotation_rpy, transform
@@ -252,34 +252,6 @@ def test_locked_joints_keep_still():
     result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", hand), q0, joints="left_arm")
     moved = {PEPPER.joint_names[i] for i in np.flatnonzero(result.q != q0)}
     assert moved <= set(PEPPER.joint_group("left_arm"))
-
-
-def test_unknown_kinds_of_task_are_refused_by_name():
-    class Tilt(pk.ik.Task):
-        frame, label, weight, tolerance = None, "tilt", 1.0, 0.1
-        count = None
-
-        def check(self, pepper):
-            pass
-
-        def residual(self, pepper, q):
-            return q[:1]
-
-        def jacobian(self, pepper, q):
-            return np.eye(pepper.n)[:1]
-
-        def size(self, residual):
-            return abs(float(residual[0]))
-
-        def shortfall(self, pepper, q):
-            return "tilt"
-
-        attained = shortfall
-
-    with pytest.raises(InvalidValueError, match="'placo' or 'proxsuite' for Tilt") as caught:
-        pk.ik.solve(PEPPER, Tilt(), solver="fast")
-    assert all(kind in str(caught.value) for kind in KINDS)
-    assert pk.ik.solve(PEPPER, Tilt(), solver="proxsuite").success
 
 
 def test_results_travel_between_processes():

@@ -7,7 +7,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.ik.descenders import ALL_SOLVERS
+from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.task import words_for_angle
 
 PEPPER = pk.load_pepper()

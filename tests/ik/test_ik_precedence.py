@@ -12,10 +12,9 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Status
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.descenders import ALL_SOLVERS
-from pepper_kin.ik.precedence import Means, balanced, put_first
-from pepper_kin.ik.problem import make_problem
-from pepper_kin.ik.search import Budget
+from pepper_kin.ik.precedence import SolverContext, balanced, put_first
+from pepper_kin.ik.problem import SearchBudget, make_problem
+from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.model.shapes import rotation_rpy, transform
 
 PEPPER = pk.load_pepper()
@@ -182,10 +181,10 @@ def test_a_narrow_tolerance_is_met_by_raising_the_weight():
     result = pk.ik.solve(PEPPER, tasks)
     assert math.dist(place(result.q).translation, HERE) <= 3e-6
     problem = make_problem(PEPPER, tasks, PEPPER.neutral(), np.ones(PEPPER.n, dtype=bool), keep_idle=True)
-    budget = Budget(seed=0, restarts=2, max_iterations=150, deadline=math.inf)
+    budget = SearchBudget(seed=0, restarts=2, max_iterations=150, deadline=math.inf)
     loose = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", HERE, hard=True), tasks[1]]).q
     assert math.dist(place(loose).translation, HERE) > 3e-6
-    firm = put_first(problem, Means("fast", Collisions(PEPPER, None), budget), loose)
+    firm = put_first(problem, SolverContext("fast", Collisions(PEPPER, None), budget), loose)
     assert math.dist(place(firm).translation, HERE) <= 3e-6
 
 

@@ -8,10 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pepper_kin as pk
-from pepper_kin.ik.clear import ROUNDS, find_clear
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.descenders import ALL_SOLVERS
-from pepper_kin.ik.search import Budget
+from pepper_kin.ik.solvers import ALL_SOLVERS
 
 PEPPER = pk.load_pepper()
 LOW, HIGH = PEPPER.lower_limits, PEPPER.upper_limits
@@ -127,19 +125,6 @@ def test_clear_solutions_are_found_by_looking_through_many():
         assert result.success
         assert not pk.collision.in_collision(PEPPER, result.q)
         assert task.error(PEPPER, result.q) <= 1e-3
-
-
-def test_no_clear_solution_without_restarts_or_time():
-    task = (pk.ik.HandPosition("left", (0.35, 0.2, 0.9)),)
-    collisions = Collisions(PEPPER, pk.Scene())
-    given_up = find_clear(task, PEPPER.neutral(), None, collisions, Budget(0, 0, 150, math.inf))
-    assert given_up is None
-    assert find_clear(task, PEPPER.neutral(), None, collisions, Budget(0, 32, 150, 0.0)) is None
-    found = find_clear(task, PEPPER.neutral(), None, collisions, Budget(0, 32, 150, math.inf))
-    assert found is not None
-    q, spent = found
-    assert spent in np.cumsum(ROUNDS)
-    assert not pk.collision.in_collision(PEPPER, q)
 
 
 def test_many_verdicts_are_those_of_one():

@@ -28,11 +28,11 @@ def test_trajectories_of_every_format(pepper, tmp_path, suffix):
 
 def test_runs_and_recordings(pepper, tmp_path):
     nod = gesture(pepper, "nod")
-    run = Twin(pepper, 0.01, compiled=False).execute(nod)
+    run = Twin(pepper, 0.01).execute(nod)
     found = read_motion(run.save(tmp_path / "run.csv"), pepper)
     assert isinstance(found, Run)
     np.testing.assert_array_equal(found.torque, run.torque)
-    Recorder(Twin(pepper, 0.01, compiled=False), tmp_path / "monday", seed=0).execute(nod)
+    Recorder(Twin(pepper, 0.01), tmp_path / "monday", seed=0).execute(nod)
     again = read_motion(tmp_path / "monday", pepper)
     assert isinstance(again, Run)
     np.testing.assert_allclose(again.position, run.position, atol=1e-12)  # sampled chunk by chunk

@@ -131,7 +131,7 @@ def test_folder_that_cannot_be_made_means_no_cache(tmp_path, monkeypatch, caplog
             kernel = compile_function(make_function())
             assert not kernel.from_cache
             np.testing.assert_allclose(kernel(POINTS), wanted(), rtol=1e-14, atol=1e-14)
-    assert "kernel not cached in" in caplog.text
+    assert "machine code not kept in" in caplog.text
     assert blocked.read_text() == "not a folder"
 
 
@@ -188,7 +188,7 @@ def test_a_lock_is_gone_after_failure_and_no_lock_is_no_failure(folder, monkeypa
         with pytest.raises(RuntimeError, match="cannot build"):
             compile_function(broken, key="broken")
         assert files(folder) == []
-    monkeypatch.setattr("pepper_kin.kernels.cache.fcntl", None)
+    monkeypatch.setattr("pepper_kin.kernels.store.fcntl", None)
     assert not compile_function(make_function()).from_cache
     assert len(files(folder)) == 1
 

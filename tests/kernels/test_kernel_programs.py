@@ -17,6 +17,7 @@ from pepper_kin.kernels.image import KernelImage
 from pepper_kin.kernels.instructions import read_program
 from pepper_kin.kernels.kernel import Kernel
 from pepper_kin.kernels.partition import partition
+from pepper_kin.kernels.streaming import staging_size
 
 SAFE = [
     lambda a, b: a + b,
@@ -57,8 +58,10 @@ def in_chunks(function, chunk_length, dtype="float64", target=None):
     program = read_program(function)
     parts = partition(program, chunk_length)
     code = compile_ir(module_ir(program, parts, target, dtype), target)
-    lanes = target.lanes(dtype)
-    image = KernelImage(program.signature, dtype, lanes, parts.slot_count, program.flop_count, code)
+    lanes, signature = target.lanes(dtype), program.signature
+    elements = sum(signature.input_sizes) + sum(signature.output_sizes)
+    work_size = (elements + staging_size(signature) + parts.slot_count) * lanes
+    image = KernelImage(signature, dtype, lanes, work_size, program.flop_count, code)
     return Kernel(image, target), parts
 
 

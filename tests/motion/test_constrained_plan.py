@@ -5,7 +5,7 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
 from pepper_kin.ik import FrameInPlane
 from pepper_kin.motion import PlanStatus, manifold_of, plan_constrained
-from pepper_kin.planners import MachineCodeManifold, Problem, project
+from pepper_kin.planners import CompiledManifold, Problem, project
 from pepper_kin.trajectory.path import as_cubic_path
 
 POST = pk.Scene().add_box("post", size=(0.05, 0.05, 1.0), position=(0.33, 0.17, 0.85))
@@ -115,14 +115,12 @@ def test_plan_takes_the_constraints_and_hands_over(pepper, beside_the_post):
     goal = [pk.ik.HandPosition("left", [0.30, 0.05, 0.85])]
     given = dict(joints="left_arm", seed=2, timeout=60.0)
     plan = pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], **given)
-    assert plan.planner == "constrained_connect"
+    assert plan.planner == "cbirrt"
     assert tilts(pepper, dense(pepper, plan)).max() <= np.radians(5)
     same = plan_constrained(pepper, beside_the_post, goal, POST, [level(5)], **given)
     np.testing.assert_array_equal(plan.path, same.path)
     with pytest.raises(InvalidValueError, match="planner: got 'rrt_star', expected 'rrt_connect'"):
         pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], planner="rrt_star")
-    with pytest.raises(InvalidValueError, match="compiled: got False"):
-        pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], compiled=False)
     with pytest.raises(InvalidValueError, match="tasks"):
         pk.plan(pepper, beside_the_post, goal, POST, constraints=[])
 
@@ -233,7 +231,7 @@ def test_projection_meets_all_tasks_and_a_users_own_is_called_in_python(pepper, 
     for plane in (FrameInPlane, Shelf):
         tasks = [level(1), plane("LArm_effector", (0, 0, 0.85))]
         manifold = manifold_of(pepper, tasks, beside_the_post, free)
-        assert isinstance(manifold.function, MachineCodeManifold) == (plane is FrameInPlane)
+        assert isinstance(manifold.function, CompiledManifold) == (plane is FrameInPlane)
         moved, done = project(problem, manifold, states)
         assert done.mean() > 0.8
         for state in moved[done]:

@@ -5,22 +5,22 @@ import pytest
 from scipy.interpolate import BSpline
 
 import pepper_kin as pk
+from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import STEPS, is_clear
+from pepper_kin.motion.examination import STEPS, cut, is_clear, middles
 from pepper_kin.motion.goals import APART, clear_goals, different
-from pepper_kin.motion.metric import joint_reaches
-from pepper_kin.motion.native_curve import middles, rounded_waypoints, stations
+from pepper_kin.planners import Path, rounded_waypoints
 from pepper_kin.trajectory.path import as_cubic_path
 
 PEPPER = pk.load_pepper()
 TABLE = pk.Scene().add_box("table", (0.6, 1.2, 0.04), (0.53, 0.0, 0.72))
-REACH = np.array(joint_reaches(PEPPER))
+REACH = np.array(motion_bounds(PEPPER))
 
 
 @pytest.fixture(scope="module")
 def checks():
-    return Checks(PEPPER, TABLE, compiled=True)
+    return Checks(PEPPER, TABLE)
 
 
 def splines(count, seed=0):
@@ -67,20 +67,21 @@ def test_a_thin_pin_between_coarse_steps_is_found(checks):
     spline = next(splines(1, seed=3))
     middle = spline.at(np.array([1]), np.diff(spline.breaks)[1:2] / 2)[0]
     tip = frame_pose(PEPPER, middle, "LArm_effector")[:3, 3]
-    free = Checks(PEPPER, pk.Scene(), compiled=True)
+    free = Checks(PEPPER, pk.Scene())
     pieces = np.array(spline.breaks), np.array(spline.coefficients)
     assert is_clear(free, *pieces, REACH, (0.0, 0.0))
-    pinned = Checks(PEPPER, pk.Scene().add_sphere("pin", 5e-4, tip), compiled=True)
+    pinned = Checks(PEPPER, pk.Scene().add_sphere("pin", 5e-4, tip))
     assert not is_clear(pinned, *pieces, REACH, (0.0, 0.0))
 
 
 def test_no_point_of_the_hand_moves_farther_than_a_step_between_stations():
     spline = next(splines(1))
     pieces = np.array(spline.breaks), np.array(spline.coefficients, order="C")
-    piece, begin, width = stations(*pieces, REACH, 0.008)
+    parts = cut(*pieces, REACH, 0.008)
+    piece, begin, width = parts
     assert width.sum() == pytest.approx(spline.breaks[-1])
     ends = [spline.at(piece, begin + share * width) for share in (0.0, 0.5, 1.0)]
-    np.testing.assert_allclose(middles(pieces[1], piece, begin, width), ends[1], atol=1e-12)
+    np.testing.assert_allclose(middles(pieces[1], parts), ends[1], atol=1e-12)
     np.testing.assert_allclose(ends[0][1:], ends[2][:-1], atol=1e-9)
     for frame in ("LArm_effector", "l_gripper"):
         a, b, c = (frame_pose(PEPPER, q, frame)[:, :3, 3] for q in ends)
@@ -98,7 +99,7 @@ def test_rounded_waypoints_are_those_of_scipys_b_spline(pieces):
     greville = np.array([knots[i + 1 : i + 4].mean() for i in range(pieces + 3)])
     control = np.stack([np.interp(greville, lengths, column) for column in points.T], axis=1)
     expected = BSpline(knots, control, 3)(breaks)
-    np.testing.assert_allclose(rounded_waypoints(points, lengths, pieces), expected, atol=1e-12)
+    np.testing.assert_allclose(rounded_waypoints(Path(points), pieces), expected, atol=1e-12)
 
 
 def test_goals_meet_their_tasks_differ_and_are_clear(checks):
@@ -123,7 +124,7 @@ def test_an_idle_arm_goes_out_of_the_way():
     """The right hand crosses to where the left one hangs: it has to move."""
     start, target = PEPPER.posture("Stand"), (0.318, -0.032, 0.803)
     tasks = [pk.ik.HandPosition("right", target), pk.ik.LookAt(target)]
-    free = Checks(PEPPER, pk.Scene(), compiled=True)
+    free = Checks(PEPPER, pk.Scene())
     goals, ik = clear_goals(free, start, tasks, None, 0.01, 0, 5.0)
     for task in tasks:
         assert all(task.error(PEPPER, q) <= task.tolerance for q in goals)

@@ -9,9 +9,9 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import planners
+from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.motion import PlanStatus
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.metric import joint_reaches
 from pepper_kin.motion.problem import path_problem
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -67,7 +67,7 @@ def case(request):
 
 def along(robot, path):
     """States along the spline that `retime` draws, no further apart than STEP."""
-    spline, reach, states = as_cubic_path(robot, path), joint_reaches(robot), []
+    spline, reach, states = as_cubic_path(robot, path), motion_bounds(robot), []
     for i, length in enumerate(np.diff(spline.breaks)):
         coarse = spline.at(np.full(20, i), np.linspace(0, length, 20))
         count = int(np.ceil((np.abs(np.diff(coarse, axis=0)) @ reach).sum() / STEP)) + 1
@@ -91,7 +91,7 @@ def test_no_point_moves_faster_than_the_metric_says(case):
     import coal
     import pinocchio
 
-    robot, reach = case.robot, joint_reaches(case.robot)
+    robot, reach = case.robot, motion_bounds(case.robot)
     rng = np.random.default_rng(2)
     model, data = robot.pinocchio_model, robot.pinocchio_model.createData()
     step = 1e-6
@@ -128,7 +128,7 @@ def test_plan_goes_round_the_post(case, planner):
 
 def problem_of(case):
     free = np.array([case.robot.joint_index(name) for name in case.robot.joint_group(case.group)])
-    checks = Checks(case.robot, case.scene, compiled=True)
+    checks = Checks(case.robot, case.scene)
     return path_problem(checks, case.start, case.goal[None], free, 0.01)
 
 
@@ -136,7 +136,7 @@ def test_the_improving_planner_shortens_what_the_first_path_was(case):
     problem = problem_of(case).problem
     first = planners.rrt_connect(problem, seed=1, timeout=20.0)
     assert first.success
-    best = planners.improve(problem, first.path, seed=1, timeout=1.0)
+    best = planners.informed_rrt_star(problem, first.path, seed=1, timeout=1.0)
     assert best.cost < 0.98 * first.cost
     assert planners.certify(problem, best.path).valid
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba import cfunc, types
 
-from pepper_kin.planners import CompiledValidity
+from pepper_kin.planners import CompiledMotionValidator
 
 
 @dataclass(frozen=True)
@@ -136,16 +136,16 @@ def valid_prefix(a, b, steps, memory):  # type: ignore[no-untyped-def]
     return steps
 
 
-def machine_code_of(world: World, margin: float | np.ndarray = 0.0) -> CompiledValidity:
+def machine_code_of(world: World, margin: float | np.ndarray = 0.0) -> CompiledMotionValidator:
     n = max(world.box_lower.shape[1], world.centers.shape[1])
     box_rows = np.hstack((world.box_lower - margin, world.box_upper + margin))
     ball_rows = np.column_stack((world.centers, world.radii + np.max(margin)))
     table = np.concatenate(([n, len(box_rows), len(ball_rows)], box_rows.ravel(), ball_rows.ravel()))
-    return CompiledValidity(valid_prefix.address, n, table.copy, keep_alive=valid_prefix)
+    return CompiledMotionValidator(valid_prefix.address, n, table.copy, keep_alive=valid_prefix)
 
 
 @pytest.fixture
-def machine_code() -> Callable[..., CompiledValidity]:
+def machine_code() -> Callable[..., CompiledMotionValidator]:
     """Turns a world, grown by a margin, into an oracle that is machine code."""
     return machine_code_of
 

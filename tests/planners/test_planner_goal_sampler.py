@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.planners import Problem, Status, certify, improve, rrt_connect, rrt_star
+from pepper_kin.planners import Problem, Status, certify, informed_rrt_star, rrt_connect, rrt_star
 
 LEFT = [0.1, 0.1]
 
@@ -98,7 +98,7 @@ def test_reached_goal_is_kept_while_improving(discs, machine_code) -> None:  # t
     first = rrt_connect(problem, seed=4, timeout=60.0)
     for result in (
         rrt_star(problem, seed=4, max_iterations=500, timeout=60.0),
-        improve(problem, first.path, max_iterations=500),
+        informed_rrt_star(problem, first.path, max_iterations=500),
     ):
         assert np.array_equal(result.path.points[-1], first.path.points[-1])
         assert discs.path_free(result.path.points)

@@ -11,12 +11,12 @@ from numba import cfunc, types
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.planners import (
-    CompiledValidity,
-    MachineCodeManifold,
-    Manifold,
+    CompiledManifold,
+    CompiledMotionValidator,
+    ConstraintManifold,
     Problem,
     Status,
-    constrained_connect,
+    cbirrt,
     constrained_shortcut,
     constrained_smooth,
     project,
@@ -56,13 +56,13 @@ def dense(path, spacing=1e-3):
 def through_the_hole():
     ends = [0.0, -0.6, 0.8], [0.0, -0.6, -0.8]
     problem = Problem([-1.2] * 3, [1.2] * 3, *ends, wall_with_a_hole, resolution=0.02)
-    return problem, Manifold(sphere, 3, 1, TOLERANCE)
+    return problem, ConstraintManifold(sphere, 3, 1, TOLERANCE)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_every_point_of_a_path_through_a_hole_is_on_the_sphere_and_valid(through_the_hole, seed):
     problem, manifold = through_the_hole
-    found = constrained_connect(problem, manifold, seed=seed, timeout=60.0)
+    found = cbirrt(problem, manifold, seed=seed, timeout=60.0)
     assert found.success
     assert found.residual <= 1.0
     paths = [found.path, constrained_shortcut(problem, manifold, found.path, seed=seed, timeout=30.0)]
@@ -78,7 +78,7 @@ def test_every_point_of_a_path_through_a_hole_is_on_the_sphere_and_valid(through
 
 def test_the_shortened_path_is_near_the_geodesic_through_the_hole(through_the_hole):
     problem, manifold = through_the_hole
-    found = constrained_connect(problem, manifold, timeout=60.0)
+    found = cbirrt(problem, manifold, timeout=60.0)
     short = constrained_shortcut(problem, manifold, found.path, iterations=300, timeout=10.0)
     corners = [[np.sqrt(0.99) * np.cos(0.3), -np.sqrt(0.99) * np.sin(0.3), height] for height in (0.1, -0.1)]
     stops = [problem.start, *map(np.array, corners), problem.goals[0]]
@@ -89,7 +89,7 @@ def test_the_shortened_path_is_near_the_geodesic_through_the_hole(through_the_ho
 
 def test_a_straight_walk_on_a_sphere_is_a_great_circle():
     problem = Problem([-1.2] * 3, [1.2] * 3, [1, 0, 0], [0, 0.6, 0.8], everywhere, resolution=0.02)
-    found = constrained_connect(problem, Manifold(sphere, 3, 1, TOLERANCE), timeout=60.0)
+    found = cbirrt(problem, ConstraintManifold(sphere, 3, 1, TOLERANCE), timeout=60.0)
     assert found.iterations == 0
     assert found.cost == pytest.approx(np.pi / 2, rel=1e-3)
 
@@ -103,7 +103,7 @@ def test_a_circle_is_gone_round_the_long_way_where_the_short_one_is_blocked():
 
     ends = [0.6, 0.8], [0.6, -0.8]
     problem = Problem([-1.5] * 2, [1.5] * 2, *ends, valid, resolution=0.02)
-    found = constrained_connect(problem, Manifold(circle, 2, 1, 1e-4), timeout=60.0)
+    found = cbirrt(problem, ConstraintManifold(circle, 2, 1, 1e-4), timeout=60.0)
     assert found.success
     assert found.cost == pytest.approx(2 * np.pi - 2 * np.arctan2(0.8, 0.6), rel=1e-3)
 
@@ -114,8 +114,8 @@ def test_a_torus_is_gone_round_through_its_outside():
 
     ends = [1.4, 0.0, 0.0], [-1.4, 0.0, 0.0]
     problem = Problem([-1.5] * 3, [1.5] * 3, *ends, valid, resolution=0.03)
-    manifold = Manifold(torus, 3, 1, TOLERANCE)
-    found = constrained_connect(problem, manifold, seed=3, timeout=60.0)
+    manifold = ConstraintManifold(torus, 3, 1, TOLERANCE)
+    found = cbirrt(problem, manifold, seed=3, timeout=60.0)
     assert found.success
     short = constrained_shortcut(problem, manifold, found.path, seed=3, timeout=30.0)
     assert np.abs(torus(dense(short))[0]).max() <= TOLERANCE
@@ -125,7 +125,7 @@ def test_a_torus_is_gone_round_through_its_outside():
 
 
 def test_a_wide_tolerance_is_entered_and_no_more():
-    band = Manifold(lambda x: (x[:, 1:], np.tile([[[0.0, 1.0]]], (len(x), 1, 1))), 2, 1, 0.4)
+    band = ConstraintManifold(lambda x: (x[:, 1:], np.tile([[[0.0, 1.0]]], (len(x), 1, 1))), 2, 1, 0.4)
     problem = Problem([-1, -1], [1, 1], [-0.5, 0.0], [0.5, 0.0], everywhere)
     moved, done = project(problem, band, [[0.3, 0.1], [0.2, 0.9], [0.1, -0.7]])
     assert done.all()
@@ -136,7 +136,9 @@ def test_a_wide_tolerance_is_entered_and_no_more():
 
 
 def test_the_projection_is_the_nearest_point_in_the_metric():
-    plane = Manifold(lambda x: (x.sum(axis=1, keepdims=True) - 1.0, np.ones((len(x), 1, 2))), 2, 1, 1e-9)
+    plane = ConstraintManifold(
+        lambda x: (x.sum(axis=1, keepdims=True) - 1.0, np.ones((len(x), 1, 2))), 2, 1, 1e-9
+    )
     problem = Problem([-5, -5], [5, 5], [0, 1], [1, 0], everywhere, weights=[1.0, 2.0])
     moved, done = project(problem, plane, [[0.0, 0.0]])
     # min dx^2 + 4 dy^2 with dx + dy = 1: dx = 4 / 5.
@@ -145,7 +147,9 @@ def test_the_projection_is_the_nearest_point_in_the_metric():
 
 
 def test_the_projection_stays_in_the_box_by_moving_along_its_side():
-    plane = Manifold(lambda x: (x.sum(axis=1, keepdims=True) - 1.0, np.ones((len(x), 1, 2))), 2, 1, 1e-9)
+    plane = ConstraintManifold(
+        lambda x: (x.sum(axis=1, keepdims=True) - 1.0, np.ones((len(x), 1, 2))), 2, 1, 1e-9
+    )
     problem = Problem([-5, -5], [0.1, 5], [0, 1], [-1, 2], everywhere)
     moved, done = project(problem, plane, [[0.0, 0.0]])
     assert done.all()
@@ -162,7 +166,7 @@ def test_projection_onto_a_sphere_goes_along_the_radius(point):
     if radius < 0.2:
         return
     problem = Problem([-3] * 3, [3] * 3, [1, 0, 0], [0, 1, 0], everywhere)
-    moved, done = project(problem, Manifold(sphere, 3, 1, 1e-9), state[None])
+    moved, done = project(problem, ConstraintManifold(sphere, 3, 1, 1e-9), state[None])
     assert done.all()
     np.testing.assert_allclose(moved[0], state / radius, atol=1e-8)
 
@@ -174,10 +178,12 @@ def test_two_constraints_at_once_and_a_redundant_one():
         up = np.tile([[[0.0, 0.0, 1.0]]], (len(x), 1, 1))
         return np.hstack((value, level, 2 * level)), np.concatenate((slope, up, 2 * up), axis=1)
 
-    manifold = Manifold(two, 3, 3, [1e-3, 1e-2, 1e-2], groups=[0, 1, 2], names=("ball", "level", "again"))
+    manifold = ConstraintManifold(
+        two, 3, 3, [1e-3, 1e-2, 1e-2], groups=[0, 1, 2], names=("ball", "level", "again")
+    )
     ends = [0.8, 0.0, 0.6], [-0.8, 0.0, 0.6]
     problem = Problem([-1.2] * 3, [1.2] * 3, *ends, everywhere, resolution=0.02)
-    found = constrained_connect(problem, manifold, timeout=60.0)
+    found = cbirrt(problem, manifold, timeout=60.0)
     assert found.success
     assert (manifold.errors(dense(found.path)) <= [1e-3, 1e-2, 1e-2]).all()
     short = constrained_shortcut(problem, manifold, found.path, timeout=30.0)
@@ -193,33 +199,29 @@ def test_two_constraints_at_once_and_a_redundant_one():
 )
 def test_an_end_off_the_manifold_is_named_with_its_error(start, goal, status, residual):
     problem = Problem([-1.2] * 3, [1.2] * 3, start, goal, everywhere)
-    found = constrained_connect(problem, Manifold(sphere, 3, 1, TOLERANCE), timeout=60.0)
+    found = cbirrt(problem, ConstraintManifold(sphere, 3, 1, TOLERANCE), timeout=60.0)
     assert found.status is status
     assert found.residual == pytest.approx(residual)
     assert "constraints" in found.status.advice
 
 
 def test_ends_that_are_invalid_and_goals_of_which_one_will_do():
-    manifold = Manifold(sphere, 3, 1, TOLERANCE)
+    manifold = ConstraintManifold(sphere, 3, 1, TOLERANCE)
     below = lambda states: states[:, 2] < 0.9  # noqa: E731
     box = [-1.2] * 3, [1.2] * 3
-    assert constrained_connect(Problem(*box, [0, 0, 1], [1, 0, 0], below), manifold).status is (
-        Status.START_INVALID
-    )
-    assert constrained_connect(Problem(*box, [1, 0, 0], [0, 0, 1], below), manifold).status is (
-        Status.GOAL_INVALID
-    )
+    assert cbirrt(Problem(*box, [0, 0, 1], [1, 0, 0], below), manifold).status is (Status.START_INVALID)
+    assert cbirrt(Problem(*box, [1, 0, 0], [0, 0, 1], below), manifold).status is (Status.GOAL_INVALID)
     several = Problem(*box, [1, 0, 0], [[0, 0, 1], [0.5, 0, 0], [0, 1, 0]], below)
-    assert constrained_connect(several, manifold, timeout=60.0).goal_index == 2
+    assert cbirrt(several, manifold, timeout=60.0).goal_index == 2
 
 
 def test_the_same_seed_gives_the_same_path(through_the_hole):
     problem, manifold = through_the_hole
-    runs = [constrained_connect(problem, manifold, seed=7, timeout=60.0) for _ in range(2)]
+    runs = [cbirrt(problem, manifold, seed=7, timeout=60.0) for _ in range(2)]
     np.testing.assert_array_equal(runs[0].path.points, runs[1].path.points)
     short = [constrained_shortcut(problem, manifold, runs[0].path, seed=5, timeout=30) for _ in range(2)]
     np.testing.assert_array_equal(short[0].points, short[1].points)
-    other = constrained_connect(problem, manifold, seed=8, timeout=60.0)
+    other = cbirrt(problem, manifold, seed=8, timeout=60.0)
     assert not np.array_equal(other.path.points[:50], runs[0].path.points[:50])
 
 
@@ -227,12 +229,12 @@ def test_a_closed_belt_ends_by_iterations_or_by_time():
     closed = lambda states: np.abs(states[:, 2]) > 0.1  # noqa: E731
     ends = [0.0, -0.6, 0.8], [0.0, -0.6, -0.8]
     problem = Problem([-1.2] * 3, [1.2] * 3, *ends, closed, resolution=0.05)
-    manifold = Manifold(sphere, 3, 1, TOLERANCE)
-    found = constrained_connect(problem, manifold, max_iterations=20, timeout=60.0)
+    manifold = ConstraintManifold(sphere, 3, 1, TOLERANCE)
+    found = cbirrt(problem, manifold, max_iterations=20, timeout=60.0)
     assert found.status is Status.OUT_OF_ITERATIONS
     assert found.iterations == 20
     spent = time.thread_time()
-    found = constrained_connect(problem, manifold, timeout=0.2)
+    found = cbirrt(problem, manifold, timeout=0.2)
     assert found.status is Status.NO_PATH_IN_TIME
     assert found.time >= 0.2
     assert time.thread_time() - spent < 2.0
@@ -266,7 +268,7 @@ def valid_prefix(a, b, steps, memory):  # type: ignore[no-untyped-def]
 
 
 def test_machine_code_for_constraints_and_validity_gives_what_python_gives():
-    code = MachineCodeManifold(
+    code = CompiledManifold(
         ellipsoid.address,
         np.array([1.0, 1.0, 4.0, 0, 0, 0]),
         np.array([3, 4, 5]),
@@ -285,11 +287,9 @@ def test_machine_code_for_constraints_and_validity_gives_what_python_gives():
     box = [-1.2, -1.2, -2.2], [1.2, 1.2, 2.2]
     ends = [-0.6, 0.0, 1.6], [-0.6, 0.0, -1.6]
     paths = []
-    for function, oracle in ((code, CompiledValidity(valid_prefix.address, 3)), (python, valid)):
-        manifold = Manifold(function, 3, 1, 1e-3)
-        found = constrained_connect(
-            Problem(*box, *ends, oracle, resolution=0.03), manifold, seed=2, timeout=60.0
-        )
+    for function, oracle in ((code, CompiledMotionValidator(valid_prefix.address, 3)), (python, valid)):
+        manifold = ConstraintManifold(function, 3, 1, 1e-3)
+        found = cbirrt(Problem(*box, *ends, oracle, resolution=0.03), manifold, seed=2, timeout=60.0)
         assert found.success
         paths.append(found.path.points)
     assert np.abs(python(paths[0])[0]).max() <= 1e-3
@@ -303,8 +303,8 @@ def test_what_a_residual_function_raises_comes_out():
 
     problem = Problem([-1.2] * 3, [1.2] * 3, [1, 0, 0], [0, 1, 0], everywhere)
     with pytest.raises(ZeroDivisionError, match="no residual today"):
-        constrained_connect(problem, Manifold(broken, 3, 1))
-    wrong = Manifold(lambda x: (np.zeros((1, 2)), np.zeros((1, 2, 3))), 3, 1)
+        cbirrt(problem, ConstraintManifold(broken, 3, 1))
+    wrong = ConstraintManifold(lambda x: (np.zeros((1, 2)), np.zeros((1, 2, 3))), 3, 1)
     with pytest.raises(InvalidValueError, match="answer of the manifold"):
         project(problem, wrong, [[1.0, 0.0, 0.0]])
 
@@ -314,8 +314,8 @@ def test_a_residual_that_is_nan_is_no_state_of_the_manifold():
         return np.full((len(x), 1), np.nan), np.ones((len(x), 1, 3))
 
     problem = Problem([-1.2] * 3, [1.2] * 3, [1, 0, 0], [0, 1, 0], everywhere)
-    assert not project(problem, Manifold(nan, 3, 1), [[1.0, 0.0, 0.0]])[1].any()
-    assert constrained_connect(problem, Manifold(nan, 3, 1)).status is Status.START_OFF_MANIFOLD
+    assert not project(problem, ConstraintManifold(nan, 3, 1), [[1.0, 0.0, 0.0]])[1].any()
+    assert cbirrt(problem, ConstraintManifold(nan, 3, 1)).status is Status.START_OFF_MANIFOLD
 
 
 @pytest.mark.parametrize(
@@ -334,17 +334,17 @@ def test_a_residual_that_is_nan_is_no_state_of_the_manifold():
 def test_what_is_no_manifold_is_refused_by_name(change, named):
     fields = dict(function=sphere, n=3, rows=2, tolerances=[1e-3, 1e-3], groups=[0, 1])
     with pytest.raises(InvalidValueError, match=named):
-        Manifold(**(fields | change))
+        ConstraintManifold(**(fields | change))
 
 
 def test_a_problem_that_does_not_fit_is_refused():
     problem = Problem([-1] * 2, [1] * 2, [1, 0], [0, 1], everywhere)
-    manifold = Manifold(sphere, 3, 1)
+    manifold = ConstraintManifold(sphere, 3, 1)
     with pytest.raises(InvalidValueError, match=r"3 coordinates.*2 coordinates"):
-        constrained_connect(problem, manifold)
+        cbirrt(problem, manifold)
     drawn = Problem([-1] * 3, [1] * 3, [1, 0, 0], lambda rng: np.zeros(3), everywhere)
     with pytest.raises(InvalidValueError, match="sampler"):
-        constrained_connect(drawn, manifold)
+        cbirrt(drawn, manifold)
     whole = Problem([-1] * 3, [1] * 3, [1, 0, 0], [0, 1, 0], everywhere)
     with pytest.raises(InvalidValueError, match=r"states\[1\]\[2\]"):
         project(whole, manifold, [[0, 0, 0], [0, 0, 2.0]])

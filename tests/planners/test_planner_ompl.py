@@ -23,7 +23,7 @@ def outside_a_ball(states):
 def problem(**changes):
     given = dict(
         lower=[-1.0, -1.0, -1.0], upper=[1.0, 1.0, 1.0], start=[-0.9, -0.1, 0.0], goals=[0.9, 0.1, 0.0],
-        oracle=outside_a_ball, weights=[1.0, 2.0, 0.5], resolution=0.02,
+        validity=outside_a_ball, weights=[1.0, 2.0, 0.5], resolution=0.02,
     )  # fmt: skip
     return Problem(**given | changes)
 
@@ -72,7 +72,7 @@ def test_statuses():
     def two_rooms(states):
         return np.abs(states[:, 0]) > 0.2
 
-    result = ompl_plan(problem(oracle=two_rooms), timeout=0.3)
+    result = ompl_plan(problem(validity=two_rooms), timeout=0.3)
     assert result.status is Status.NO_PATH_IN_TIME
     assert result.path is None
     assert result.time < 2.0

@@ -17,7 +17,7 @@ def everywhere(states: np.ndarray) -> np.ndarray:
 
 
 def make(**changes: object) -> Problem:
-    values: dict = dict(lower=[0, 0], upper=[1, 2], start=[0.1, 0.2], goals=[[0.9, 1.8]], oracle=everywhere)
+    values: dict = dict(lower=[0, 0], upper=[1, 2], start=[0.1, 0.2], goals=[[0.9, 1.8]], validity=everywhere)
     return Problem(**(values | changes))
 
 
@@ -66,7 +66,7 @@ LABELS = ("HeadYaw", "HeadPitch")
         (dict(goals=[[0.5, np.inf]]), "goals[0][1]: got inf, expected a finite number"),
         (dict(goals=np.empty((0, 2))), "goals: got shape (0, 2), expected points of shape (k, 2)"),
         (dict(goals=[[0.5], [0.5, 0.5]]), "goals: got [[0.5], [0.5, 0.5]], expected points of shape (k, 2)"),
-        (dict(oracle=None), "oracle: got None, expected a callable"),
+        (dict(validity=None), "validity: got None, expected a callable"),
         (dict(weights=[1.0, 0.0]), "weights[1]: got 0.0, expected a finite number above 0"),
         (dict(weights=[1.0]), "weights: got shape (1,), expected a vector of shape (2,)"),
         (dict(resolution=0.0), "resolution: got 0.0, expected a finite number above 0"),
@@ -120,19 +120,16 @@ def test_metric_axioms(p: np.ndarray, weights: np.ndarray) -> None:
     assert ab == pytest.approx(np.linalg.norm((p[1] - p[0]) * weights), rel=1e-12)
 
 
-def test_one_goal_and_another_oracle_leave_the_rest_alone() -> None:
+def test_another_validity_leaves_the_rest_alone() -> None:
     goals = [[0.2, 0.3], [0.8, 0.9]]
     problem = Problem([0, 0], [1, 1], [0.5, 0.5], goals, lambda q: q[:, 0] > 0, weights=[1, 2])
-    one = problem.towards(1)
-    np.testing.assert_array_equal(one.goals, [goals[1]])
-    other = problem.judged_by(lambda q: q[:, 0] < 0)
-    assert not other.oracle(np.array([[0.5, 0.5]])).any()
-    assert problem.oracle(np.array([[0.5, 0.5]])).all()
+    other = problem.with_validity(lambda q: q[:, 0] < 0)
+    assert not other.validity(np.array([[0.5, 0.5]])).any()
+    assert problem.validity(np.array([[0.5, 0.5]])).all()
     np.testing.assert_array_equal(problem.goals, goals)
-    for made in (one, other):
-        assert made.resolution == problem.resolution
-        np.testing.assert_array_equal(made.metric.weights, [1, 2])
-        with pytest.raises(ValueError, match="read-only"):
-            made.goals[0, 0] = 3.0
-    with pytest.raises(InvalidValueError, match="oracle"):
-        problem.judged_by(None)
+    assert other.resolution == problem.resolution
+    np.testing.assert_array_equal(other.metric.weights, [1, 2])
+    with pytest.raises(ValueError, match="read-only"):
+        other.goals[0, 0] = 3.0
+    with pytest.raises(InvalidValueError, match="validity"):
+        problem.with_validity(None)

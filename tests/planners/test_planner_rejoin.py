@@ -44,8 +44,13 @@ def test_a_path_stays_where_nothing_is_saved(closed_wall, machine_code) -> None:
         assert rejoin(problem, path, 0, gain=gain) == (path, 0)
 
 
-def test_one_goal_or_a_python_oracle_leaves_a_path_alone(wall, machine_code) -> None:  # type: ignore[no-untyped-def]
-    for oracle, goals in ((machine_code(wall), [[0.4, 0.5]]), (wall.free, [[0.4, 0.5], [0.2, 0.25]])):
-        problem = Problem([0, 0], [1, 1], [0.2, 0.2], goals, oracle, resolution=0.01)
-        path = bent(problem)
-        assert rejoin(problem, path, 0) == (path, 0)
+def test_one_goal_leaves_a_path_alone_and_a_callable_does_what_machine_code_does(wall, machine_code) -> None:  # type: ignore[no-untyped-def]
+    problem = Problem([0, 0], [1, 1], [0.2, 0.2], [[0.4, 0.5]], machine_code(wall), resolution=0.01)
+    path = bent(problem)
+    assert rejoin(problem, path, 0) == (path, 0)
+    goals = [[0.4, 0.5], [0.2, 0.25]]
+    for validity in (machine_code(wall), wall.free):
+        problem = Problem([0, 0], [1, 1], [0.2, 0.2], goals, validity, resolution=0.01)
+        shorter, goal = rejoin(problem, bent(problem), 0)
+        assert goal == 1
+        np.testing.assert_array_equal(shorter.points, [[0.2, 0.2], [0.2, 0.25]])

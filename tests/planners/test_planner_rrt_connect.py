@@ -1,117 +1,196 @@
 from __future__ import annotations
 
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
 import numpy as np
 import pytest
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.planners import Metric, Oracle, Problem, Status, certify, rrt_connect
-from pepper_kin.planners.oracle import MAX_BATCH
-from pepper_kin.planners.tree import Tree
+from pepper_kin.planners import (
+    CompiledMotionValidator,
+    MotionValidator,
+    Problem,
+    Roadmap,
+    Status,
+    certify,
+    rrt_connect,
+    shortcut,
+    smooth,
+)
+from pepper_kin.planners.motion_validator import MAX_BATCH
 
-UNIT = (np.zeros(2), np.ones(2))
 LEFT, RIGHT = [0.1, 0.1], [0.9, 0.15]
 
 
-def padded_problem(world, start, goals, resolution=0.014, **options) -> Problem:  # type: ignore[no-untyped-def]
+def padded(world, start, goals, code, resolution=0.014, **options) -> Problem:  # type: ignore[no-untyped-def]
     """With obstacles grown by half the resolution, a checked edge is valid at every point."""
     n = len(start)
-    oracle = world.padded(resolution / 2.0)
+    oracle = code(world, resolution / 2.0)
     return Problem(np.zeros(n), np.ones(n), start, goals, oracle, resolution=resolution, **options)
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_wall_is_passed_through_its_gap(wall, seed: int) -> None:  # type: ignore[no-untyped-def]
-    problem = padded_problem(wall, LEFT, RIGHT)
-    result = rrt_connect(problem, seed=seed, timeout=60.0)
-    assert result.success
-    assert result.status is Status.SOLVED
-    assert wall.path_free(result.path.points)
-    assert np.all(np.diff(result.path.arc_lengths) > 0.0)  # no way-point twice, not even where the trees meet
-    assert certify(problem, result.path).valid
-    assert result.cost == result.path.length > np.hypot(0.8, 0.05)
-    assert result.iterations > 0
-    assert result.seed == seed
+def callable_of(world, margin):  # type: ignore[no-untyped-def]
+    return world.padded(margin)
 
 
-@pytest.mark.parametrize("name", ["maze", "discs"])
-def test_other_plane_worlds(name: str, request: pytest.FixtureRequest) -> None:
+@pytest.mark.parametrize("name", ["wall", "maze", "discs"])
+def test_plane_worlds(name: str, request: pytest.FixtureRequest, machine_code) -> None:  # type: ignore[no-untyped-def]
     world = request.getfixturevalue(name)
-    for seed in range(3):
-        problem = padded_problem(world, [0.05, 0.05], [0.95, 0.95])
+    problem = padded(world, [0.05, 0.05], [0.95, 0.95], machine_code)
+    for seed in range(20):
         result = rrt_connect(problem, seed=seed, timeout=60.0)
-        assert result.success
+        assert result.status is Status.SOLVED
         assert world.path_free(result.path.points)
+        assert np.all(np.diff(result.path.arc_lengths) > 0.0)  # no way-point twice, not even where trees meet
+        assert certify(problem, result.path).valid
+        assert result.cost == result.path.length
+        assert result.goal_index == 0
 
 
-def test_six_dimensions_with_weights(boxes_6d) -> None:  # type: ignore[no-untyped-def]
-    weights = np.array([1.0, 2.0, 1.0, 0.5, 1.0, 1.5])
-    resolution = 0.02
-    oracle = boxes_6d.padded(resolution / 2.0 / weights)
-    problem = Problem(
-        np.zeros(6),
-        np.ones(6),
-        np.full(6, 0.05),
-        np.full(6, 0.95),
-        oracle,
-        weights=weights,
-        resolution=resolution,
-    )
-    for seed in range(3):
+@pytest.mark.parametrize("n", [3, 5, 10, 15])
+def test_balls_in_many_dimensions(n: int, balls, machine_code) -> None:  # type: ignore[no-untyped-def]
+    world = balls(n)
+    resolution = 0.01 * np.sqrt(n)
+    problem = padded(world, np.full(n, 0.1), np.full(n, 0.9), machine_code, resolution)
+    for seed in range(10):
         result = rrt_connect(problem, seed=seed, timeout=60.0)
         assert result.success
         assert result.iterations > 0
+        assert world.path_free(result.path.points)
+
+
+def test_weights_scale_the_metric(boxes_6d, machine_code) -> None:  # type: ignore[no-untyped-def]
+    weights, resolution = np.array([1.0, 2.0, 1.0, 0.5, 1.0, 1.5]), 0.02
+    oracle = machine_code(boxes_6d, resolution / 2.0 / weights)
+    problem = Problem(
+        np.zeros(6), np.ones(6), np.full(6, 0.05), np.full(6, 0.95), oracle, weights, resolution
+    )
+    for seed in range(5):
+        result = rrt_connect(problem, seed=seed, timeout=60.0)
+        assert result.success
         assert boxes_6d.path_free(result.path.points)
-        assert result.cost == pytest.approx(Metric(weights).arc_lengths(result.path.points)[-1])
+        assert result.cost == pytest.approx(
+            np.linalg.norm(np.diff(result.path.points, axis=0) * weights, axis=1).sum()
+        )
 
 
-def test_same_seed_same_path(wall) -> None:  # type: ignore[no-untyped-def]
-    problem = padded_problem(wall, LEFT, RIGHT)
+def test_same_seed_same_path(maze, machine_code) -> None:  # type: ignore[no-untyped-def]
+    problem = padded(maze, LEFT, RIGHT, machine_code)
     first, again, other = (rrt_connect(problem, seed=s, timeout=60.0) for s in (5, 5, 6))
     assert np.array_equal(first.path.points, again.path.points)
     assert (first.iterations, first.states_checked) == (again.iterations, again.states_checked)
     assert not np.array_equal(first.path.points, other.path.points)
 
 
-def test_global_random_state_plays_no_part(wall) -> None:  # type: ignore[no-untyped-def]
-    problem = padded_problem(wall, LEFT, RIGHT)
-    before = np.random.get_state()[1].copy()
-    rrt_connect(problem, seed=1, timeout=60.0)
-    assert np.array_equal(before, np.random.get_state()[1])
+def test_trees_outgrow_their_first_arrays(closed_wall, maze, machine_code) -> None:  # type: ignore[no-untyped-def]
+    problem = padded(closed_wall, LEFT, RIGHT, machine_code)
+    result = rrt_connect(problem, timeout=60.0, max_iterations=20_000, step=0.02)
+    assert result.status is Status.OUT_OF_ITERATIONS
+    assert result.iterations == 20_000
+    fine = padded(maze, [0.05, 0.05], [0.95, 0.95], machine_code, 0.002)
+    dense = rrt_connect(fine, timeout=60.0, step=0.002)  # a node at every step
+    assert dense.success
+    assert len(dense.path) > 500
+    assert maze.path_free(dense.path.points)
+    assert np.max(np.diff(dense.path.arc_lengths)) <= 0.002 * (1 + 1e-9)
 
 
-def test_free_straight_line_needs_no_sample(wall) -> None:  # type: ignore[no-untyped-def]
-    problem = padded_problem(wall, LEFT, [[0.9, 0.1], [0.2, 0.9], [0.3, 0.3]])
-    result = rrt_connect(problem)
+def test_free_straight_line_needs_no_sample(wall, machine_code) -> None:  # type: ignore[no-untyped-def]
+    result = rrt_connect(padded(wall, LEFT, [[0.9, 0.1], [0.2, 0.9], [0.3, 0.3]], machine_code))
     assert result.iterations == 0
     assert result.goal_index == 2  # the nearest of those in sight
     assert np.array_equal(result.path.points, [LEFT, [0.3, 0.3]])
 
 
-def test_goal_that_can_be_reached_is_found_among_others(maze) -> None:  # type: ignore[no-untyped-def]
+def test_goal_that_can_be_reached_is_found_among_others(maze, machine_code) -> None:  # type: ignore[no-untyped-def]
     """One goal is inside a wall, one is walled in; the third decides, and is named by its index."""
     cell = [([0.85, 0.45], [0.87, 0.65]), ([0.93, 0.45], [0.95, 0.65])]
     cell += [([0.85, 0.45], [0.95, 0.47]), ([0.85, 0.63], [0.95, 0.65])]
     lower = np.vstack((maze.box_lower, [low for low, _ in cell]))
     upper = np.vstack((maze.box_upper, [high for _, high in cell]))
     world = type(maze)(lower, upper)
-    problem = padded_problem(world, [0.05, 0.05], [[0.4, 0.5], [0.9, 0.55], [0.7, 0.1]])
-    result = rrt_connect(problem, seed=2, timeout=60.0)
+    problem = padded(world, [0.05, 0.05], [[0.4, 0.5], [0.9, 0.55], [0.7, 0.1]], machine_code)
+    for seed in range(5):
+        result = rrt_connect(problem, seed=seed, timeout=60.0)
+        assert result.goal_index == 2
+        assert np.array_equal(result.path.points[-1], problem.goals[2])
+        assert world.path_free(result.path.points)
+
+
+def test_many_goals(wall, machine_code) -> None:  # type: ignore[no-untyped-def]
+    goals = np.column_stack((np.full(3000, 0.9), np.linspace(0, 1, 3000)))
+    result = rrt_connect(padded(wall, LEFT, goals, machine_code), timeout=60.0)
     assert result.success
-    assert result.goal_index == 2
-    assert np.array_equal(result.path.points[-1], problem.goals[2])
-    assert world.path_free(result.path.points)
+    assert np.array_equal(result.path.points[-1], goals[result.goal_index])
 
 
-def test_start_equal_to_goal_is_solved_at_once(wall) -> None:  # type: ignore[no-untyped-def]
-    result = rrt_connect(padded_problem(wall, LEFT, LEFT))
+def test_start_equal_to_goal_is_solved_at_once(wall, machine_code) -> None:  # type: ignore[no-untyped-def]
+    result = rrt_connect(padded(wall, LEFT, LEFT, machine_code))
     assert result.success
     assert result.cost == 0.0
 
 
+def test_edges_that_are_not_checked_would_be_caught(wall) -> None:  # type: ignore[no-untyped-def]
+    """Plant the bug: machine code that answers for single states only, and lets every edge pass."""
+    free = wall.padded(0.007)
+
+    @ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p)
+    def careless(a: int, b: int, steps: int, memory: int) -> int:
+        state = np.array((ctypes.c_double * 2).from_address(b))
+        return steps if steps > 1 else int(free(state[None])[0])
+
+    code = CompiledMotionValidator(ctypes.cast(careless, ctypes.c_void_p).value, 2, keep_alive=careless)
+    problem = Problem([0, 0], [1, 1], LEFT, RIGHT, code, resolution=0.014)
+    for result in (rrt_connect(problem), Roadmap(problem).solve()):
+        assert result.success
+        assert not wall.path_free(result.path.points)
+        assert not certify(problem, result.path).valid
+
+
+@pytest.mark.parametrize("timeout", [0.05, 0.3])
+def test_no_path_ends_in_time(timeout: float, closed_wall, machine_code) -> None:  # type: ignore[no-untyped-def]
+    problem = padded(closed_wall, LEFT, RIGHT, machine_code)
+    rrt_connect(problem, max_iterations=1)
+    begun, spent = time.perf_counter(), time.thread_time()
+    result = rrt_connect(problem, timeout=timeout)
+    passed, spent = time.perf_counter() - begun, time.thread_time() - spent
+    assert result.status is Status.NO_PATH_IN_TIME
+    assert timeout <= result.time <= passed
+    assert spent < 2.0 * timeout + 1.0  # of its own; by the clock others may keep it waiting for longer
+    assert result.iterations > 100
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whole_chain_to_a_smooth_curve(seed: int, maze, machine_code) -> None:  # type: ignore[no-untyped-def]
+    """Search, short-cuts and rounding with half the margin; the curve is free at every point."""
+    resolution = 0.014
+    wide, half = (
+        Problem([0, 0], [1, 1], [0.05, 0.05], [0.95, 0.95], machine_code(maze, margin), resolution=resolution)
+        for margin in (resolution, resolution / 2)
+    )
+    short = shortcut(wide, rrt_connect(wide, seed=seed, timeout=60.0).path, seed=seed, timeout=60.0)
+    curve = smooth(half, short)
+    assert np.all(maze.free(curve.sample(resolution / 50)))
+    assert certify(half, curve).valid
+
+
+def test_global_random_state_plays_no_part(wall) -> None:  # type: ignore[no-untyped-def]
+    problem = padded(wall, LEFT, RIGHT, callable_of)
+    before = np.random.get_state()[1].copy()
+    rrt_connect(problem, seed=1, timeout=60.0)
+    assert np.array_equal(before, np.random.get_state()[1])
+
+
 def test_invalid_start_and_goals_have_their_own_status(wall) -> None:  # type: ignore[no-untyped-def]
     inside = [0.5, 0.2]
-    start = rrt_connect(padded_problem(wall, inside, RIGHT))
-    goal = rrt_connect(padded_problem(wall, LEFT, [inside, [0.5, 0.1]]))
+    start = rrt_connect(padded(wall, inside, RIGHT, callable_of))
+    goal = rrt_connect(padded(wall, LEFT, [inside, [0.5, 0.1]], callable_of))
     assert start.status is Status.START_INVALID
     assert goal.status is Status.GOAL_INVALID
     for result in (start, goal):
@@ -122,19 +201,6 @@ def test_invalid_start_and_goals_have_their_own_status(wall) -> None:  # type: i
     assert "start state" in start.status.advice
     assert "goal state" in goal.status.advice
     assert str(goal).startswith("goal_invalid: cost inf, 0 iterations, 3 states checked")
-
-
-def test_no_path_ends_by_time_or_by_iterations(closed_wall) -> None:  # type: ignore[no-untyped-def]
-    problem = padded_problem(closed_wall, LEFT, RIGHT)
-    late = rrt_connect(problem, timeout=0.2)
-    assert late.status is Status.NO_PATH_IN_TIME
-    assert late.time >= 0.2
-    assert "raise the timeout" in late.status.advice
-    tired = rrt_connect(problem, timeout=60.0, max_iterations=300)
-    assert tired.status is Status.OUT_OF_ITERATIONS
-    assert tired.iterations == 300
-    assert "max_iterations" in tired.status.advice
-    assert tired.path is None
 
 
 def test_every_status_has_its_own_advice() -> None:
@@ -153,15 +219,18 @@ def test_budget_is_overrun_by_one_batch_at_most(closed_wall, monkeypatch) -> Non
         return free(states)
 
     goals = np.column_stack((np.full(700, 0.9), np.linspace(0, 1, 700)))
-    result = rrt_connect(Problem(*UNIT, LEFT, goals, slow, resolution=0.001), timeout=timeout)
+    result = rrt_connect(Problem([0, 0], [1, 1], LEFT, goals, slow, resolution=0.001), timeout=timeout)
     assert result.status is Status.NO_PATH_IN_TIME
     assert timeout <= result.time <= timeout + cost * MAX_BATCH
 
 
 def test_path_without_edge_checks_would_be_caught(wall, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     """Plant the bug: edges count as valid unseen.  Both the certificate and the exact test must object."""
-    monkeypatch.setattr(Oracle, "edge_valid", lambda self, a, b: True)
-    problem = padded_problem(wall, LEFT, RIGHT)
+    checked = MotionValidator.last_valid_step
+    monkeypatch.setattr(
+        MotionValidator, "last_valid_step", lambda self, a, b, n: n if n > 1 else checked(self, a, b, n)
+    )
+    problem = padded(wall, LEFT, RIGHT, callable_of)
     result = rrt_connect(problem)
     assert result.success
     assert not wall.path_free(result.path.points)
@@ -171,7 +240,7 @@ def test_path_without_edge_checks_would_be_caught(wall, monkeypatch) -> None:  #
 
 
 def test_misuse_is_named(wall) -> None:  # type: ignore[no-untyped-def]
-    problem = padded_problem(wall, LEFT, RIGHT)
+    problem = padded(wall, LEFT, RIGHT, callable_of)
     for options, message in (
         (dict(seed=None), "seed: got None, expected an integer >= 0"),
         (dict(seed=-1), "seed: got -1, expected an integer >= 0"),
@@ -183,20 +252,73 @@ def test_misuse_is_named(wall) -> None:  # type: ignore[no-untyped-def]
             rrt_connect(problem, **options)
 
 
-def test_tree_finds_the_nearest_node_and_the_way_back() -> None:
-    """Against brute force, across several growths of its arrays."""
-    rng = np.random.default_rng(0)
-    metric = Metric(np.array([1.0, 3.0, 0.2]))
-    states = rng.normal(size=(1500, 3)) + 50.0
-    tree = Tree(states[:2], metric)
-    for first in range(2, 1500, 7):
-        last = tree.add_chain(first // 3, states[first : first + 7])
-        assert last == tree.size - 1
-    assert tree.size == 1500
-    for query in rng.normal(size=(50, 3)) + 50.0:
-        assert tree.nearest(query) == np.argmin(metric.distance(states, query))
-    branch = tree.branch(1499)
-    assert branch[-1] == 1499
-    assert branch[0] in (0, 1)
-    assert np.all(np.diff(branch) > 0)
-    assert np.array_equal(tree.states(branch), states[branch])
+def test_a_callable_leads_to_the_same_path_as_machine_code(balls, machine_code) -> None:  # type: ignore[no-untyped-def]
+    world = balls(4)
+    ends = np.full(4, 0.1), np.full(4, 0.9)
+    for seed in range(10):
+        code, plain = (
+            rrt_connect(Problem(np.zeros(4), np.ones(4), *ends, of(world, 0.01)), seed=seed, timeout=60.0)
+            for of in (machine_code, callable_of)
+        )
+        assert np.array_equal(code.path.points, plain.path.points)
+        assert code.iterations == plain.iterations
+        assert plain.states_checked >= code.states_checked  # in batches
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
+def test_what_a_callable_raises_ends_the_search(error: type[BaseException], maze) -> None:  # type: ignore[no-untyped-def]
+    asked = []
+
+    def broken(states: np.ndarray) -> np.ndarray:
+        asked.append(len(states))
+        if len(asked) > 20:
+            raise error("in the checker")
+        return maze.free(states)
+
+    problem = Problem([0, 0], [1, 1], [0.05, 0.05], [0.95, 0.95], broken, resolution=0.014)
+    with pytest.raises(error, match="in the checker"):
+        rrt_connect(problem, timeout=60.0)
+    assert len(asked) == 21
+
+
+def test_an_interrupt_from_the_keyboard_ends_machine_code(closed_wall, machine_code) -> None:  # type: ignore[no-untyped-def]
+    problem = padded(closed_wall, LEFT, RIGHT, machine_code)
+    rrt_connect(problem, max_iterations=1)
+    main = threading.main_thread().ident
+    timer = threading.Timer(0.2, lambda: signal.pthread_kill(main, signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        rrt_connect(problem, timeout=60.0, max_iterations=10**9)
+
+
+def test_the_same_source_runs_interpreted(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """Without machine code: the same path to the last bit, and short-cuts of it."""
+    program = """
+import numpy as np
+from pepper_kin.planners import Problem, Roadmap, informed_rrt_star, rrt_connect, shortcut, smooth
+free = lambda q: ~((abs(q[:, 0] - 0.5) < 0.1) & (q[:, 1] < 0.7))
+problem = Problem([0, 0], [1, 1], [0.1, 0.1], [0.9, 0.1], free, resolution=0.02)
+path = rrt_connect(problem, seed=1, timeout=60.0).path
+short = shortcut(problem, path, iterations=30, timeout=60.0)
+better = informed_rrt_star(problem, path, timeout=60.0, max_iterations=60).path
+road = Roadmap(problem)
+road.grow(40, timeout=60.0)
+found = road.solve(timeout=60.0).path
+rounded = smooth(problem, short, resolution=0.002)
+curve = rounded(np.linspace(0, rounded.length, 9))
+for points in (path.points, short.points, better.points, found.points, curve):
+    print(points.tolist())
+"""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, **more},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.splitlines()
+        for more in ({}, {"NUMBA_DISABLE_JIT": "1"})
+    ]
+    assert len(said[0]) == 5
+    for compiled, interpreted in zip(*said, strict=True):
+        np.testing.assert_allclose(eval(compiled), eval(interpreted), atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.planners import Oracle, Path, Problem, rrt_connect, shortcut
+from pepper_kin.planners import MotionValidator, Path, Problem, rrt_connect, shortcut
 
 ENDS = ([0.1, 0.1], [0.9, 0.15])
 
@@ -79,7 +79,7 @@ def test_weights_decide_what_is_short(discs) -> None:  # type: ignore[no-untyped
 
 def test_short_cut_through_an_obstacle_would_be_caught(wall, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     problem, path = planned(wall, 0)
-    monkeypatch.setattr(Oracle, "polyline_valid", lambda self, points: True)
+    monkeypatch.setattr(MotionValidator, "last_valid_step", lambda self, a, b, steps: steps)
     assert not wall.path_free(shortcut(problem, path, timeout=60.0).points)
 
 
@@ -126,3 +126,17 @@ def test_a_gain_that_is_no_share_is_refused(maze, gain: float) -> None:  # type:
     problem, path = planned(maze, 2)
     with pytest.raises(InvalidValueError, match=r"least_gain: got .*, expected a number from 0 to below 1"):
         shortcut(problem, path, least_gain=gain)
+
+
+@pytest.mark.parametrize("n", [3, 6])
+def test_a_callable_leads_to_the_same_path_as_machine_code(n: int, balls, machine_code) -> None:  # type: ignore[no-untyped-def]
+    code = machine_code(balls(n))
+    ends = np.full(n, 0.1), np.full(n, 0.9)
+    compiled, plain = (Problem(np.zeros(n), np.ones(n), *ends, f) for f in (code, lambda x: code(x)))
+    for seed in range(4):
+        path = rrt_connect(compiled, seed=seed, timeout=60.0).path
+        first, second = (
+            shortcut(p, path, seed=seed, iterations=100, timeout=60.0) for p in (compiled, plain)
+        )
+        assert first.length < path.length
+        assert np.array_equal(first.points, second.points)

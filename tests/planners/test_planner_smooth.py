@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.planners import Path, Problem, SmoothPath, certify, rrt_connect, shortcut, smooth
-from pepper_kin.planners.smooth import _power_basis
+from pepper_kin.planners.smooth import power_basis
 
 
 def everywhere(states: np.ndarray) -> np.ndarray:
@@ -123,7 +123,7 @@ def test_knots_are_refined_at_a_tight_corner_only(room: float) -> None:
     problem, path = tight_corner(room)
     curve = smooth(problem, path)
     s = np.linspace(0, curve.length, 100001)
-    assert np.all(problem.oracle(curve(s[np.abs(s - 0.8) < 0.05])))
+    assert np.all(problem.validity(curve(s[np.abs(s - 0.8) < 0.05])))
     widths = np.diff(curve.breaks)
     assert widths.max() > 0.05  # far from the corner the pieces stay long
     assert curve.breaks.size < 150
@@ -137,7 +137,7 @@ def test_without_room_the_corner_is_named() -> None:
         InfeasibleError, match=r"no smooth path: the path has no room to turn near \[0\.9"
     ) as caught:
         smooth(problem, path)
-    assert "let the oracle keep a margin" in caught.value.advice
+    assert "let the checker keep a margin" in caught.value.advice
 
 
 def test_invalid_path_is_named() -> None:
@@ -201,7 +201,8 @@ def test_pieces_are_those_of_the_b_spline(pieces: int, seed: int) -> None:
     knots = np.concatenate((breaks[:1].repeat(3), breaks, breaks[-1:].repeat(3)))
     control = rng.normal(size=(pieces + 3, 2))
     spline = BSpline(knots, control, 3)
-    coefficients = _power_basis(knots, control)
+    coefficients = np.empty((pieces, 4, 2))
+    power_basis(knots, control, coefficients)
     assert np.array_equal(coefficients[0, 0], control[0])
     for power, factorial in enumerate((1.0, 1.0, 2.0, 6.0)):
         expected = spline.derivative(power)(breaks[:-1]) if power else spline(breaks[:-1])

@@ -7,11 +7,11 @@ import pytest
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.solids import padding
+from pepper_kin.core.ray_casting import DEPTH, box_tree
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.shapes import transform
 from pepper_kin.twin.sensors import RayCaster
-from pepper_kin.twin.sensors.ray_tree import DEPTH, build_tree
 
 RNG = np.random.default_rng(5)
 TETRA = np.array([[0.3, 0, -0.2], [-0.2, 0.3, -0.2], [-0.2, -0.3, -0.2], [0, 0, 0.4]])
@@ -180,7 +180,7 @@ def test_tree_holds_everything_once_and_stays_shallow():
     middle = np.concatenate([0.5 ** np.arange(400.0)[:, None] * [1, 1, 1], np.zeros((300, 3))])
     middle[:100] += rng.normal(size=(100, 3))
     boxes = np.hstack([middle - 1e-3, middle + 1e-3])
-    node_box, link, order = build_tree(boxes, 3)
+    node_box, link, order = box_tree(boxes, 3)
     assert sorted(order) == list(range(700))
     depth = np.zeros(len(link), dtype=int)
     for node, (first, count) in enumerate(link):

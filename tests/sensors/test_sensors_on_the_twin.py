@@ -15,11 +15,10 @@ def pepper():
     return pk.load_pepper()
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_readings_of_a_run_are_of_its_states(pepper, compiled):
+def test_readings_of_a_run_are_of_its_states(pepper):
     wall = pk.Scene().add_box("wall", (0.2, 8, 4), (1.6, 0, 0))
     suite = SensorSuite(pepper, sensors=NAMES, scene=wall, noise=False)
-    twin = Twin(pepper, sensors=suite, compiled=compiled)
+    twin = Twin(pepper, sensors=suite)
     goal = pepper.joint_vector({"HipRoll": 0.15, "HeadYaw": 0.4})
     trajectory = pk.retime(pepper, [pepper.posture("Stand"), goal], solver="toppra")
     run = twin.execute(trajectory, settle=0.2)
@@ -43,7 +42,7 @@ def test_readings_of_a_run_are_of_its_states(pepper, compiled):
 
 def test_runs_one_after_another_hold_their_own_readings(pepper):
     suite = SensorSuite(pepper, sensors=["joint_encoders"], seed=3)
-    twin = Twin(pepper, sensors=suite, compiled=False)
+    twin = Twin(pepper, sensors=suite)
     target = np.tile(pepper.posture("Stand"), (100, 1))
     first, second = twin.follow(target), twin.follow(target)
     np.testing.assert_allclose(first.readings["joint_encoders"].time, np.arange(6) * 0.02, atol=1e-9)
@@ -59,4 +58,4 @@ def test_runs_one_after_another_hold_their_own_readings(pepper):
 
 
 def test_a_twin_without_sensors_has_no_readings(pepper):
-    assert Twin(pepper, compiled=False).follow(np.tile(pepper.posture("Stand"), (3, 1))).readings == {}
+    assert Twin(pepper).follow(np.tile(pepper.posture("Stand"), (3, 1))).readings == {}

@@ -9,7 +9,6 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.trajectory import Trajectory, check
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.time_law import slower
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +57,7 @@ def test_margins_agree_with_samples(pepper, trajectory):
 def test_a_faster_one_fails(pepper, factor, failures):
     q = pepper.posture("Stand")
     goal = q - 2.0 * (np.arange(pepper.n) == pepper.joint_index("LShoulderPitch"))
-    assert slower(pk.retime(pepper, [q, goal]), factor).check(pepper).failures == failures
+    assert pk.retime(pepper, [q, goal]).scaled(factor).check(pepper).failures == failures
 
 
 def test_excess_is_named_with_joint_and_time(pepper, trajectory):
@@ -184,3 +183,19 @@ def test_neighbours_that_touch_fail_without_a_distance(pepper):
     assert "two neighbouring links touch, by their joint ranges" in found.sentence()
     at = motion.sample(0.001)
     assert found.time == at.time[np.argmax(pk.collision.in_collision(pepper, at.position))]
+
+
+def test_the_check_shares_no_code_with_the_core(pepper, monkeypatch):
+    """It evaluates and judges a trajectory alike while nothing of the core can be called."""
+    from pepper_kin.kernels.compiled import CompiledFunction
+
+    q = pepper.posture("Stand")
+    trajectory = pk.retime(pepper, [q, 0.8 * q], jerk="brisk")
+    before = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0})
+
+    def refuse(self, *arguments):
+        assert not self.__module__.startswith("pepper_kin.core"), self
+
+    monkeypatch.setattr(CompiledFunction, "__call__", refuse)
+    after = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0})
+    assert after.report() == before.report()

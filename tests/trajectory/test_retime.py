@@ -359,7 +359,7 @@ def test_smooth_paths_of_the_planners_are_followed_exactly(pepper):
         goals=points[-1:],
         lower=pepper.lower_limits,
         upper=pepper.upper_limits,
-        oracle=lambda q: np.ones(len(q), dtype=bool),
+        validity=lambda q: np.ones(len(q), dtype=bool),
     )
     curve = planners.smooth(box, planners.Path(points))
     trajectory = retime(pepper, curve)

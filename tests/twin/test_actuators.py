@@ -15,7 +15,6 @@ ROTOR = """
     <limit lower="-90" upper="90" velocity="100" effort="1000"/></joint>
 </robot>"""
 INERTIA = 0.5
-WAYS = pytest.mark.parametrize("compiled", [True, False])
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +22,10 @@ def rotor():
     return pk.load_robot(ROTOR)
 
 
-def twin(rotor, h=1e-3, compiled=True, substeps=1, **changes):
+def twin(rotor, h=1e-3, substeps=1, **changes):
     limp = {"stiffness": 0.0, "damping": 0.0, "torque_limit": np.inf}
     params = actuator_parameters(rotor).changed(**{**limp, **changes})
-    return Twin(rotor, h, actuators=params, compiled=compiled, substeps=substeps, feedforward="none")
+    return Twin(rotor, h, actuators=params, substeps=substeps, feedforward="none")
 
 
 def spin(machine, steps, v=0.0, target=0.0, **more):
@@ -35,9 +34,8 @@ def spin(machine, steps, v=0.0, target=0.0, **more):
     return machine.follow(np.full((steps, 1), target), **{k: np.full((steps, 1), x) for k, x in more.items()})
 
 
-@WAYS
-def test_coulomb_friction_slows_down_evenly_and_then_holds(rotor, compiled):
-    run = spin(twin(rotor, compiled=compiled, coulomb_friction=0.25), 300, v=0.1)
+def test_coulomb_friction_slows_down_evenly_and_then_holds(rotor):
+    run = spin(twin(rotor, coulomb_friction=0.25), 300, v=0.1)
     falling = run.time[run.time <= 0.2]
     np.testing.assert_allclose(run.velocity[: falling.size, 0], 0.1 - 0.25 / INERTIA * falling, atol=1e-8)
     assert np.abs(run.velocity[202:]).max() < 1e-8
@@ -45,30 +43,27 @@ def test_coulomb_friction_slows_down_evenly_and_then_holds(rotor, compiled):
     assert run.position[-1, 0] == pytest.approx(end, abs=0.1 * 1e-3)
 
 
-@WAYS
-def test_coulomb_friction_holds_up_to_its_torque_and_no_further(rotor, compiled):
-    machine = twin(rotor, compiled=compiled, coulomb_friction=0.25)
+def test_coulomb_friction_holds_up_to_its_torque_and_no_further(rotor):
+    machine = twin(rotor, coulomb_friction=0.25)
     stuck = spin(machine, 1000, load=0.2499)
     assert stuck.position[-1, 0] < 1e-8  # a creep of at most 1e-8 rad/s
     loose = spin(machine, 1000, load=0.26)
     np.testing.assert_allclose(loose.velocity[1:, 0], 0.01 / INERTIA * loose.time[1:], atol=2e-8)
 
 
-@WAYS
-def test_viscous_friction_decays_exponentially(rotor, compiled):
+def test_viscous_friction_decays_exponentially(rotor):
     ends = []
     for h in (1e-3, 5e-4):
-        run = spin(twin(rotor, h, compiled, viscous_friction=2.0), round(0.5 / h), v=1.0)
+        run = spin(twin(rotor, h, viscous_friction=2.0), round(0.5 / h), v=1.0)
         ends.append(run.velocity[-1, 0])
     exact = np.exp(-2.0 / INERTIA * 0.5)
     assert 2 * ends[1] - ends[0] == pytest.approx(exact, rel=1e-4)
 
 
-@WAYS
-def test_speed_ends_where_the_line_meets_the_friction(rotor, compiled):
+def test_speed_ends_where_the_line_meets_the_friction(rotor):
     """stall (1 - v / no_load) = D v + C."""
     motor = {"stall_torque": 3.0, "no_load_speed": 6.0, "viscous_friction": 0.2, "coulomb_friction": 0.5}
-    run = spin(twin(rotor, 0.01, compiled, mode="torque", **motor), 2000, effort=2.0)
+    run = spin(twin(rotor, 0.01, mode="torque", **motor), 2000, effort=2.0)
     assert run.velocity[-1, 0] == pytest.approx((3.0 - 0.5) / (0.2 + 3.0 / 6.0), rel=1e-6)
     assert run.torque[1, 0] == pytest.approx(2.0)  # at rest what is wanted
     v = run.velocity[1:, 0]
@@ -81,9 +76,8 @@ def test_supply_brakes_above_the_no_load_speed(rotor):
     np.testing.assert_allclose(run.torque[1:], -2.0)  # the line says -3, the current limit -2
 
 
-@WAYS
-def test_rotor_adds_its_inertia(rotor, compiled):
-    run = spin(twin(rotor, compiled=compiled, mode="torque", rotor_inertia=1.5), 100, effort=4.0)
+def test_rotor_adds_its_inertia(rotor):
+    run = spin(twin(rotor, mode="torque", rotor_inertia=1.5), 100, effort=4.0)
     np.testing.assert_allclose(run.velocity[1:, 0], 4.0 / (INERTIA + 1.5) * run.time[1:], rtol=1e-9)
 
 
@@ -136,10 +130,9 @@ def test_latency_shifts_the_response_by_its_ticks(rotor, ticks):
         assert machine.step([1.0]).position == late.position[k]
 
 
-@WAYS
-def test_servo_sees_what_the_encoder_resolves(rotor, compiled):
+def test_servo_sees_what_the_encoder_resolves(rotor):
     """Half a step from the target shows no error; beyond, a whole step."""
-    machine = twin(rotor, compiled=compiled, stiffness=40.0, encoder_resolution=0.01)
+    machine = twin(rotor, stiffness=40.0, encoder_resolution=0.01)
     for start, error in ((0.0049, 0.0), (0.0051, -0.01), (-0.0149, 0.01)):
         machine.reset([start])
         torque = machine.step([0.0]).torque[0]

@@ -1,4 +1,4 @@
-"""One step at a time: the same numbers as in one go, the equation that a world sees, a world that stops."""
+"""The linear equation that a world sees, a world that adds nothing, a world that stops."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,6 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.twin import Integrator, Recorder, Twin, actuator_parameters
 from pepper_kin.twin.command import Command
-from pepper_kin.twin.fast.engine import Engine
-from pepper_kin.twin.fast.loop import Inputs
 from pepper_kin.twin.world import ContactError, World
 
 H = 0.001
@@ -24,40 +22,26 @@ def states(seed, wild, count=20):
         yield q, v, Command(*rows), size * rng.normal(size=n)
 
 
-@pytest.mark.parametrize("gravity", [True, False])
-@pytest.mark.parametrize("kind", ["servo", "motor"])
-def test_a_step_alone_is_that_of_the_loop_to_the_last_bit(kind, gravity):
-    engine = Engine.of_one(PEPPER, H, actuator_parameters(PEPPER, kind), gravity)
-    for wild in (False, True):
-        for q, v, command, load in states(1, wild):
-            told = Inputs(*(x[np.newaxis, np.newaxis] for x in (*command, load)))
-            rolled = engine.run(q[np.newaxis], v[np.newaxis], told, 1)
-            for series in (
-                engine.single.step(q, v, command, load),
-                engine.single.forecast(q, v, command, load).series,
-                engine.follow(q, v, command.as_rows(), load[np.newaxis]),
-            ):
-                assert series.good == rolled.good[0] == 1
-                for name in ("position", "velocity", "torque"):
-                    assert np.array_equal(getattr(series, name)[0], getattr(rolled, name)[0, 1]), name
-
-
 @pytest.mark.parametrize("wild", [False, True])
 @pytest.mark.parametrize("kind", ["servo", "motor"])
-def test_the_compiled_equation_is_pinocchios_and_its_solution_the_step(kind, wild):
+def test_the_linear_equation_has_the_step_as_its_solution(kind, wild):
+    """And without forces of actuators beyond its own, its matrix is Pinocchio's mass matrix with their
+    slopes."""
     actuators = actuator_parameters(PEPPER, kind)
-    single = Engine.of_one(PEPPER, H, actuators, True).single
     integrator = Integrator(PEPPER, H, actuators)
     settled = 0
     for q, v, command, load in states(2, wild):
-        series, mass_hat, force = single.forecast(q, v, command, load)
-        due, matrix, right = integrator.forecast(q, v, *command, load, gravity=True)
-        a = (series.velocity[0] - v) / H
-        np.testing.assert_allclose(mass_hat @ a, force, rtol=1e-9, atol=1e-9 * np.abs(force).max())
-        np.testing.assert_allclose(series.velocity, due.velocity, atol=1e-8)
-        np.testing.assert_allclose(mass_hat, matrix, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(force, right, rtol=1e-9, atol=1e-9 * np.abs(right).max())
-        settled += np.any(np.abs(series.torque[0]) >= actuators.torque_limit * (1 - 1e-12))
+        mass_hat, force = integrator.linearized(q, v, *command, load)
+        _, w, torque = integrator.step(q, v, *command, load)
+        np.testing.assert_allclose(mass_hat @ (w - v) / H, force, rtol=1e-9, atol=1e-8 * np.abs(force).max())
+        slopes = mass_hat - pk.dynamics.mass_matrix(PEPPER, q)
+        off = slopes - np.diag(np.diag(slopes))
+        assert np.abs(off).max() < 1e-12
+        assert np.diag(slopes).min() > -1e-12
+        if kind == "servo" and not wild:
+            due = H * (H * actuators.stiffness + actuators.damping)
+            np.testing.assert_allclose(np.diag(slopes), due, rtol=1e-9)
+        settled += np.any(np.abs(torque) >= actuators.torque_limit * (1 - 1e-12))
     assert bool(settled) == wild  # motors were clipped, or none was
 
 
@@ -68,14 +52,13 @@ class Nothing:
         return np.zeros(len(q))
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_world_that_adds_nothing_changes_no_bit(compiled):
+def test_a_world_that_adds_nothing_changes_no_bit():
     goal = PEPPER.joint_vector({"HeadYaw": 0.3, "LShoulderPitch": 0.8})
     target = np.tile(goal, (40, 1))
-    alone = Twin(PEPPER, compiled=compiled).follow(target)
+    alone = Twin(PEPPER).follow(target)
     far = World(PEPPER, pk.Scene().add_box("wall", (0.1, 2, 2), (3, 0, 1)))
     for world in (Nothing(), far):
-        run = Twin(PEPPER, world=world, compiled=compiled).follow(target)
+        run = Twin(PEPPER, world=world).follow(target)
         for name in ("position", "velocity", "torque"):
             assert np.array_equal(getattr(run, name), getattr(alone, name)), name
 
@@ -121,11 +104,10 @@ def test_a_trajectory_stops_likewise():
     assert 30 < len(run) < 50
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_robot_that_diverges_among_things_is_blamed_itself(compiled):
+def test_a_robot_that_diverges_among_things_is_blamed_itself():
     world = World(PEPPER, pk.Scene().add_box("deck", (4, 4, 0.1), (3, 0, 0.95)))
     world.add_box("parcel", (0.1, 0.1, 0.1), 1.0, (3, 0, 1.05))
-    twin = Twin(PEPPER, world=world, compiled=compiled)
+    twin = Twin(PEPPER, world=world)
     load = np.zeros((10, PEPPER.n))
     load[6:, PEPPER.joint_index("HeadYaw")] = 1e300
     with np.errstate(all="ignore"):

@@ -71,7 +71,7 @@ def test_acceleration_of_the_step_follows_from_the_equation(pepper):
         q = pepper.posture("Stand") + 0.05 * rng.normal(size=15)
         v, load = rng.normal(size=15), rng.normal(size=15)
         q_ref, v_ref, forward = q + 0.02 * rng.normal(size=15), rng.normal(size=15), rng.normal(size=15)
-        mass_hat, force = integrator.linearised(q, v, q_ref, v_ref, forward, load)
+        mass_hat, force = integrator.linearized(q, v, q_ref, v_ref, forward, load)
         v_next = integrator.step(q, v, q_ref, v_ref, forward, load)[1]
         np.testing.assert_allclose(v_next, v + 2e-3 * np.linalg.solve(mass_hat, force), atol=1e-9)
 

@@ -33,7 +33,7 @@ def twin(seed=0, sensors=True, timestep=0.002, **options):
     suite = (
         SensorSuite(PEPPER, seed=seed, sensors=("joint_encoders", "imu_torso_gyroscope")) if sensors else None
     )
-    return pk.Twin(PEPPER, timestep, sensors=suite, compiled=False, **options)
+    return pk.Twin(PEPPER, timestep, sensors=suite, **options)
 
 
 def wave(seconds=1.3, timestep=0.002):
@@ -152,7 +152,7 @@ def test_a_killed_process_leaves_whole_seconds_that_are_taken_up_again(tmp_path)
         pepper = pk.load_pepper()
         steps = np.arange(1, 500_001)[:, None] * 0.002
         target = pepper.neutral() + 0.1 * np.sin(2 * steps) * np.eye(pepper.n)[3]
-        Recorder(pk.Twin(pepper, 0.002, compiled=False), {str(folder)!r}).follow(target)
+        Recorder(pk.Twin(pepper, 0.002), {str(folder)!r}).follow(target)
         """)
     )
     process = subprocess.Popen([sys.executable, str(tmp_path / "job.py")])

@@ -39,7 +39,7 @@ def test_links_are_where_pinocchio_has_them_and_as_fast(hands):
     rng = np.random.default_rng(5)
     q, v = pepper.neutral() + 0.1 * rng.normal(size=pepper.n), rng.normal(size=pepper.n)
     world.advance(q, v, np.eye(pepper.n), np.zeros(pepper.n), H)
-    model, state = pepper.pinocchio_model, world._state
+    model, state = pepper.pinocchio_model, world.begin(H).at
     data = model.createData()
     pinocchio.forwardKinematics(model, data, pepper.to_full(q), pepper.rate_to_full(v))
     for joint in range(model.njoints):

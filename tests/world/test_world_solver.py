@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from pepper_kin.twin.world.newton import newton
-from pepper_kin.twin.world.problem import ContactProblem
-from pepper_kin.twin.world.programme import ImpulseProgramme
+from pepper_kin.core.simulation.contact_solver import ContactProblem, newton
+from pepper_kin.twin.world.proxsuite_solver import ImpulseProblem, ImpulseProgram
 
 
 def random_problem(seed, count, size):
@@ -33,6 +32,10 @@ def random_problem(seed, count, size):
     )
 
 
+def impulses_of(problem):
+    return ImpulseProblem(*(getattr(problem, name) for name in ImpulseProblem._fields))
+
+
 def edge_matrix(friction):
     """Edges of all pyramids in terms of normals and tangents, shape (4 k, 3 k)."""
     rows = np.zeros((4 * len(friction), 3 * len(friction)))
@@ -56,9 +59,7 @@ def by_least_squares(problem):
 def by_newton(problem):
     pushes = np.empty(len(problem.jacobian))
     u = problem.start.copy()
-    steps = newton(
-        problem.mass, problem.free, problem.jacobian, problem.soft, problem.drop, problem.friction, u, pushes
-    )
+    steps = newton(problem, problem.drop, u, pushes)
     assert steps >= 0
     return pushes, u
 
@@ -82,7 +83,7 @@ def test_newton_agrees_with_non_negative_least_squares(seed, count, size):
 @pytest.mark.parametrize(("seed", "count", "size"), CASES)
 def test_proxsuite_agrees_with_newton(seed, count, size):
     problem = random_problem(seed, count, size)
-    pushes = ImpulseProgramme().solve(problem, problem.drop)
+    pushes = ImpulseProgram().solve(impulses_of(problem))
     _, u = by_newton(problem)
     assert pushes is not None
     assert np.abs(problem.free + problem.response.T @ pushes - u).max() < 1e-6
@@ -90,18 +91,15 @@ def test_proxsuite_agrees_with_newton(seed, count, size):
 
 def test_a_programme_solved_again_starts_where_it_ended():
     problem = random_problem(3, 4, 6)
-    programme = ImpulseProgramme()
-    first = programme.solve(problem, problem.drop)
-    again = programme.solve(problem._replace(free=problem.free + 1e-3), problem.drop)
-    fresh = ImpulseProgramme().solve(problem._replace(free=problem.free + 1e-3), problem.drop)
+    programme = ImpulseProgram()
+    first = programme.solve(impulses_of(problem))
+    again = programme.solve(impulses_of(problem._replace(free=problem.free + 1e-3)))
+    fresh = ImpulseProgram().solve(impulses_of(problem._replace(free=problem.free + 1e-3)))
     assert np.abs(first - again).max() > 1e-6
     assert np.abs(problem.response.T @ (again - fresh)).max() < 1e-7
 
 
 def test_newton_says_when_the_matrix_is_not_positive_definite():
     problem = random_problem(0, 1, 6)
-    steps = newton(
-        -problem.mass, problem.free, problem.jacobian, problem.soft, problem.drop, problem.friction,
-        problem.start.copy(), np.empty(3),
-    )  # fmt: skip
+    steps = newton(problem._replace(mass=-problem.mass), problem.drop, problem.start.copy(), np.empty(3))
     assert steps == -1

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.checker import LEVER, checker_for
-from pepper_kin.collision.fast import layout as at
 from pepper_kin.collision.fast.certificate import certified
 from pepper_kin.collision.fast.compiled import CompiledValidity, compile_validity
 from pepper_kin.collision.fast.levers import part_levers
-from pepper_kin.collision.fast.options import LANES, WIDEST
 from pepper_kin.collision.fast.prepared import Prepared, prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance
 from pepper_kin.collision.fast.solids import OTHER, Array
 from pepper_kin.collision.scene import Scene
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.layout import LANES, WIDEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
@@ -223,7 +223,7 @@ class FastChecker:
         ).reshape(n)
 
     def _verdicts(self, flat: Array, threads: int) -> tuple[NDArray[np.uint8], int]:
-        from pepper_kin.collision.fast.loop import check_many
+        from pepper_kin.core.collision.check import check_many
 
         verdicts = np.empty(len(flat), np.uint8)
         if self._resting:
@@ -261,7 +261,7 @@ class FastChecker:
             return self._bare
 
     def _part_bounds(self, flat: Array) -> Array:
-        from pepper_kin.collision.fast.bounds import part_bounds
+        from pepper_kin.core.collision.lower_bounds import part_bounds
 
         prepared, levers = self._without_margins()
         bounds = np.full((len(flat), len(levers)), np.inf)

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import kernel
 from pepper_kin.collision.checker import CollisionChecker
-from pepper_kin.collision.fast import layout as at
 from pepper_kin.collision.fast.prepared import Prepared
 from pepper_kin.collision.fast.solids import Array
+from pepper_kin.core.collision import layout as at
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 
@@ -80,7 +80,7 @@ def compile_validity(
     effort_limits: ArrayLike | None,
 ) -> CompiledValidity:
     """Return the validity of edges of some joints; see `FastChecker.compiled`.  `block` is not changed."""
-    from pepper_kin.collision.fast.loop import check_rows, valid_prefix
+    from pepper_kin.core.collision.check import check_rows, valid_prefix
 
     pepper, structure = checker.pepper, prepared.structure
     n, classes = pepper.n, len(structure.classes)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -15,22 +12,26 @@ from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
 from pepper_kin.collision.checker import LEVER, CollisionChecker
-from pepper_kin.collision.fast import layout as at
 from pepper_kin.collision.fast.expression import SLACK, pair_bounds, reaches, solid_poses, sphere_centers
 from pepper_kin.collision.fast.levers import moved_by
-from pepper_kin.collision.fast.options import LANES, POSE_LANES, ROOM
 from pepper_kin.collision.fast.solids import OTHER, Array, Solid
 from pepper_kin.collision.fast.structure import Structure, ball, coarse, group_spheres, structure_of
 from pepper_kin.collision.fast.tables import pack_tables
-from pepper_kin.collision.fast.world import OBJECT_SIZE
-from pepper_kin.kernels import Kernel, compile_function
-from pepper_kin.model import PepperModel
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.broad_phase import OBJECT_SIZE
+from pepper_kin.core.collision.layout import LANES, POSE_LANES, ROOM, VECTOR_BYTES
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
 if TYPE_CHECKING:
     import casadi
 
-EXPRESSION_FILES = ("expression.py", "spheres.py", "structure.py")
-"""Files of this room on which the kernels depend, besides the solids."""
+SOURCES = (
+    "pepper_kin.symbolic",
+    "pepper_kin.model",
+    *(f"pepper_kin.collision.fast.{name}" for name in ("expression", "spheres", "structure")),
+)
+"""Modules on which the kernels depend, besides the solids."""
 NO_INNER = -1e3
 """Inner radius of a sphere that lies in nothing [m]."""
 
@@ -62,7 +63,7 @@ class _Kernels:
 
     def __init__(self, pepper: PepperModel, structure: Structure) -> None:
         solids = structure.solids
-        self._pepper, self._robot = pepper, hashlib.sha256(pepper.urdf.encode()).hexdigest()
+        self._pepper, self._robot = pepper, robot_digest(pepper)
         self.classes = [[(solids[i], solids[j]) for i, j in pairs] for pairs in structure.classes]
         self.near = [coarse(pairs) for pairs in self.classes]
         members = [[solids[i] for i in group] for group in structure.groups]
@@ -101,7 +102,11 @@ class _Kernels:
 
     def _compiled(self, dtype: str, what: object, make: Callable[[], casadi.Function]) -> Kernel:
         return compile_function(
-            make, dtype=dtype, key=f"collision {what!r} of {self._robot} by {_source_digest()}"
+            make,
+            dtype=dtype,
+            key=f"collision {what!r} of {self._robot} by {source_digest(*SOURCES)}",
+            vector_bytes=VECTOR_BYTES,
+            batch=False,
         )
 
 
@@ -123,13 +128,13 @@ _shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Kernels, dict[int
     WeakKeyDictionary()
 )
 """What checkers of the same shapes share, whatever their margins."""
-_kept: WeakKeyDictionary[PepperModel, dict[object, _Kernels]] = WeakKeyDictionary()
+_kept: RobotMemory[object, _Kernels] = RobotMemory()
 
 
 def _kernels_of(pepper: PepperModel, structure: Structure) -> _Kernels:
     """Return the kernels of a structure; scenes with the same things in the robot's hands share them."""
     key = (tuple(map(_key, structure.solids)), structure.classes, structure.groups)
-    kept = _kept.setdefault(pepper, {})
+    kept = _kept.of(pepper)
     if key not in kept:
         kept[key] = _Kernels(pepper, structure)
     return kept[key]
@@ -258,14 +263,3 @@ def _key(solid: Solid) -> tuple[object, ...]:
 
 def _pair_key(pair: tuple[Solid, Solid]) -> tuple[object, ...]:
     return _key(pair[0]), _key(pair[1])
-
-
-@lru_cache(maxsize=1)
-def _source_digest() -> str:
-    digest = hashlib.sha256()
-    for room in ("symbolic", "model", "collision.fast"):
-        for file in sorted(files(f"pepper_kin.{room}").iterdir(), key=lambda f: f.name):
-            ours = room != "collision.fast" or file.name in EXPRESSION_FILES
-            if file.name.endswith(".py") and ours:
-                digest.update(file.read_bytes())
-    return digest.hexdigest()

@@ -54,7 +54,7 @@ def _placed(checker: CollisionChecker) -> Any:
     import pinocchio
 
     data, geometry_data = checker._data
-    model = checker.pepper.pinocchio_model
+    model = checker.pepper.inner_model
     q = checker.pepper.to_full(checker.pepper.neutral())
     pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, q)
     return geometry_data

@@ -6,19 +6,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin.collision.bodies import WORLD
 from pepper_kin.collision.checker import CollisionChecker
+from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, OTHER, Array
 from pepper_kin.model.shapes import read_only
-
-BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
-"""Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
 
 VAST = 25.0
 """Half length of the box that stands for a half-space [m]: single precision still tells 4e-6 m there."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

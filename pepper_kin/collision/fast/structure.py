@@ -90,7 +90,7 @@ def _limbs(pepper: PepperModel) -> list[int]:
     From the world to the first joint that carries several, each joint is a limb; beyond, all that hangs on
     one of those is.
     """
-    parents = list(pepper.pinocchio_model.parents)
+    parents = list(pepper.inner_model.parents)
     children = [[c for c in range(1, len(parents)) if parents[c] == j] for j in range(len(parents))]
     limbs = [-1] * len(parents)
     joint = limbs[0] = 0

@@ -12,7 +12,6 @@ from pepper_kin.ik.fast.task_residuals import (
     LARGEST_KINDS,
     MASS_KINDS,
     Motion,
-    joints_of_relative,
     task_residual,
 )
 from pepper_kin.ik.tasks.task import HARD_WEIGHT
@@ -26,31 +25,6 @@ from pepper_kin.symbolic.tree import read_tree
 
 if TYPE_CHECKING:
     import casadi
-
-
-def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
-    """Return the places of the joints that move any task, ascending.
-
-    A joint moves a frame's task where it is on the way to the frame; whether its column vanishes by some
-    symmetry is left to the search, which then leaves the joint where it is.
-    """
-    import casadi
-
-    used = np.zeros(pepper.n, dtype=bool)
-    frames = tuple(dict.fromkeys(task.frame for task in tasks if task.frame and not task.reference))
-    if frames:
-        outputs = _frames_function(pepper, frames)(casadi.SX.sym("q", pepper.n))
-        for jacobian in outputs[1::2]:
-            used |= np.array(casadi.DM(jacobian.sparsity(), 1)).any(axis=0)
-    for task in tasks:
-        if task.reference:
-            used |= joints_of_relative(pepper, task)
-        elif task.kind == "CenterOfMass":
-            jacobian = center_of_mass_jacobian(pepper)(casadi.SX.sym("q", pepper.n))
-            used |= np.array(casadi.DM(jacobian[:2, :].sparsity(), 1)).any(axis=0)
-        elif not task.frame:
-            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
-    return np.flatnonzero(used)
 
 
 def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.ndarray) -> casadi.Function:

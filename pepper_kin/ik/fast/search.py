@@ -7,74 +7,98 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pepper_kin.ik.fast.loop import solve_rows
-from pepper_kin.ik.fast.prepared import EXTRA, Prepared, prepare, unit_points
-from pepper_kin.ik.fast.structure import structures_of, target_of
-from pepper_kin.ik.result import Found, Status
+from pepper_kin.core.inverse_kinematics.multi_start import descend_row
+from pepper_kin.core.inverse_kinematics.search import CANDIDATES, EXTRA, STATUS, STOP
+from pepper_kin.ik.collisions import NO_TESTS, Collisions
+from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, unit_points
+from pepper_kin.ik.problem import Problem, SearchBudget
+from pepper_kin.ik.result import SearchResult, Status
+from pepper_kin.ik.solvers.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
 
-STATUSES = (Status.SOLVED, Status.CLOSEST_UNREACHABLE, Status.CLOSEST_LIMITS)
+STATUSES = (
+    Status.SOLVED,
+    Status.CLOSEST_UNREACHABLE,
+    Status.CLOSEST_LIMITS,
+    Status.CLOSEST_COLLISION,
+    Status.TIMED_OUT,
+    Status.TIMED_OUT,
+)
 """By the number that the compiled search writes."""
 
 
-def solve_one(
-    prepared: Prepared,
+def search_compiled(
+    pepper: PepperModel,
     tasks: Sequence[Task],
     q0: Array,
     movable: np.ndarray | None,
-    seed: int,
-    restarts: int,
-    max_iterations: int,
-) -> Found:
+    budget: SearchBudget,
+    collisions: Collisions | None = None,
+) -> SearchResult:
     """Search for one set of targets.
 
     Args:
-        prepared: What is ready for tasks of these structures.
+        pepper: The robot.
         tasks: The tasks.
         q0: The start, within the limits, shape (n,).
         movable: Joints that may move, shape (n,); None for all.
-        seed: Draws the restarts.
-        restarts: Number of restarts at most.
-        max_iterations: Steps from each start.
+        budget: How much to search.
+        collisions: What may not touch; None for nothing.
+
+    Raises:
+        Exception: what a task in Python, or the handler of a signal, has raised.
     """
-    n, desk = q0.size, prepared.desk()
-    row, tolerance, stop = desk.row, desk.tolerance, True
-    row[:n] = q0
-    for k, (task, targets) in enumerate(zip(tasks, prepared.target_places, strict=True)):
-        weight, allowed = task.weight, task.tolerance
-        row[n + k] = weight * weight
-        row[targets] = target_of(task)
-        tolerance[k] = allowed * allowed
-        stop = stop and allowed < math.inf
-    solve_rows(
-        numbers_for(prepared, stop), prepared.index, bounds_for(prepared, q0, movable), prepared.effort,
-        tolerance, unit_points(prepared.index.size, seed, restarts), max_iterations, desk.given,
-        desk.answers, 0, 1,
-    )  # fmt: skip
-    q = desk.answer[:n].copy()
+    n, ready = q0.size, compiled_tasks(pepper, tasks)
+    buffers = ready.buffers()
+    buffers.row[:n] = q0
+    finite = ready.read(tasks, buffers.row, buffers.tolerance)
+    options = buffers.options(budget, finite, ready.tables.task_joints)
+    tests = NO_TESTS if collisions is None or collisions.scene is None else collisions.tests(buffers.signals)
+    bounds = ready.bounds if movable is None else ready.bounds_of(movable)
+    ready.solve(ready.tables, bounds, options, tests, buffers.given, buffers.answers, 0, 1)
+    q = buffers.answer[:n].copy()
     q.setflags(write=False)
-    status, iterations, used = desk.answer[-EXTRA:].tolist()
-    prepared.desks.append(desk)
-    return Found(q, STATUSES[int(status)], int(iterations), int(used))
+    status, iterations, used = buffers.answer[-EXTRA:].tolist()
+    if status == STOP:
+        ready.check(buffers)
+        if collisions is not None:
+            collisions.check()
+    ready.spare.append(buffers)
+    return SearchResult(q, STATUSES[int(status)], int(iterations), int(used))
 
 
-def numbers_for(prepared: Prepared, stop_when_met: bool) -> np.ndarray:
-    """Return the addresses and options of a call."""
-    if stop_when_met:
-        return prepared.numbers
-    numbers = prepared.numbers.copy()
-    numbers[3] = 0
-    return numbers
+class FastSolver(TaskSolver):
+    """The compiled search, for one problem.
 
+    Args:
+        problem: The problem.
+    """
 
-def bounds_for(prepared: Prepared, q0: Array, movable: np.ndarray | None) -> Array:
-    """Return the bounds of the joints that the tasks depend on; those that may not move stay at q0."""
-    if movable is None:
-        return prepared.all_bounds
-    moves, here = movable[prepared.index], q0[prepared.index]
-    lower, upper = np.where(moves, prepared.lower, here), np.where(moves, prepared.upper, here)
-    return prepared.bounds(lower, upper, moves)
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:
+        """Return the outcome of a search from q0 and further starts."""
+        problem = self._problem
+        return search_compiled(problem.pepper, problem.tasks, problem.q0, problem.movable, budget, collisions)
+
+    def descend(self, start: Array, collisions: Collisions, budget: SearchBudget, *, clear: bool) -> Array:
+        """Return where a descent from a start ends."""
+        problem, n = self._problem, start.size
+        ready = compiled_tasks(problem.pepper, problem.tasks)
+        buffers = ready.buffers()
+        finite = ready.read(problem.tasks, buffers.row, buffers.tolerance)
+        buffers.row[:n] = problem.clip(start)
+        options = buffers.options(budget, finite, ready.tables.task_joints)
+        tests = collisions.tests(buffers.signals) if clear else NO_TESTS
+        bounds = ready.bounds_of(problem.movable)
+        descend_row(ready.tables, bounds, options, tests, buffers.row, problem.q0.copy(), clear)
+        q: Array = buffers.row[:n].copy()
+        ready.check(buffers)
+        collisions.check()
+        ready.spare.append(buffers)
+        return q
 
 
 class Rows:
@@ -82,12 +106,10 @@ class Rows:
 
     Args:
         pepper: The robot.
-        tasks: The tasks; some have N targets.
+        tasks: The tasks, with machine code; some have N targets.
         starts: q0 of each row, within the limits, shape (N, n).
         movable: Joints that may move, shape (n,); None for all.
-        seed: Draws the restarts.
-        restarts: Number of restarts at most.
-        max_iterations: Steps from each start.
+        budget: How much to search for each row.
 
     Attributes:
         statuses: The status of each number that `answers` gives.
@@ -99,31 +121,36 @@ class Rows:
         tasks: Sequence[Task],
         starts: Array,
         movable: np.ndarray | None,
-        seed: int,
-        restarts: int,
-        max_iterations: int,
+        budget: SearchBudget,
     ) -> None:
-        prepared = prepare(pepper, structures_of(tasks))
+        ready = compiled_tasks(pepper, tasks)
         n, t = pepper.n, len(tasks)
         self.statuses = STATUSES
-        self._given = np.empty((len(starts), prepared.width))
+        self._given = np.empty((len(starts), ready.width))
         self._given[:, :n] = starts
         self._given[:, n : n + t] = [task.weight**2 for task in tasks]
-        for place, task in zip(prepared.target_places, tasks, strict=True):
+        for place, task in zip(ready.target_places, tasks, strict=True):
+            assert place is not None
             targets = getattr(task, task.target_name)
             self._given[:, place] = targets.reshape(-1, place.stop - place.start)
-        moves = np.ones(prepared.index.size) if movable is None else movable[prepared.index]
-        bounds = prepared.bounds(prepared.lower, prepared.upper, moves)
-        tolerance = np.array([task.tolerance**2 for task in tasks])
-        numbers = numbers_for(prepared, all(task.tolerance < math.inf for task in tasks))
-        points = unit_points(prepared.index.size, seed, restarts)
+        buffers = ready.buffers()
+        buffers.tolerance[:] = [task.tolerance**2 for task in tasks]
+        finite = all(task.tolerance < math.inf for task in tasks)
+        options = buffers.options(budget, finite, ready.tables.task_joints)
         self._answers = np.empty((len(starts), n + t + EXTRA))
-        self._prepared, self._sizes = prepared, (n, t)
-        self._fixed = (numbers, prepared.index, bounds, prepared.effort, tolerance, points, max_iterations)
+        self._ready, self._sizes, self._buffers = ready, (n, t), buffers
+        self._fixed = (ready.tables, ready.bounds_of(movable), options, NO_TESTS)
 
     def solve(self, begin: int, end: int) -> None:
-        """Solve some rows; the interpreter is free for other threads meanwhile."""
-        solve_rows(*self._fixed, self._given, self._answers, begin, end)
+        """Solve some rows; the interpreter is free for other threads meanwhile.
+
+        Raises:
+            KeyboardInterrupt: after Ctrl-C, or whatever else the handler of a signal has raised.
+        """
+        self._ready.solve(*self._fixed, self._given, self._answers, begin, end)
+        stopped = self._answers[begin:end, sum(self._sizes) + STATUS] == STOP
+        if stopped.any():
+            self._ready.check(self._buffers)
 
     def answers(self) -> tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]:
         """Return q, status numbers, errors, iterations and restarts of all rows."""
@@ -146,11 +173,12 @@ def alternatives(
 
     The starts lie ever farther from q0 on the way to points that fill the joint box evenly.
     """
-    prepared = prepare(pepper, structures_of(tasks))
-    index = prepared.index
+    ready = compiled_tasks(pepper, tasks)
+    index, k = ready.index, ready.index.size
     here = q0[index]
-    low, high = np.maximum(prepared.lower, here - np.pi), np.minimum(prepared.upper, here + np.pi)
-    points = unit_points(index.size, seed, count)[:, 0]
+    low, high = np.maximum(ready.bounds[0, :k], here - np.pi), np.minimum(ready.bounds[1, :k], here + np.pi)
+    first, advance = (part[:k] for part in unit_points(k, q0.size, seed))
+    points = (first + (1.0 + CANDIDATES * np.arange(count)[:, None]) * advance) % 1.0
     reach = np.linspace(1 / max(count, 1), 1, count)[:, None]
     starts = np.tile(q0, (count, 1))
     starts[:, index] += reach * (low + points * (high - low) - here)
@@ -171,12 +199,17 @@ def solutions_from(
 
     Joints that no task depends on stay where a start has them; how far they move counts unweighted.
     """
-    prepared = prepare(pepper, structures_of(tasks))
-    rows = Rows(pepper, tasks, starts, movable, 0, 0, max_iterations)
-    rows.solve(0, len(starts))
-    q, status, *_ = rows.answers()
-    solved = q[status == STATUSES.index(Status.SOLVED)]
-    scale = np.ones(q0.size)
-    scale[prepared.index] = prepared.scale
+    budget = SearchBudget(0, 0, max_iterations, math.inf)
+    ready = compiled_tasks(pepper, tasks)
+    if ready.python is None:
+        rows = Rows(pepper, tasks, starts, movable, budget)
+        rows.solve(0, len(starts))
+        q, status, *_ = rows.answers()
+        solved = q[status == STATUSES.index(Status.SOLVED)]
+    else:
+        found = [search_compiled(pepper, tasks, start, movable, budget) for start in starts]
+        solved = np.array([one.q for one in found if one.status is Status.SOLVED]).reshape(-1, q0.size)
+    k, scale = ready.index.size, np.ones(q0.size)
+    scale[ready.index] = ready.tables.scale[:k]
     motion = ((solved - q0) ** 2 * scale).sum(axis=1)
     return list(solved[np.argsort(motion, kind="stable")])

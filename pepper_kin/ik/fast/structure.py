@@ -40,7 +40,7 @@ KINDS = (
     "BasePosition",
     "BaseYaw",
 )
-"""The tasks that the fast solver knows; everyday names such as `HandPosition` are among them."""
+"""The tasks with machine code; everyday names such as `HandPosition` are among them."""
 
 
 class Structure(NamedTuple):
@@ -71,16 +71,23 @@ def structure_of(task: Task) -> Structure:
     """Return the structure of a task; tasks alike share one.
 
     Raises:
-        InvalidValueError: for a kind of task that the fast solver lacks, naming those that it has.
+        InvalidValueError: for a kind of task without machine code, naming those that have it.
     """
     read = _reader(type(task))
     if read is None:
-        raise InvalidValueError(
-            "solver",
-            "'fast'",
-            f"'placo' or 'proxsuite' for {type(task).__name__}; 'fast' knows {', '.join(KINDS)}",
-        )
+        raise InvalidValueError("task", type(task).__name__, f"one with machine code: {', '.join(KINDS)}")
     return read(task)
+
+
+def known_structures(tasks: Sequence[Task]) -> tuple[Structure, ...] | None:
+    """Return the structure of each task; None where there is no machine code for one of them."""
+    found = []
+    for task in tasks:
+        read = _reader(type(task))
+        if read is None:
+            return None
+        found.append(read(task))
+    return tuple(found)
 
 
 def target_of(task: Task) -> Array:
@@ -133,5 +140,11 @@ _READERS: dict[type, Callable[[Any], Structure]] = {
 
 @lru_cache(maxsize=256)
 def _reader(kind: type) -> Callable[[Any], Structure] | None:
-    """Return what reads the structure of a class of tasks; to ask an abstract class is slow."""
+    """Return what reads the structure of a class of tasks; to ask an abstract class is slow.
+
+    A class derived from one of the library's may have a residual of its own, which is not what is compiled.
+    """
+    own = (getattr(kind, name).__module__ for name in ("residual", "jacobian", "size"))
+    if not all(module.startswith("pepper_kin.") for module in own):
+        return None
     return next((read for known, read in _READERS.items() if issubclass(kind, known)), None)

@@ -1,29 +1,30 @@
-"""Solvers: what proposes the steps."""
+"""Solvers: the compiled one, and two of other libraries as references."""
 
 from __future__ import annotations
 
 from pepper_kin.ik.problem import Problem
-from pepper_kin.ik.solvers.step_solver import HalfSpaces, StepSolver
+from pepper_kin.ik.solvers.solver import TaskSolver
 
 SOLVERS = ("placo", "proxsuite")
+ALL_SOLVERS = ("fast", *SOLVERS)
 
-__all__ = ["SOLVERS", "HalfSpaces", "StepSolver", "make_solver"]
+__all__ = ["ALL_SOLVERS", "SOLVERS", "TaskSolver", "make_solver"]
 
 
-def make_solver(name: str, problem: Problem) -> StepSolver:
+def make_solver(name: str, problem: Problem) -> TaskSolver:
     """Return the solver of a name, made for a problem.
 
     Args:
-        name: One of `SOLVERS`, checked by the caller.
+        name: One of `ALL_SOLVERS`, checked by the caller.
         problem: The problem.
 
     Raises:
-        InvalidValueError: where the solver cannot take the robot or a task; names one that can.
+        InvalidValueError: where the solver cannot take the robot; names one that can.
     """
-    if name == "placo":
-        from pepper_kin.ik.solvers.placo import PlacoSolver
+    if name == "fast":
+        from pepper_kin.ik.fast.search import FastSolver
 
-        return PlacoSolver(problem)
-    from pepper_kin.ik.solvers.proxsuite import ProxsuiteSolver
+        return FastSolver(problem)
+    from pepper_kin.ik.solvers.reference import ReferenceSolver
 
-    return ProxsuiteSolver(problem)
+    return ReferenceSolver(name, problem)

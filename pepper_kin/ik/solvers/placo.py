@@ -5,16 +5,25 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.ik.fast.structure import known_structures
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
-from pepper_kin.ik.solvers.step_solver import STEP_BOUND, HalfSpaces, StepSolver
-from pepper_kin.ik.tasks import FramePosition, JointPosture, Task
+from pepper_kin.ik.solvers.reference import HalfSpaces, StepSolver
+from pepper_kin.ik.tasks import (
+    CenterOfMass,
+    FrameOrientation,
+    FramePosition,
+    JointPosture,
+    RelativeOrientation,
+    RelativePosition,
+    Task,
+)
 from pepper_kin.ik.tasks.task import Array
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.plain_urdf import plain_urdf
 
 # placo's robots float: seven coordinates and six velocities of the base come first, and stay where they are.
@@ -31,10 +40,10 @@ _robots = threading.local()
 class PlacoSolver(StepSolver):
     """Hands the tasks to `placo.KinematicsSolver` and takes its step.
 
-    Positions and postures are placo's own tasks, mimic joints its gears.  Turning tasks enter as pairs of
-    soft joint-space half-spaces, J dq + r <= 0 and >= 0, whose penalties add up to |J dq + r|^2: placo's own
-    orientation and axis tasks leave out how a camera's motion shifts the direction to a point, and how a turn
-    of some size composes, so they meet what can be met but do not lead to the closest where it cannot.
+    Positions, orientations, in the world or from another frame, the center of mass and postures are placo's
+    own tasks, mimic joints its gears.  The others enter as pairs of soft joint-space half-spaces, J dq + r
+    <= 0 and >= 0, whose penalties add up to |J dq + r|^2: placo's axis task leaves out how a camera's
+    motion shifts the direction to a point.
 
     Rhoban, PlaCo: rigid body planning and control (software).
 
@@ -57,7 +66,7 @@ class PlacoSolver(StepSolver):
         self._solver.mask_fbase(True)
         self._solver.enable_joint_limits(True)
         self._solver.enable_velocity_limits(False)
-        self._linearised: list[tuple[int, Task, Any]] = []
+        self._linearized: list[tuple[int, Task, Any]] = []
         for place, task in enumerate(problem.tasks):
             self._add(place, task)
         self._posture = self._solver.add_joints_task()
@@ -78,7 +87,7 @@ class PlacoSolver(StepSolver):
         if not problem.movable.any():
             return np.zeros(pepper.n)
         self._enter(q)
-        for place, task, pair in self._linearised:
+        for place, task, pair in self._linearized:
             pair.A, pair.b = self._pair(q, task.strength, residuals[place], task.jacobian(pepper, q))
         self._posture.set_joints(
             {pepper.joint_names[i]: float(reference[i]) for i in np.flatnonzero(problem.movable)}
@@ -119,18 +128,36 @@ class PlacoSolver(StepSolver):
         return constraint
 
     def _add(self, place: int, task: Task) -> None:
+        """Add placo's own task where it has one; classes of a user's own count as none."""
+        own = self._own_task(task) if known_structures([task]) is not None else None
+        if own is not None:
+            own.configure(f"{task.label} {place}", "soft", task.strength**2)
+            return
+        pair = self._solver.add_joint_space_half_spaces_constraint(np.zeros((1, 1)), np.zeros(1))
+        pair.configure(f"{task.label} {place}", "soft", 1.0)
+        self._linearized.append((place, task, pair))
+
+    def _own_task(self, task: Task) -> Any:
         pepper, solver = self._problem.pepper, self._solver
-        if isinstance(task, FramePosition):
-            solver.add_position_task(task.frame, task.target).configure(task.label, "soft", task.strength**2)
-        elif isinstance(task, JointPosture):
-            names = [pepper.joint_names[i] for i in task.indices(pepper)]
-            own = solver.add_joints_task()
-            own.set_joints(dict(zip(names, task.target.tolist(), strict=True)))
-            own.configure(task.label, "soft", task.strength**2)
-        else:
-            pair = solver.add_joint_space_half_spaces_constraint(np.zeros((1, 1)), np.zeros(1))
-            pair.configure(f"{task.label} {place}", "soft", 1.0)
-            self._linearised.append((place, task, pair))
+        match task:
+            case FramePosition():
+                return solver.add_position_task(task.frame, task.target)
+            case FrameOrientation():
+                return solver.add_orientation_task(task.frame, task.target)
+            case RelativePosition():
+                return solver.add_relative_position_task(task.reference, task.frame, task.target)
+            case RelativeOrientation():
+                return solver.add_relative_orientation_task(task.reference, task.frame, task.target)
+            case CenterOfMass():
+                own = solver.add_com_task(np.append(task.target, 0.0))
+                own.mask.set_axises("xy")
+                return own
+            case JointPosture():
+                names = [pepper.joint_names[i] for i in task.indices(pepper)]
+                own = solver.add_joints_task()
+                own.set_joints(dict(zip(names, task.target.tolist(), strict=True)))
+                return own
+        return None
 
     def _pair(self, q: Array, weight: float, residual: Array, jacobian: Array) -> tuple[Array, Array]:
         """Return A and b of A (q + dq) <= b that stand for w (J dq + r) = 0."""
@@ -163,19 +190,24 @@ def robot_of(pepper: PepperModel) -> Any:
     """
     import placo
 
-    known: WeakKeyDictionary[PepperModel, Any] | None = getattr(_robots, "by_model", None)
-    if known is None:
-        known = _robots.by_model = WeakKeyDictionary()
-    robot = known.get(pepper)
+    memory: RobotMemory[str, Any] | None = getattr(_robots, "by_model", None)
+    if memory is None:
+        memory = _robots.by_model = RobotMemory()
+    known = memory.of(pepper)
+    robot = known.get("")
     if robot is None:
         if np.abs(pepper.full_offset).max() > 0:
             raise InvalidValueError(
                 "solver", "'placo'", "'proxsuite' for a robot whose mimic joints have an offset"
             )
         robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, plain_urdf(pepper.document))
-        if _full_names(robot) != list(pepper.pinocchio_model.names)[1:]:
+        if _full_names(robot) != list(pepper.inner_model.names)[1:]:
             raise ModelError(f"placo orders the joints of robot {pepper.name!r} in another way")
-        known[pepper] = robot
+        changed = pepper.dynamics_model.changed()
+        if changed is not None:
+            for joint, inertia in enumerate(changed.inertias):
+                robot.model.inertias[joint + 1] = inertia
+        known[""] = robot
     return robot
 
 
@@ -186,5 +218,5 @@ def _full_names(robot: Any) -> list[str]:
 
 def _full_rows(pepper: PepperModel) -> np.ndarray:
     """Return the place of each joint among all joints, mimic ones included, shape (n,)."""
-    full = list(pepper.pinocchio_model.names)[1:]
+    full = list(pepper.inner_model.names)[1:]
     return np.array([full.index(name) for name in pepper.joint_names])

@@ -1,4 +1,4 @@
-"""Steps by the dense quadratic programme of ProxSuite."""
+"""Steps by the dense quadratic program of ProxSuite."""
 
 from __future__ import annotations
 
@@ -7,28 +7,29 @@ from typing import Any
 
 import numpy as np
 
+from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
-from pepper_kin.ik.solvers.step_solver import STEP_BOUND, HalfSpaces, StepSolver
+from pepper_kin.ik.solvers.reference import HalfSpaces, StepSolver
 from pepper_kin.ik.tasks.task import Array
 
 ACCURACY = 1e-9
 
 
 class ProxsuiteSolver(StepSolver):
-    """Builds the programme from the tasks' own Jacobians and solves it with ProxQP, started warm.
+    """Builds the program from the tasks' own Jacobians and solves it with ProxQP, started warm.
 
     Bambade et al., ProxQP: an efficient and versatile quadratic programming solver for real-time robotics
     applications and beyond (2023).
 
     Args:
-        problem: The problem; its joints that may not move are left out of the programme.
+        problem: The problem; its joints that may not move are left out of the program.
     """
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._index = np.flatnonzero(problem.movable)
         self._diagonal = np.diag_indices(self._index.size)
-        self._programmes: dict[int, Any] = {}
+        self._programs: dict[int, Any] = {}
 
     def step(
         self,
@@ -64,23 +65,23 @@ class ProxsuiteSolver(StepSolver):
         normals = None if half_spaces is None else half_spaces.normals[:, self._index]
         offsets = None if half_spaces is None else half_spaces.offsets
         least = None if half_spaces is None else np.full(rows, -1e20)
-        programme = self._programmes.get(rows)
-        if programme is None:
-            programme = proxqp.dense.QP(self._index.size, 0, rows, True)
-            programme.settings.eps_abs = ACCURACY
+        program = self._programs.get(rows)
+        if program is None:
+            program = proxqp.dense.QP(self._index.size, 0, rows, True)
+            program.settings.eps_abs = ACCURACY
             # Started warm, small residuals alone do not show that the bounds which hold have been found.
-            programme.settings.check_duality_gap = True
-            programme.settings.eps_duality_gap_abs = ACCURACY
-            programme.settings.max_iter = 1000
-            programme.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-            programme.init(hessian, gradient, None, None, normals, least, offsets, lower, upper)
-            self._programmes[rows] = programme
+            program.settings.check_duality_gap = True
+            program.settings.eps_duality_gap_abs = ACCURACY
+            program.settings.max_iter = 1000
+            program.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+            program.init(hessian, gradient, None, None, normals, least, offsets, lower, upper)
+            self._programs[rows] = program
         else:
-            programme.update(
+            program.update(
                 H=hessian, g=gradient, A=None, b=None, C=normals, l=least, u=offsets,
                 l_box=lower, u_box=upper, update_preconditioner=True,
             )  # fmt: skip
-        programme.solve()
-        solved = programme.results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
-        change = np.array(programme.results.x)
+        program.solve()
+        solved = program.results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
+        change = np.array(program.results.x)
         return change if solved and np.isfinite(change).all() else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 from pepper_kin.batch import kernel
 from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels import Kernel, compile_function
-from pepper_kin.model import PepperModel
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 from pepper_kin.motion.optimisation.moving import Moving
 from pepper_kin.planners.optimisation import Rows, Wall
 from pepper_kin.trajectory.balance import support_polygon
@@ -25,6 +24,10 @@ Array = NDArray[np.float64]
 INFLUENCE = 0.03
 """Distances of the zero-moment point from an edge beyond the margin by this do not act on a motion [m]."""
 _GRAVITY = 9.81  # [m/s^2]
+SOURCES = ("pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.motion.optimisation.balance_term")
+"""Modules on which the kernel depends."""
+
+_kept: RobotMemory[str, Kernel] = RobotMemory()
 
 
 class BalanceTerm:
@@ -72,10 +75,15 @@ class BalanceTerm:
         return self._moving.positions(q), self._moving.rates(v), self._moving.rates(a)
 
 
-@lru_cache(maxsize=8)
 def _wrench_derivatives(pepper: PepperModel) -> Kernel:
     """Return the kernel (q, v, a) -> derivatives of the floor's wrench by each, (6, n) three times."""
+    known = _kept.of(pepper)
+    if "" not in known:
+        known[""] = _compile_derivatives(pepper)
+    return known[""]
 
+
+def _compile_derivatives(pepper: PepperModel) -> Kernel:
     def build() -> casadi.Function:
         import casadi
 
@@ -86,4 +94,5 @@ def _wrench_derivatives(pepper: PepperModel) -> Kernel:
         slopes = [casadi.cse(casadi.jacobian(wrench, part)) for part in state]
         return casadi.Function("base_wrench_derivatives", state, slopes)
 
-    return compile_function(build())
+    key = f"base wrench derivatives of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
+    return compile_function(build, key=key)

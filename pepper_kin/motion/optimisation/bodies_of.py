@@ -56,7 +56,7 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
 
 def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, int]]:
     """Return one link for each moving joint of the model, and Pinocchio's joint -> place of its link."""
-    model = pepper.pinocchio_model
+    model = pepper.inner_model
     first: dict[int, str] = {}
     for name in pepper.frame_names:
         first.setdefault(model.frames[pepper.frame_id(name)].parentJoint, name)
@@ -65,14 +65,14 @@ def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, i
 
 
 def _placement(pepper: PepperModel, link: str) -> Array:
-    return np.array(pepper.pinocchio_model.frames[pepper.frame_id(link)].placement.homogeneous)
+    return np.array(pepper.inner_model.frames[pepper.frame_id(link)].placement.homogeneous)
 
 
 def _joints(pepper: PepperModel, frames: tuple[str, ...]) -> tuple[Any, Array, Any]:
     """Return frame, axis with origin, and kind of every joint, in the order of the model's coordinates."""
     import pinocchio
 
-    model = pepper.pinocchio_model
+    model = pepper.inner_model
     order = sorted(range(len(frames)), key=lambda k: model.joints[_parent(pepper, frames[k])].idx_v)
     axes, origins, slides = [], [], []
     for k in order:
@@ -92,11 +92,11 @@ def _joints(pepper: PepperModel, frames: tuple[str, ...]) -> tuple[Any, Array, A
 
 
 def _parent(pepper: PepperModel, link: str) -> int:
-    return int(pepper.pinocchio_model.frames[pepper.frame_id(link)].parentJoint)
+    return int(pepper.inner_model.frames[pepper.frame_id(link)].parentJoint)
 
 
 def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.bool_]:
-    model = pepper.pinocchio_model
+    model = pepper.inner_model
     carried = np.zeros((len(parents), model.nv), np.bool_)
     for body, parent in enumerate(parents):
         while parent > 0:

@@ -1,8 +1,4 @@
-"""Distances of the nearest bodies at many states, with their derivatives, compiled.
-
-Numba keeps the machine code beside this file (or in its own cache folder) and renews it when this file
-changes, but not when only `nearest.py` does: after work on that, remove `__pycache__`.
-"""
+"""Distances of the nearest bodies at many states, with their derivatives, compiled."""
 
 from __future__ import annotations
 
@@ -10,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Flags1, Flags2, Floats1, Floats2, Ints1, Ints2
 from pepper_kin.motion.optimisation.nearest import Array, nearest_points, project
 
 Integers = np.ndarray
@@ -24,7 +21,7 @@ class Bodies(NamedTuple):
         frame: Number of the frame that a body is fixed to, -1 for the world, shape (B,).
         cores: Their cores in that frame, shape (B, 16); see `nearest`.
         radius: Radii around the cores [m], shape (B,).
-        reach: Radii of the bodies' bounding spheres about their centres [m], shape (B,).
+        reach: Radii of the bodies' bounding spheres about their centers [m], shape (B,).
         carried: Whether a joint moves a body, shape (B, J).
         joint_frame: Number of the frame that a joint moves, shape (J,).
         joint_axis: Its axis in that frame, and a point of the axis [m], shape (J, 6).
@@ -33,19 +30,19 @@ class Bodies(NamedTuple):
         gap: Distance that each pair keeps [m], shape (P,).
     """
 
-    frame: Integers
-    cores: Array
-    radius: Array
-    reach: Array
-    carried: Integers
-    joint_frame: Integers
-    joint_axis: Array
-    slides: Integers
-    pairs: Integers
-    gap: Array
+    frame: Ints1
+    cores: Floats2
+    radius: Floats1
+    reach: Floats1
+    carried: Flags2
+    joint_frame: Ints1
+    joint_axis: Floats2
+    slides: Flags1
+    pairs: Ints2
+    gap: Floats1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled("void(float64[:, :, :, ::1], Bodies, float64, float64[:, ::1], float64[:, :, ::1], boolean)")
 def near_rows(
     poses: Array, bodies: Bodies, influence: float, distance: Array, gradient: Array, with_gradient: bool
 ) -> None:
@@ -101,9 +98,9 @@ def near_rows(
                 _differentiate(poses, k, bodies, found[i], points, gradient, i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _place(poses: Array, k: int, frames: Integers, local: Array, cores: Array) -> None:
-    """Write axes and centres of all bodies that move."""
+    """Write axes and centers of all bodies that move."""
     for b in range(frames.size):
         f = frames[b]
         if f < 0:
@@ -116,7 +113,7 @@ def _place(poses: Array, k: int, frames: Integers, local: Array, cores: Array) -
                 cores[b, 3 + 3 * i + j] = turned
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _differentiate(
     poses: Array, k: int, bodies: Bodies, pair: int, points: Array, gradient: Array, row: int
 ) -> None:

@@ -11,8 +11,9 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from pepper_kin.kernels.compiled import compiled
 
 Array = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float, float]
@@ -28,7 +29,7 @@ CENTER, TURN, HALF, KIND = 0, 3, 12, 15
 COLUMNS = 16
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def project(cores: Array, b: int, px: float, py: float, pz: float) -> Point:
     """Return the point of core b that is nearest to a point."""
     dx, dy, dz = px - cores[b, 0], py - cores[b, 1], pz - cores[b, 2]
@@ -49,7 +50,7 @@ def project(cores: Array, b: int, px: float, py: float, pz: float) -> Point:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _beside(cores: Array, a: int, b: int, t: float) -> tuple[float, Point, Point]:
     """Return half d(distance^2)/dt at the point t of segment a, that point, and core b's nearest to it."""
     ex, ey, ez = cores[a, 5], cores[a, 8], cores[a, 11]
@@ -58,7 +59,7 @@ def _beside(cores: Array, a: int, b: int, t: float) -> tuple[float, Point, Point
     return (x - u) * ex + (y - v) * ey + (z - w) * ez, (x, y, z), (u, v, w)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _from_segment(cores: Array, a: int, b: int) -> tuple[Point, Point]:
     """Return the nearest points of segment a and core b.
 
@@ -90,7 +91,7 @@ def _from_segment(cores: Array, a: int, b: int) -> tuple[Point, Point]:
     return mine, other
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _of_thick(cores: Array, a: int, b: int) -> tuple[Point, Point]:
     """Return the nearest points of two cores by projecting on them by turns.
 
@@ -109,7 +110,7 @@ def _of_thick(cores: Array, a: int, b: int) -> tuple[Point, Point]:
     return mine, other
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def nearest_points(cores: Array, a: int, b: int) -> tuple[Point, Point]:
     """Return the nearest points of cores a and b; the same point where they overlap."""
     if cores[a, KIND] == BOX and cores[a, 12] == 0.0 and cores[a, 13] == 0.0:

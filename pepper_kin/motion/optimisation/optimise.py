@@ -22,9 +22,9 @@ from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimisation import FATROP, Descent, OptimisationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
-from pepper_kin.trajectory.limit_use import Limits, measure_use
+from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import PathLike
-from pepper_kin.trajectory.time_law import slower
 from pepper_kin.trajectory.trajectory import sample_times
 
 if TYPE_CHECKING:
@@ -199,7 +199,7 @@ class _Judge:
         if not np.isfinite(stretch):
             return refused(OptimisedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
         if stretch > 1.0:
-            found = slower(found, stretch * _MORE)
+            found = found.scaled(stretch * _MORE)
         clearance = self._clearance(states.position)
         if not clearance > max(min(_KEPT * self.margin, 0.9 * self.problem.clearance_before), 0.0):
             near = f"comes as near as {clearance * 1000:.1f} mm to something"

@@ -29,7 +29,7 @@ from pepper_kin.planners.optimisation import (
     descend_by,
 )
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.limit_use import Limits
+from pepper_kin.trajectory.limits import Limits
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,8 @@ from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check
 from pepper_kin.motion.optimisation.cost import Cost, Figures, figures_of
 from pepper_kin.planners.optimisation import Bounds, EffortStatus, OptimisationStatus, minimum_effort
 from pepper_kin.trajectory import Samples, Trajectory
-from pepper_kin.trajectory.limit_use import Limits, measure_use
+from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.trajectory import sample_times
 
 Array = NDArray[np.float64]

@@ -6,17 +6,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.model.shapes import read_only
 from pepper_kin.twin.base.balance import BalanceMonitor, BalanceReport
 
+pinocchio = lazy_module("pinocchio")
 Array = NDArray[np.float64]
 
 STOOD, ROCKED, TIPPED, FALLEN = "stood", "rocked", "tipped", "fallen"
@@ -86,7 +87,7 @@ def _edge_moments(
 ) -> EdgeMoments:
     pepper, (center, about_center) = monitor.pepper, body
     mass = total_mass(pepper)
-    weight = mass * float(np.linalg.norm(pepper.pinocchio_model.gravity.linear))
+    weight = mass * float(np.linalg.norm(pepper.inner_model.gravity.linear))
     start = np.array([*monitor.contacts[edge], 0.0])
     side = np.array([*monitor.contacts[(edge + 1) % len(monitor.contacts)], 0.0]) - start
     along = side / np.linalg.norm(side)
@@ -220,7 +221,7 @@ def _advanced(
 
 def _whole_body(pepper: PepperModel, base_frame: str, q: Array) -> tuple[Array, Array]:
     """Return centre of mass (T, 3) and inertia about it (T, 3, 3) of all links, in the base's frame."""
-    model, data = pepper.pinocchio_model, pepper.pinocchio_data
+    model, data = pepper.inner_model, pepper.pinocchio_data
     frame_id, rest = pepper.frame_id(base_frame), np.zeros(model.nv)
     center, inertia = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     still = model.inertias[0]

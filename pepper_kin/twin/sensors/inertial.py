@@ -21,7 +21,7 @@ class Accelerometer(Sensor):
         """Return the specific force in the frame's axes [m/s^2], shape (3,)."""
         frame = self.specification.frame
         acceleration = frame_acceleration(self.pepper, state.q, state.v, state.a, frame)[:3]
-        gravity = np.asarray(self.pepper.pinocchio_model.gravity.linear)
+        gravity = np.asarray(self.pepper.inner_model.gravity.linear)
         rotation = state.pose(frame)[:3, :3]
         return np.asarray(rotation.T @ (acceleration - gravity))
 

@@ -13,10 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
 from pepper_kin.collision.mesh_file import read_mesh
 from pepper_kin.collision.solids import SceneGeometry, padding
-from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
-from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.twin.sensors.ray_march import (
+from pepper_kin.core.ray_casting import (
     BALLS,
     BOX,
     CAPSULE,
@@ -24,12 +21,16 @@ from pepper_kin.twin.sensors.ray_march import (
     HALF_SPACE,
     SPHERE,
     TRIANGLES,
+    Hits,
     Placed,
     Solids,
+    box_tree,
     nearest_hits,
     normals_at,
 )
-from pepper_kin.twin.sensors.ray_tree import build_tree
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
+from pepper_kin.model.joint_vectors import as_finite
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -113,7 +114,7 @@ class RayCaster:
             turn = pose[self._bounded, :3, :3]
             middle = np.einsum("mij,mj->mi", turn, (low + high) / 2) + pose[self._bounded, :3, 3]
             half = np.einsum("mij,mj->mi", np.abs(turn), (high - low) / 2)
-            boxes, links, order = build_tree(np.hstack([middle - half, middle + half]), _SOLIDS_IN_LEAF)
+            boxes, links, order = box_tree(np.hstack([middle - half, middle + half]), _SOLIDS_IN_LEAF)
             order = self._bounded[order]
         self._placed = Placed(pose, boxes, links, order, self._endless)
 
@@ -142,15 +143,19 @@ class RayCaster:
 
     def cast_checked(self, rays: Rays) -> RayHits:
         """Return what `cast` does for rays that `rays_of` gave, all in one row."""
-        o, d, most, _ = rays
-        distance, solid, part = nearest_hits(o, d, most, self._solids, self._placed)
-        return RayHits(
-            distance, solid, normals_at(o, d, distance, solid, part, self._solids, self._placed.pose)
-        )
+        hits, normal = self._hits(rays), np.empty((len(rays.most), 3))
+        normals_at(rays.origins, rays.directions, hits, self._solids, self._placed.pose, normal)
+        return RayHits(hits.distance, hits.solid, normal)
 
     def distances_checked(self, rays: Rays) -> Array:
         """Return what `distances` does for rays that `rays_of` gave, all in one row."""
-        return nearest_hits(*rays[:3], self._solids, self._placed)[0]
+        return self._hits(rays).distance
+
+    def _hits(self, rays: Rays) -> Hits:
+        count = len(rays.most)
+        hits = Hits(np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64))
+        nearest_hits(*rays[:3], self._solids, self._placed, hits)
+        return hits
 
 
 class Rays(NamedTuple):
@@ -190,12 +195,7 @@ def rays_of(origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.i
         raise InvalidValueError("origins, directions, maximum", shapes, "shapes that broadcast") from None
     o = np.ascontiguousarray(np.broadcast_to(start, (*shape, 3))).reshape(-1, 3)
     d = np.ascontiguousarray(np.broadcast_to(aim, (*shape, 3))).reshape(-1, 3)
-    # Compiled code is made for arrays that may be written to; a copy is cheaper than a second version.
-    return Rays(_writable(o), _writable(d), _writable(most), shape)
-
-
-def _writable(array: Array) -> Array:
-    return array if array.flags.writeable else array.copy()
+    return Rays(o, d, most, shape)
 
 
 def _laid_out(geometries: Sequence[SceneGeometry]) -> Solids:
@@ -276,5 +276,5 @@ def _tree(geometry: Mesh | ConvexMesh | TriangleMesh | PointCloud) -> _Tree:
     if not len(parts):
         nothing = np.array([[np.inf] * 3 + [-np.inf] * 3])
         return _Tree(nothing, np.array([[0, 1]], dtype=np.int64), np.zeros((1, 9)))
-    boxes, links, order = build_tree(np.hstack([low, high]), _PARTS_IN_LEAF)
+    boxes, links, order = box_tree(np.hstack([low, high]), _PARTS_IN_LEAF)
     return _Tree(boxes, links, np.ascontiguousarray(parts[order]))

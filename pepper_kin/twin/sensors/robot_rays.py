@@ -179,4 +179,4 @@ class RobotRays:
 
 
 def _joint(pepper: PepperModel, frame: str) -> int:
-    return int(pepper.pinocchio_model.frames[pepper.frame_id(frame)].parentJoint)
+    return int(pepper.inner_model.frames[pepper.frame_id(frame)].parentJoint)

@@ -267,7 +267,7 @@ class SensorSuite:
         if specification.kind in _RAYS:
             looks = "visual" if specification.name in CAMERAS else "collision"
             frame = self.pepper.frame_id(specification.frame)
-            joint = int(self.pepper.pinocchio_model.frames[frame].parentJoint)
+            joint = int(self.pepper.inner_model.frames[frame].parentJoint)
             if (looks, joint) not in self._rays:
                 self._rays[looks, joint] = RobotRays(
                     self.pepper, looks, blind_to=specification.frame, floor=self._floor

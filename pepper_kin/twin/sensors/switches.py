@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +15,8 @@ from pepper_kin.model import PepperModel
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.sensor import Sensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
+
+Array = NDArray[np.float64]
 
 CONTACT_REACH = 0.01
 """A contact presses a pad from this far outside of it [m]: shapes of the body lie around its surface."""
@@ -34,61 +34,91 @@ class Solid:
         shape: Coal's.
         place: Coal's transform of it.
         padding: How far it reaches beyond [m].
-        rotation: Rows of the rotation from the world into the axes of a box around it.
-        centre: Of that box, in the world [m].
-        half: Half lengths of that box, without the padding [m].
+        middle: Center of a box around it, in its own axes [m], shape (3,).
+        half: Half lengths of that box, without the padding [m], shape (3,).
     """
 
     item: SceneObject
     shape: Any
     place: Any
     padding: float
-    rotation: list[list[float]]
-    centre: list[float]
-    half: list[float]
-
-    def may_reach(self, point: list[float], radius: float) -> bool:
-        """Return whether its box is within a radius [m] of a point, but for rounding."""
-        x, y, z = (a - b for a, b in zip(point, self.centre, strict=True))
-        square = 0.0
-        for (a, b, c), half in zip(self.rotation, self.half, strict=True):
-            square += max(abs(a * x + b * y + c * z) - half, 0.0) ** 2
-        return not square > (radius + self.padding + ROUNDING) ** 2
+    middle: Array
+    half: Array
 
 
 class SceneSolids:
-    """The objects of a scene as coal's shapes, made once for all pads."""
+    """The objects of a scene as coal's shapes, and which of them may reach which pad."""
 
     def __init__(self) -> None:
         self._scene: Scene | None = None
+        self._state: SensedState | None = None
+        self._pads: list[tuple[str, float]] = []
         self._solids: dict[str, Solid] = {}
+        self._near: list[list[Solid]] = []
 
-    def of(self, scene: Scene) -> Iterable[Solid]:
-        """Return the objects that stand in the world."""
-        if scene is not self._scene:
-            before, self._solids = self._solids, {}
-            for name, item in scene.objects.items():
-                if not is_empty(item.geometry):
-                    known = before.get(name)
-                    self._solids[name] = known if known and known.item is item else _solid(item)
-            self._scene = scene
-        return self._solids.values()
+    def add_pad(self, frame: str, radius: float) -> int:
+        """Return the number of a new pad: a ball of a radius [m] about a frame."""
+        self._pads.append((frame, radius))
+        return len(self._pads) - 1
+
+    def near(self, state: SensedState, pad: int) -> list[Solid]:
+        """Return the objects whose boxes are within a pad's ball, but for rounding."""
+        if state is not self._state:
+            self._near, self._state = self._all_near(state), state
+        return self._near[pad]
+
+    def _all_near(self, state: SensedState) -> list[list[Solid]]:
+        self._look(state.scene)
+        solids = tuple(self._solids.values())
+        if not solids:
+            return [[] for _ in self._pads]
+        centers = np.array([state.pose(frame)[:3, 3] for frame, _ in self._pads])
+        poses = np.array([solid.item.transform_object_to_world for solid in solids])
+        off = centers[:, np.newaxis] - poses[:, :3, 3]
+        local = (off[:, :, np.newaxis] @ poses[:, :3, :3])[:, :, 0]  # in the axes of each object
+        local -= self._middles
+        beyond = np.maximum(np.abs(local) - self._halves, 0.0)
+        reach = np.array([radius for _, radius in self._pads])[:, np.newaxis] + self._paddings
+        near = ~((beyond * beyond).sum(axis=2) > reach * reach)
+        return [[solids[k] for k in np.flatnonzero(row)] if row.any() else [] for row in near]
+
+    def _look(self, scene: Scene) -> None:
+        """Make the objects that stand in the world; what was made of a shape before is kept."""
+        if scene is self._scene:
+            return
+        before, self._solids = self._solids, {}
+        for name, item in scene.objects.items():
+            known = before.get(name)
+            if known is not None and known.item is item:
+                self._solids[name] = known
+            elif known is not None and known.item.geometry is item.geometry:
+                self._solids[name] = replace(
+                    known, item=item, place=_placement(item.transform_object_to_world)
+                )
+            elif not is_empty(item.geometry):
+                self._solids[name] = _solid(item)
+        solids = self._solids.values()
+        self._middles = np.array([solid.middle for solid in solids]).reshape(-1, 3)
+        self._halves = np.array([solid.half for solid in solids]).reshape(-1, 3)
+        self._paddings = np.array([solid.padding for solid in solids]) + ROUNDING
+        self._scene = scene
 
 
 def _solid(item: SceneObject) -> Solid:
-    import coal
-
-    pose, extra = item.transform_object_to_world, padding(item.geometry)
-    place = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
+    extra, place = padding(item.geometry), _placement(item.transform_object_to_world)
     shape = coal_geometry(item.geometry)
-    turn = pose[:3, :3].T.tolist()
     if isinstance(item.geometry, HalfSpace):
-        return Solid(item, shape, place, extra, turn, [0.0, 0.0, 0.0], [math.inf] * 3)
+        return Solid(item, shape, place, extra, np.zeros(3), np.full(3, np.inf))
     shape.computeLocalAABB()
     box = shape.aabb_local
     low, high = np.array(box.min_), np.array(box.max_)
-    centre = pose[:3, :3] @ ((low + high) / 2) + pose[:3, 3]
-    return Solid(item, shape, place, extra, turn, centre.tolist(), ((high - low) / 2).tolist())
+    return Solid(item, shape, place, extra, (low + high) / 2, (high - low) / 2)
+
+
+def _placement(pose: Array) -> Any:
+    import coal
+
+    return coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
 
 
 class Switch(Sensor):
@@ -105,9 +135,9 @@ class Switch(Sensor):
 
         self._pad = coal.Box(*specification.pad)
         self._half = np.array(specification.pad) / 2
-        self._radius = float(np.linalg.norm(self._half))
         self._solids = solids
-        frames = pepper.pinocchio_model.frames
+        self._number = solids.add_pad(specification.frame, float(np.linalg.norm(self._half)))
+        frames = pepper.inner_model.frames
         joint = frames[pepper.frame_id(specification.frame)].parentJoint
         self._links = frozenset(
             name for name in pepper.frame_names if frames[pepper.frame_id(name)].parentJoint == joint
@@ -116,7 +146,7 @@ class Switch(Sensor):
     def truth(self, state: SensedState) -> NDArray[np.bool_]:
         """Return whether the pad is pressed, shape ()."""
         pose = state.pose(self.specification.frame)
-        return np.asarray(self._in_contact(pose, state) or self._in_scene(pose, state.scene))
+        return np.asarray(self._in_contact(pose, state) or self._in_scene(pose, state))
 
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[np.bool_]:
         """Return the opposite of the truth in a share `error_rate` of the samples."""
@@ -124,7 +154,7 @@ class Switch(Sensor):
         wrong = rate > 0 and self.noise.generator(sample).random() < rate
         return np.asarray(truth != wrong)
 
-    def _in_contact(self, pose: NDArray[np.float64], state: SensedState) -> bool:
+    def _in_contact(self, pose: Array, state: SensedState) -> bool:
         for link, point in state.touches:
             if link in self._links:
                 place = pose[:3, :3].T @ (np.asarray(point) - pose[:3, 3])
@@ -132,15 +162,13 @@ class Switch(Sensor):
                     return True
         return False
 
-    def _in_scene(self, pose: NDArray[np.float64], scene: Scene) -> bool:
-        import coal
-
-        centre = pose[:3, 3].tolist()
-        near = [solid for solid in self._solids.of(scene) if solid.may_reach(centre, self._radius)]
+    def _in_scene(self, pose: Array, state: SensedState) -> bool:
+        near = self._solids.near(state, self._number)
         if not near:
             return False
-        placement = coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
-        request = coal.DistanceRequest()
+        import coal
+
+        placement, request = _placement(pose), coal.DistanceRequest()
         return any(
             coal.distance(self._pad, placement, solid.shape, solid.place, request, coal.DistanceResult())
             <= solid.padding

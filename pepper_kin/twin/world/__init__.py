@@ -1,8 +1,8 @@
 """Contacts of a robot and of free bodies with one another and with a scene."""
 
 from pepper_kin.twin.contact_error import ContactError
+from pepper_kin.twin.world.contact import StepSolution, WorldContact
 from pepper_kin.twin.world.free_body import FreeBody
-from pepper_kin.twin.world.step import StepSolution
-from pepper_kin.twin.world.world import World, WorldContact
+from pepper_kin.twin.world.world import World
 
 __all__ = ["ContactError", "FreeBody", "StepSolution", "World", "WorldContact"]

@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pepper_kin.collision import HalfSpace, Scene
 from pepper_kin.collision.bodies import WORLD, Body, bodies
 from pepper_kin.collision.coal_shapes import coal_geometry
-from pepper_kin.collision.fast.options import OPTIONS
 from pepper_kin.collision.solids import SceneGeometry, padding
+from pepper_kin.core.simulation.narrow_phase import (
+    BALL,
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    FREE,
+    HALF_SPACE,
+    ON_ROBOT,
+    OTHER,
+    STANDS,
+    ShapeTable,
+)
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
-from pepper_kin.twin.world.kinds import BALL, BOX, CAPSULE, CYLINDER, HALF_SPACE, OTHER
+from pepper_kin.twin.world.free_body import FreeBody
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-STANDS, ON_ROBOT, FREE = 0, 1, 2
-"""Who moves a shape: nobody, a joint of the robot, or itself."""
 
 ROUNDED = 2e-4
 """Corners that coal sees are rounded by this at most, so that shapes that touch are apart to it [m]."""
@@ -34,36 +40,14 @@ class Colliders:
 
     Attributes:
         names: Link or object that each belongs to.
-        kind: See `kinds`, shape (k,).
-        size: Lengths as `kinds.reach` wants them, shape (k, 3) [m].
-        mover: STANDS, ON_ROBOT or FREE, shape (k,).
-        index: Joint or free body that moves it, shape (k,).
-        own_rotation: In the frame of that joint or body, shape (k, 3, 3).
-        own_position: [m], shape (k, 3).
-        ball: Centre, in the shape's frame, and radius of its bounding ball [m], shape (k, 4).
-        rotation: In the world, overwritten by `place_shapes`, shape (k, 3, 3).
-        position: [m], shape (k, 3).
-        middle: Centre of the bounding ball in the world [m], shape (k, 3).
-        speed: Bound on the speed of any point of it [m/s], shape (k,).
-        pairs: Rows of shapes that may meet, that which moves first, shape (p, 2).
+        table: The rows.
         geometries: The shapes.
         pads: How far each reaches beyond what coal is given [m].
         coal: Coal's shape of each, made when first needed.
     """
 
     names: tuple[str, ...]
-    kind: Indices
-    size: Array
-    mover: Indices
-    index: Indices
-    own_rotation: Array
-    own_position: Array
-    ball: Array
-    rotation: Array
-    position: Array
-    middle: Array
-    speed: Array
-    pairs: Indices
+    table: ShapeTable
     geometries: tuple[Any, ...]
     pads: list[float]
     coal: dict[int, Any] = field(default_factory=dict)
@@ -99,32 +83,34 @@ class _Row:
 
 
 def colliders(
-    pepper: PepperModel | None, scene: Scene, free: tuple[tuple[str, SceneGeometry], ...]
+    pepper: PepperModel | None, scene: Scene, bodies: Sequence[FreeBody], friction: float
 ) -> Colliders:
-    """Return the table of a robot, a scene and free bodies."""
+    """Return the shapes of a robot, a scene and free bodies; `friction` is that of all but the bodies."""
     rows = [*_fixed_rows(pepper, scene)]
-    rows += [_Row(name, shape, FREE, place, np.eye(4)) for place, (name, shape) in enumerate(free)]
+    rows += [_Row(b.name, b.geometry, FREE, place, np.eye(4)) for place, b in enumerate(bodies)]
     count = len(rows)
     poses = np.array([row.pose for row in rows]).reshape(-1, 4, 4)
     measured = [_measure(row.geometry) for row in rows]
     pads = np.array([row.pad for row in rows])
-    return Colliders(
-        names=tuple(row.name for row in rows),
+    coefficients = np.full(count, friction)
+    coefficients[count - len(bodies) :] = [body.friction for body in bodies]
+    table = ShapeTable(
         kind=np.array([kind for kind, _, _ in measured], dtype=np.int64),
         size=np.array([size for _, size, _ in measured]).reshape(-1, 3),
         mover=np.array([row.mover for row in rows], dtype=np.int64),
-        index=np.array([row.index for row in rows], dtype=np.int64),
+        owner=np.array([row.index for row in rows], dtype=np.int64),
         own_rotation=np.ascontiguousarray(poses[:, :3, :3]),
         own_position=np.ascontiguousarray(poses[:, :3, 3]),
         ball=np.array([ball for _, _, ball in measured]).reshape(-1, 4) + pads[:, None] * [0, 0, 0, 1],
-        rotation=np.ascontiguousarray(poses[:, :3, :3]),
-        position=np.ascontiguousarray(poses[:, :3, 3]),
+        rotation=np.array(poses[:, :3, :3], order="C"),
+        position=np.array(poses[:, :3, 3], order="C"),
         middle=np.zeros((count, 3)),
         speed=np.zeros(count),
         pairs=np.array(list(_pairs(rows, scene)), dtype=np.int64).reshape(-1, 2),
-        geometries=tuple(row.geometry for row in rows),
-        pads=pads.tolist(),
+        friction=coefficients,
     )
+    names, geometries = tuple(row.name for row in rows), tuple(row.geometry for row in rows)
+    return Colliders(names, table, geometries, pads.tolist())
 
 
 def _fixed_rows(pepper: PepperModel | None, scene: Scene) -> Iterator[_Row]:
@@ -192,66 +178,3 @@ def _smaller(geometry: Box | Cylinder, pad: float) -> Box | Cylinder:
         return Cylinder(geometry.radius - pad, geometry.length - 2 * pad)
     x, y, z = (length - 2 * pad for length in geometry.size)
     return Box((x, y, z))
-
-
-@njit(
-    "void(int64[::1], int64[::1], float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1], "
-    "float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[:, ::1], "
-    "float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64[::1])",
-    **OPTIONS,
-)
-def place_shapes(
-    mover: Indices,
-    index: Indices,
-    own_rotation: Array,
-    own_position: Array,
-    ball: Array,
-    joint_rotation: Array,
-    joint_position: Array,
-    joint_linear: Array,
-    joint_angular: Array,
-    body_rotation: Array,
-    body_position: Array,
-    body_velocity: Array,
-    rotation: Array,
-    position: Array,
-    middle: Array,
-    speed: Array,
-) -> None:
-    """Write pose, bounding ball and a bound on the speed of every shape; see `Colliders`."""
-    frame = np.empty((3, 3))
-    origin, linear, angular = np.zeros(3), np.zeros(3), np.zeros(3)
-    for s in range(len(mover)):
-        if mover[s] == ON_ROBOT:
-            for i in range(3):
-                origin[i] = joint_position[index[s], i]
-                linear[i], angular[i] = joint_linear[index[s], i], joint_angular[index[s], i]
-                for k in range(3):
-                    frame[i, k] = joint_rotation[index[s], i, k]
-        elif mover[s] == FREE:
-            for i in range(3):
-                origin[i] = body_position[index[s], i]
-                linear[i], angular[i] = body_velocity[index[s], i], body_velocity[index[s], 3 + i]
-                for k in range(3):
-                    frame[i, k] = body_rotation[index[s], i, k]
-        if mover[s] != STANDS:
-            for i in range(3):
-                position[s, i] = origin[i]
-                for k in range(3):
-                    position[s, i] += frame[i, k] * own_position[s, k]
-                    rotation[s, i, k] = (
-                        frame[i, 0] * own_rotation[s, 0, k]
-                        + frame[i, 1] * own_rotation[s, 1, k]
-                        + frame[i, 2] * own_rotation[s, 2, k]
-                    )
-        away, turning, moving = 0.0, 0.0, 0.0
-        for i in range(3):
-            middle[s, i] = position[s, i]
-            for k in range(3):
-                middle[s, i] += rotation[s, i, k] * ball[s, k]
-            away += (middle[s, i] - origin[i]) ** 2
-            turning += angular[i] ** 2
-            moving += linear[i] ** 2
-        speed[s] = 0.0
-        if mover[s] != STANDS:
-            speed[s] = np.sqrt(moving) + np.sqrt(turning) * (np.sqrt(away) + ball[s, 3])

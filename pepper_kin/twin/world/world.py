@@ -3,65 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, SceneObject
 from pepper_kin.collision.bodies import check_names
+from pepper_kin.core.simulation.contact_solver import ADDRESSES, SOLVE_PROBLEM, RobotMotion
+from pepper_kin.core.simulation.contact_step import (
+    CALLBACK_FAILED,
+    FORCE_NOT_FINITE,
+    NOT_FINITE,
+    NOT_POSITIVE_DEFINITE,
+    NOT_SOLVED,
+    SOLVED,
+    TOO_MANY_POINTS,
+    WorldTables,
+    contact_step,
+    world_tables,
+)
+from pepper_kin.core.simulation.narrow_phase import MOST_POINTS, BodyTable
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import Box, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.model.shapes import read_only, transform
-from pepper_kin.twin.command import Command
+from pepper_kin.twin.callback import Callback
 from pepper_kin.twin.contact_error import ContactError
-from pepper_kin.twin.integrator import Series, nothing_done
-from pepper_kin.twin.world.colliders import FREE, Colliders, colliders, place_shapes
-from pepper_kin.twin.world.free_body import FreeBody, fly, principal_inertia
-from pepper_kin.twin.world.march import March
-from pepper_kin.twin.world.march_loop import Bodies
-from pepper_kin.twin.world.outcome import apply, fall
-from pepper_kin.twin.world.problem import ContactProblem, assemble
-from pepper_kin.twin.world.programme import ImpulseProgramme
-from pepper_kin.twin.world.search import MOST_POINTS, ContactSearch
-from pepper_kin.twin.world.step import SOLVERS, StepSolution, solve_step
-from pepper_kin.twin.world.tree import Tree, TreeState, place
-
-if TYPE_CHECKING:
-    from pepper_kin.twin.fast.single import SingleRobot
+from pepper_kin.twin.world.coal_contacts import CoalContacts
+from pepper_kin.twin.world.colliders import Colliders, colliders
+from pepper_kin.twin.world.contact import StepSolution, WorldContact
+from pepper_kin.twin.world.free_body import FreeBody, principal_inertia
+from pepper_kin.twin.world.proxsuite_solver import ImpulseProblem, ImpulseProgram
+from pepper_kin.twin.world.tree import tree_table
 
 Array = NDArray[np.float64]
 
+SOLVERS = ("compiled", "proxsuite")
+_CAUSES = {
+    NOT_SOLVED: "the contact problem was not solved",
+    TOO_MANY_POINTS: f"more than {MOST_POINTS} points in contact",
+    NOT_POSITIVE_DEFINITE: "the robot's mass matrix is not positive definite",
+    FORCE_NOT_FINITE: "the robot's force or velocity is NaN",
+    NOT_FINITE: "velocities became infinite or NaN",
+    CALLBACK_FAILED: "a distance could not be computed",
+}
 GRAVITY = (0.0, 0.0, -9.81)
 LONGEST_STEP = 0.05
 """[s]"""
-
-
-@dataclass(frozen=True, eq=False)
-class WorldContact:
-    """A point where two things touched, or could have, during the last step.  Arrays are read-only.
-
-    Attributes:
-        names: Links of the robot or objects; what moves more freely comes first.
-        point: In the world [m], shape (3,).
-        normal: Unit vector from the second to the first, shape (3,).
-        gap: Between the surfaces before the step [m], below zero where they overlap.
-        force: On the first, during the step [N], shape (3,); on the second it is the opposite.
-    """
-
-    names: tuple[str, str]
-    point: Array
-    normal: Array
-    gap: float
-    force: Array
-
-    def __post_init__(self) -> None:
-        for name in ("point", "normal", "force"):
-            if getattr(self, name).flags.writeable:
-                object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 class World:
@@ -82,19 +72,11 @@ class World:
         UnknownNameError: for frames that the robot lacks.
     """
 
-    _position: Array
-    _rotation: Array
-    _velocity: Array
-    _mass: Array
-    _inertia: Array
-    _rough: Array
-    _table: Colliders
-    _search: ContactSearch
-    _march: March
-    _rows: Array
-    _pairs_now: NDArray[np.int64]
-    _forces: Array
-    _solution: StepSolution | None
+    _bodies: BodyTable
+    _colliders: Colliders
+    _coal: CoalContacts
+    _tables: WorldTables
+    _solved: bool
     _step: int
 
     def __init__(
@@ -118,14 +100,22 @@ class World:
             )
         self.friction = _friction("friction", friction)
         self.gravity = read_only(as_finite(gravity, "gravity", (3,)))
-        self.solver = check_choice("solver", solver, SOLVERS)
-        self._weight = np.array(self.gravity)
-        self._tree = Tree.of(pepper)
-        self._state = TreeState.of(self._tree)
+        self._solver = check_choice("solver", solver, SOLVERS)
+        self._tree = tree_table(pepper)
         self._initial: dict[str, FreeBody] = {}
-        self._programme = ImpulseProgramme()
-        self._still = (np.zeros(0), np.zeros((0, 0)), np.zeros(0))
+        self._program = ImpulseProgram()
+        self._callback, self._h = Callback(self._answer), 0.0
         self._rebuild({})
+
+    @property
+    def solver(self) -> str:
+        """How contacts are solved, "compiled" or "proxsuite"; may be changed between steps."""
+        return self._solver
+
+    @solver.setter
+    def solver(self, solver: str) -> None:
+        self._solver = check_choice("solver", solver, SOLVERS)
+        self._tables = self._tables._replace(by_callback=self._solver == "proxsuite")
 
     @property
     def bodies(self) -> Mapping[str, FreeBody]:
@@ -133,16 +123,24 @@ class World:
         found = {}
         for row, body in enumerate(self._initial.values()):
             pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = self._rotation[row], self._position[row]
+            pose[:3, :3], pose[:3, 3] = self._bodies.rotation[row], self._bodies.position[row]
             found[body.name] = FreeBody(
-                body.name, body.geometry, body.mass, body.inertia, body.friction, pose, self._velocity[row]
+                body.name,
+                body.geometry,
+                body.mass,
+                body.inertia,
+                body.friction,
+                pose,
+                self._bodies.velocity[row],
             )
         return MappingProxyType(found)
 
     @property
     def contacts(self) -> tuple[WorldContact, ...]:
         """Points of the last step, those that do not push included."""
-        rows, forces = read_only(self._rows), read_only(self._forces)
+        count = int(self._tables.state.numbers[0])
+        rows = read_only(self._tables.points.rows[:count])
+        forces = read_only(self._tables.state.forces[:count])
         return tuple(
             WorldContact(names, row[:3], row[3:6], float(row[6]), force)
             for names, row, force in zip(self._touching(), rows, forces, strict=True)
@@ -151,7 +149,17 @@ class World:
     @property
     def last_solution(self) -> StepSolution | None:
         """How the last step was solved; None where nothing touched."""
-        return self._solution
+        state = self._tables.state
+        count, size, problems, by_callback = state.numbers.tolist()
+        if not (self._solved and count):
+            return None
+        return StepSolution(
+            state.velocity[:size].copy(),
+            state.impulses[: 3 * count].copy(),
+            SOLVERS[by_callback],
+            problems,
+            float(state.lift[0]),
+        )
 
     def add_box(
         self,
@@ -214,14 +222,14 @@ class World:
             raise UnknownNameError("free body", name, self._initial)
         row = list(self._initial).index(name)
         new = transform(*_pose(name, np.zeros(3), np.zeros(3) if rpy is None else rpy))
-        where, moving = self._position[row], self._velocity[row]
+        where, moving = self._bodies.position[row], self._bodies.velocity[row]
         if position is not None:
             where = as_finite(position, f"position of {name!r}", (3,))
         if velocity is not None:
             moving = as_finite(velocity, f"velocity of {name!r}", (6,))
-        self._position[row], self._velocity[row] = where, moving
+        self._bodies.position[row], self._bodies.velocity[row] = where, moving
         if rpy is not None:
-            self._rotation[row] = new[:3, :3]
+            self._bodies.rotation[row] = new[:3, :3]
 
     def reset(self) -> None:
         """Put every free body where and as fast as it was when it was added."""
@@ -242,7 +250,7 @@ class World:
         objects = dict(self.scene.objects)
         for row, body in enumerate(self._initial.values()):
             pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = self._rotation[row], self._position[row]
+            pose[:3, :3], pose[:3, 3] = self._bodies.rotation[row], self._bodies.position[row]
             objects[body.name] = SceneObject(body.name, body.geometry, pose)
         return Scene(objects, self.scene.attached, self.scene.allowed)
 
@@ -269,8 +277,8 @@ class World:
         if self.pepper is None or mass_hat.shape != (len(q), len(q)) or len(q) != self.pepper.n:
             robot = "no robot" if self.pepper is None else f"{self.pepper.n} joints"
             raise InvalidValueError("mass_hat", f"shape {mass_hat.shape} with q of {len(q)}", f"{robot}")
-        moving, matrix, pull = (np.array(part, dtype=float, order="C") for part in (v, mass_hat, force))
-        return self._advance(np.array(q, dtype=float), (moving, matrix, pull), h)
+        motion = RobotMotion(*(np.array(part, dtype=float, order="C") for part in (v, mass_hat, force)))
+        return self._advance(np.array(q, dtype=float), motion, h)
 
     def advance_alone(self, h: float, q: ArrayLike | None = None) -> None:
         """Advance the free bodies by h [s] around a robot that does not move, or without one.
@@ -291,89 +299,76 @@ class World:
             posture = self.pepper.neutral() if q is None else as_joint_vectors(self.pepper, q, "q")
             if posture.ndim != 1:
                 raise InvalidValueError("q", f"shape {posture.shape}", f"shape ({self.pepper.n},)")
-        self._advance(np.array(posture), self._still, h)
+        still = RobotMotion(np.zeros(len(posture)), np.zeros((0, 0)), np.zeros(0))
+        self._advance(np.array(posture), still, h)
 
-    def march(self, robot: SingleRobot, q: Array, v: Array, command: Command, load: Array) -> Series:
-        """Advance together with a robot by a step for each command, as far as machine code alone goes.
+    def coupling(self) -> World | None:
+        """Return what steps this world in compiled code; None where `advance` is overridden."""
+        return self if type(self).advance is World.advance else None
 
-        This is what a twin asks for before it asks for `advance`; the numbers are the same.
+    def begin(self, h: float) -> WorldTables:
+        """Return the tables for steps of length h [s] in compiled code, which `end` follows.
 
-        Args:
-            robot: The robot's step in machine code.
-            q: Position at the start [rad or m], shape (n,).
-            v: Velocity then, shape (n,).
-            command: For each step, shape (T, n) each.
-            load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
-
-        Returns:
-            The states after the steps taken: fewer rows than commands, or none, where the next step needs
-            `advance`.
+        Raises:
+            InvalidValueError: for a step out of range.
         """
-        overridden = getattr(self.advance, "__func__", None) is not World.advance
-        if self.solver != "compiled" or overridden or not 0.0 < robot.timestep <= LONGEST_STEP:
-            return nothing_done(len(q))
-        series, steps = self._march.run(robot, q, v, command, load)
-        self._step += steps
-        if steps:
-            self._rows, self._pairs_now, self._forces, self._solution = self._march.found()
-        return series
-
-    def _advance(self, q: Array, robot: tuple[Array, Array, Array], h: float) -> Array:
         if not 0.0 < h <= LONGEST_STEP:
             raise InvalidValueError("h", f"{h} s", f"a number in (0, {LONGEST_STEP}] s")
-        self._step += 1
-        table, state, moving = self._table, self._state, robot[0]
-        place(self._tree, state, q, moving if len(moving) else np.zeros(len(q)))
-        place_shapes(
-            table.mover, table.index, table.own_rotation, table.own_position, table.ball, state.rotation,
-            state.position, state.linear, state.angular, self._rotation, self._position, self._velocity,
-            table.rotation, table.position, table.middle, table.speed,
-        )  # fmt: skip
-        count = self._search.run(h)
-        if count < 0:
-            raise ContactError(self._step, (), f"more than {MOST_POINTS} points in contact")
-        self._rows, self._pairs_now = self._search.rows[:count], self._search.shapes[:count]
-        self._forces, self._solution = np.zeros((count, 3)), None
-        load = np.zeros(len(moving))
-        before = self._velocity.copy()
-        finite = self._contact(robot, h, load) if count else fall(self._velocity, self._weight, h)
-        if not finite:
-            self._velocity[:] = before
-            raise ContactError(self._step, self._touching(), "velocities became infinite or NaN")
-        fly(self._position, self._rotation, self._velocity, self._inertia, h)
-        return load
+        self._h = h
+        return self._tables
 
-    def _contact(self, robot: tuple[Array, Array, Array], h: float, load: Array) -> bool:
-        """Solve the contacts; write velocities, forces and load, return whether they are finite."""
-        table, tree, state = self._table, self._tree, self._state
-        problem = ContactProblem(
-            *assemble(
-                (len(self._rows), self._rows, self._pairs_now),
-                (table.mover, table.index, self._rough),
-                (tree.parent, tree.slides, tree.driver, tree.ratio, state.position, state.axis),
-                (self._position, self._rotation, self._velocity, self._mass, self._inertia),
-                robot,
-                self._weight,
-                h,
-            )
+    def end(self, steps: int, outcome: int) -> BaseException | None:
+        """Take note of the steps that were taken, and return why there were no more, if there were to be.
+
+        Args:
+            steps: How many.
+            outcome: Of the step after them if it failed, else SOLVED or below.
+        """
+        self._step += steps
+        self._solved = outcome <= SOLVED
+        if self._solved:
+            return None
+        self._step += 1
+        error = self._callback.raised()
+        return ContactError(self._step, self._touching(), _CAUSES[outcome]) if error is None else error
+
+    def _advance(self, q: Array, motion: RobotMotion, h: float) -> Array:
+        """Take one step around a robot and return the load on it."""
+        outcome = contact_step(self.begin(h), q, motion, h)
+        error = self.end(int(outcome == SOLVED), outcome)
+        if error is not None:
+            raise error
+        return self._tables.state.load[: len(motion.force)].copy()
+
+    def _answer(self, what: int, first: int, second: int, _: int) -> int:
+        """Do what compiled code cannot; see `core.simulation.contact_step.WorldTables`."""
+        if what == SOLVE_PROBLEM:
+            return self._solve_by_proxsuite(words_at(first, ADDRESSES).tolist())
+        points, count = self._tables.points, first
+        for i, j in points.undecided[:second].tolist():
+            count += self._coal.decide((i, j), self._h, points, count)
+        return count
+
+    def _solve_by_proxsuite(self, numbers: list[int]) -> int:
+        """Write the impulses of a convex problem; return -1 where they were not found."""
+        k, n, jacobian, response, free, soft, drop, friction, impulses = numbers[:9]
+        problem = ImpulseProblem(
+            floats_at(jacobian, 3 * k * n).reshape(3 * k, n),
+            floats_at(response, 3 * k * n).reshape(3 * k, n),
+            floats_at(free, n),
+            floats_at(soft, k),
+            floats_at(drop, k),
+            floats_at(friction, k),
         )
-        if not problem.sound:
-            cause = "the robot's mass matrix is not positive definite"
-            raise ContactError(self._step, self._touching(), cause)
-        solution = solve_step(problem, self._rows, self.solver, self._programme)
-        if solution is None:
-            finite = np.isfinite(problem.free).all()
-            cause = "the contact problem was not solved" if finite else "the robot's force or velocity is NaN"
-            raise ContactError(self._step, self._touching(), cause)
-        self._solution = solution
-        return apply(
-            solution.velocity, solution.impulses, problem.jacobian, self._rows, problem.tangents,
-            problem.columns, self._weight, h, self._velocity, self._forces, load,
-        )  # fmt: skip
+        found = self._program.solve(problem)
+        if found is None:
+            return -1
+        floats_at(impulses, 3 * k)[:] = found
+        return 0
 
     def _touching(self) -> tuple[tuple[str, str], ...]:
-        names = self._table.names
-        return tuple((names[i], names[j]) for i, j in self._pairs_now.tolist())
+        names, count = self._colliders.names, int(self._tables.state.numbers[0])
+        return tuple((names[i], names[j]) for i, j in self._tables.points.shapes[:count].tolist())
 
     def _add(
         self,
@@ -399,26 +394,25 @@ class World:
         """Make the tables anew, with bodies in their present state where one is given."""
         held = list(self._initial.values())
         now = [present.get(body.name, body) for body in held]
-        self._position = np.array([body.position for body in now]).reshape(-1, 3)
         poses = np.array([body.pose for body in now]).reshape(-1, 4, 4)
-        self._rotation = np.ascontiguousarray(poses[:, :3, :3])
-        self._velocity = np.array([body.velocity for body in now]).reshape(-1, 6)
-        self._mass = np.array([body.mass for body in held])
-        self._inertia = np.array([body.inertia for body in held]).reshape(-1, 3)
-        free = tuple((body.name, body.geometry) for body in held)
-        self._table = colliders(self.pepper, self.scene, free)
-        own = np.array([body.friction for body in held])
-        self._rough = np.full(len(self._table.names), self.friction)
-        self._rough[self._table.mover == FREE] = own
-        self._search = ContactSearch(self._table)
-        bodies = Bodies(
-            self._position, self._rotation, self._velocity, self._mass, self._inertia, self._weight
+        self._bodies = BodyTable(
+            position=np.array([body.position for body in now]).reshape(-1, 3),
+            rotation=np.ascontiguousarray(poses[:, :3, :3]),
+            velocity=np.array([body.velocity for body in now]).reshape(-1, 6),
+            mass=np.array([body.mass for body in held], dtype=float),
+            inertia=np.array([body.inertia for body in held]).reshape(-1, 3),
+            gravity=np.array(self.gravity),
         )
-        self._march = March(self._tree, self._state, self._table, self._rough, bodies)
-        self._rows, self._forces = np.zeros((0, 7)), np.zeros((0, 3))
-        self._pairs_now = np.zeros((0, 2), np.int64)
-        self._solution = None
-        self._step = 0
+        self._colliders = colliders(self.pepper, self.scene, held, self.friction)
+        self._coal = CoalContacts(self._colliders)
+        self._tables = world_tables(
+            self._tree,
+            self._colliders.table,
+            self._bodies,
+            callback=self._callback.address,
+            by_callback=self.solver == "proxsuite",
+        )
+        self._solved, self._step = True, 0
 
 
 def _friction(quantity: str, value: float) -> float:

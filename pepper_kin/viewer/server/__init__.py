@@ -1,7 +1,18 @@
 """The live page: a server that holds the state, and pages that show and change it."""
 
-from pepper_kin.viewer.server.access import Access
-from pepper_kin.viewer.server.serve import serve
-from pepper_kin.viewer.server.server import DEFAULT_PORT, ViewerServer
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
+
+if TYPE_CHECKING:
+    from pepper_kin.viewer.server.access import Access
+    from pepper_kin.viewer.server.server import DEFAULT_PORT, ViewerServer
+    from pepper_kin.viewer.server.serving import serve
 
 __all__ = ["DEFAULT_PORT", "Access", "ViewerServer", "serve"]
+
+__getattr__, __dir__ = lazily(
+    __name__, {"Access": "access", "serve": "serving", "DEFAULT_PORT": "server", "ViewerServer": "server"}
+)

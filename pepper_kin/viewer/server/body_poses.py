@@ -6,13 +6,15 @@ import struct
 from collections.abc import Mapping
 
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.layers import MASS, MASS_BODY, ZMP, ZMP_BODY, target_body
 from pepper_kin.viewer.server.readings import balance_points
 from pepper_kin.viewer.server.targets import Targets
+
+pinocchio = lazy_module("pinocchio")
 
 POSES, DRAWING = 1, 2
 """What a binary message holds: its first number, little-endian, 32 bit; the second is a stamp."""
@@ -47,7 +49,7 @@ class BodyPoses:
         values = np.zeros((len(self.names), 7), dtype="<f4")
         values[:, 6] = 1.0
         count = len(self._frames)
-        model, data = self._pepper.pinocchio_model, self._pepper.pinocchio_data
+        model, data = self._pepper.inner_model, self._pepper.pinocchio_data
         pinocchio.forwardKinematics(model, data, self._pepper.to_full(q))
         for row, frame in enumerate(self._frames):
             values[row] = pinocchio.SE3ToXYZQUAT(pinocchio.updateFramePlacement(model, data, frame))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,6 +43,8 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
     points = np.concatenate([places for places, _ in parts]).astype(np.float32)
     faces = np.concatenate([part + start for (_, part), start in zip(parts, starts, strict=True)])
     faces = faces.astype(np.int32)
+    import fast_simplification
+
     collapses = fast_simplification.simplify(
         points, faces, target_count=triangles, agg=_PATIENCE, return_collapses=True
     )[2]

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.ik import LookAt, Servo, ServoState, ServoStatus
+from pepper_kin.ik import LookAt
 from pepper_kin.ik.tasks import Task
 from pepper_kin.model import PepperModel
+from pepper_kin.servo import Servo, ServoState, ServoStatus
 
 RATE = 100.0
 MOST_TICKS = 4

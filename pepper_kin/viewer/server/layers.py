@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
 from pepper_kin.collision import ConvexMesh
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import Box, Cylinder, PepperModel, Sphere
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.server.targets import COLORS, RADIUS, Targets
+
+pinocchio = lazy_module("pinocchio")
 
 LOOKS, CAPSULES, SPHERES, FRAMES = "looks", "capsules", "spheres", "frames"
 INERTIA, MASS, ZMP = "inertia", "center_of_mass", "zero_moment_point"
@@ -85,7 +89,7 @@ def _ellipsoids(pepper: PepperModel) -> tuple[Drawable, ...]:
     With mass m and principal moments I_1, I_2, I_3 its semi-axes are
     a_i = sqrt(5 (I_j + I_k - I_i) / (2 m)).
     """
-    model = pepper.pinocchio_model
+    model = pepper.inner_model
     drawables = []
     for joint, inertia in enumerate(model.inertias):
         if inertia.mass < 1e-6:
@@ -102,9 +106,7 @@ def _ellipsoids(pepper: PepperModel) -> tuple[Drawable, ...]:
     return tuple(drawables)
 
 
-def _link_of(
-    model: pinocchio.Model, joint: int, pepper: PepperModel
-) -> tuple[str | None, NDArray[np.float64]]:
+def _link_of(model: Any, joint: int, pepper: PepperModel) -> tuple[str | None, NDArray[np.float64]]:
     """Return a link that moves with a joint of Pinocchio's, and the transform from joint to link."""
     for name in pepper.frame_names:
         frame = model.frames[pepper.frame_id(name)]

@@ -57,7 +57,7 @@ def merged(
 
 def _carriers(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]]]:
     """Return for each link one that moves with it, the same for all that move together, and the way there."""
-    model, found = pepper.pinocchio_model, {}
+    model, found = pepper.inner_model, {}
     first: dict[int, tuple[str, Any]] = {}
     for name in pepper.frame_names:
         frame = model.frames[pepper.frame_id(name)]

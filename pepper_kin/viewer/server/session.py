@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
-from pepper_kin.ik import ServoStatus
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
+from pepper_kin.servo import ServoStatus
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.server import obstacles
 from pepper_kin.viewer.server.board import Board

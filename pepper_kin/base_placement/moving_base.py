@@ -1,0 +1,132 @@
+"""The robot on a base that can be put anywhere on the floor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model import PepperModel, RobotMemory
+from pepper_kin.model.load import model_of
+from pepper_kin.model.urdf_document import Joint, UrdfDocument
+
+BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
+FAR = 1000.0
+"""How far from the world's origin a place may be [m], where the robot itself sets no bound."""
+
+_KINDS = (("prismatic", "1 0 0"), ("prismatic", "0 1 0"), ("continuous", "0 0 1"))
+
+
+@dataclass(frozen=True, eq=False)
+class MovingBase:
+    """A robot and the same robot with the three joints of a planar base.
+
+    Targets in the world, obstacles and every kind of task then mean the same wherever the base is.
+
+    Attributes:
+        robot: The robot with a moving base; the given one itself where it has that.
+        base: Places of `BASE_JOINTS` in the joint vectors of `robot`, shape (3,).
+        body: Places of the given robot's joints in those of `robot`, shape (n,).
+    """
+
+    robot: PepperModel
+    base: np.ndarray
+    body: np.ndarray
+
+    def states(self, q: Array, places: Array) -> Array:
+        """Return joint vectors of `robot`, shape (N, robot.n), of one of the given robot, shape (n,).
+
+        Args:
+            q: Joint positions [rad or m].
+            places: x, y [m] and yaw [rad], shape (N, 3); they replace those that q may hold.
+        """
+        states = np.zeros((len(places), self.robot.n))
+        states[:, self.body] = q
+        states[:, self.base] = places
+        return states
+
+    def movable(self, mask: np.ndarray) -> np.ndarray:
+        """Return which joints of `robot` move where the base stands still, of a mask of the given one."""
+        result = np.zeros(self.robot.n, dtype=bool)
+        result[self.body] = mask
+        result[self.base] = False
+        return result
+
+    def names(self, mask: np.ndarray) -> tuple[str, ...]:
+        """Return the names of some joints of `robot`."""
+        return tuple(self.robot.joint_names[i] for i in np.flatnonzero(mask))
+
+
+_kept: RobotMemory[str, MovingBase] = RobotMemory()
+
+
+def moving_base(pepper: PepperModel) -> MovingBase:
+    """Return the robot with a moving base, built once for each robot.
+
+    Raises:
+        InvalidValueError: for a robot that has some of the base's joints only.
+    """
+    known = _kept.of(pepper)
+    found = known.get("")
+    if found is None:
+        present = [name for name in BASE_JOINTS if name in pepper.joint_names]
+        if present and len(present) < len(BASE_JOINTS):
+            raise InvalidValueError("base joints", ", ".join(present), f"all of {', '.join(BASE_JOINTS)}")
+        robot = pepper if present else _on_wheels(pepper)
+        base = np.array([robot.joint_index(name) for name in BASE_JOINTS])
+        body = np.array([robot.joint_index(name) for name in pepper.joint_names])
+        found = MovingBase(robot, base, body)
+        if not present:
+            known[""] = found
+    return found
+
+
+def wrapped(angle: Array) -> Array:
+    """Return angles moved into [-pi, pi) [rad]."""
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _on_wheels(pepper: PepperModel) -> PepperModel:
+    """Return the robot with the base's joints between the world and its root link."""
+    document = pepper.document
+    links = [_free_name(document, f"placement_{name}") for name in ("world", "x", "y")]
+    joints, elements = [], [f'  <link name="{name}"/>' for name in links]
+    children = (*links[1:], document.root)
+    for name, (kind, axis), parent, child in zip(BASE_JOINTS, _KINDS, links, children, strict=True):
+        bound = FAR if kind == "prismatic" else math.inf
+        joints.append(
+            Joint(name, kind, parent, child, -bound, bound, math.inf, math.inf, math.inf, mimic=None)
+        )
+        elements.append(
+            f'  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<axis xyz="{axis}"/><limit lower="{-FAR}" upper="{FAR}" effort="1e6" velocity="1e3"/></joint>'
+        )
+    head, tail = document.text.rsplit("</robot>", 1)
+    moving = replace(
+        document,
+        text="\n".join([head.rstrip(), *elements, f"</robot>{tail}"]),
+        links=(*links, *document.links),
+        joints=(*joints, *document.joints),
+    )
+    robot = model_of(moving, pepper.semantics, pepper.sphere_set)
+    changed = pepper.dynamics_model.changed()
+    if changed is not None:  # what is not told by the document: payloads, other masses and placements
+        model = robot.pinocchio_model
+        for joint, name in enumerate(changed.names):
+            own = model.getJointId(name) if joint else model.getJointId(BASE_JOINTS[2])
+            model.inertias[own] = changed.inertias[joint]
+            if joint:
+                model.jointPlacements[own] = changed.jointPlacements[joint]
+        for frame in changed.frames:
+            if model.existFrame(frame.name, frame.type):
+                model.frames[model.getFrameId(frame.name, frame.type)].placement = frame.placement
+    return robot
+
+
+def _free_name(document: UrdfDocument, name: str) -> str:
+    while name in document.links:
+        name += "_"
+    return name

@@ -1,0 +1,53 @@
+"""Obstacles alone: a hand that hangs near the hip says nothing about a place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model import PepperModel, RobotMemory
+from pepper_kin.model.load import model_of
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+
+_kept: RobotMemory[str, PepperModel] = RobotMemory()
+
+
+def obstacle_clearance(robot: PepperModel, q: Array, scene: Scene) -> Array:
+    """Return the exact smallest distance between robot and obstacles [m], infinite without any.
+
+    Args:
+        robot: The robot.
+        q: Joint positions [rad or m], shape (T, N, n).
+        scene: The obstacles.
+
+    Returns:
+        The least over the T configurations, shape (N,); below zero where shapes overlap.
+    """
+    from pepper_kin.collision import clearance
+
+    return np.asarray(np.min([clearance(_without_self(robot), states, scene) for states in q], axis=0))
+
+
+def touches_obstacles(robot: PepperModel, q: Array, scene: Scene) -> np.ndarray:
+    """Whether the robot touches an obstacle, shape (N,), at joint positions q, shape (N, n) [rad or m]."""
+    from pepper_kin.collision import in_collision
+
+    return np.asarray(in_collision(_without_self(robot), q, scene))
+
+
+def _without_self(robot: PepperModel) -> PepperModel:
+    """Return the robot with no pair of its own links to check."""
+    known = _kept.of(robot)
+    found = known.get("")
+    if found is None:
+        pairs = {(min(a, b), max(a, b)): "Never" for a, b in combinations(robot.link_names, 2)}
+        semantics = replace(robot.semantics, disabled_pairs=pairs)
+        changed = robot.dynamics_model.changed()
+        found = known[""] = model_of(robot.document, semantics, changed=changed)
+    return found

@@ -1,0 +1,233 @@
+"""Where to stand: the base's place from which targets are best reached."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.base_placement.job import Job, make_job
+from pepper_kin.base_placement.moving_base import wrapped
+from pepper_kin.base_placement.obstacles import obstacle_clearance
+from pepper_kin.base_placement.proposals import propose
+from pepper_kin.base_placement.result import Placement, PlacementResult, PlacementStatus
+from pepper_kin.base_placement.score import PlacementTerms, PlacementWeights
+from pepper_kin.base_placement.task_sets import Given
+from pepper_kin.base_placement.trial import Trials
+from pepper_kin.ik.certificate import CertificateInputs
+from pepper_kin.ik.result import IKResult, Status
+from pepper_kin.ik.solve import solve, whole_number
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+
+# Rounds that look around the best places so far: how many of them, how often, and how far [m], [rad].
+ROUNDS = ((12, 6, 0.10, 0.30), (8, 6, 0.04, 0.10))
+
+# Restarts of the search at a place where the first look did not succeed.
+RESTARTS = 8
+
+# Places that may fail in the final search before it is given up.
+FAILURES = 2
+
+# Places whose exact clearance is computed, and how far apart two placements are at least [m], [rad].
+MEASURED = 24
+APART = (0.10, 0.25)
+
+
+def place_base(
+    pepper: PepperModel,
+    tasks: Given,
+    q0: ArrayLike | None = None,
+    *,
+    stand: ArrayLike | None = None,
+    scene: Scene | None = None,
+    joints: str | Sequence[str] | None = None,
+    candidates: int | ArrayLike = 192,
+    keep: int = 5,
+    weights: PlacementWeights | None = None,
+    seed: int = 0,
+    threads: int = 1,
+) -> PlacementResult:
+    """Find places of the base from which targets are reached, the best first.
+
+    Candidates come from inverse reachability: where the base comes to stand when the inverse kinematics may
+    move it too (see `proposals`).  From each, the inverse kinematics with a base that stands still is solved
+    for every set of tasks; the surroundings of the best are searched once more.  The same arguments give the
+    same places, whatever the number of threads.
+
+    Args:
+        pepper: The robot; with a fixed base, targets and scene are meant in the world in which it stands at
+            `stand`, and the base is moved all the same.
+        tasks: One task; a list of tasks that one configuration has to meet; or a list of such lists, each met
+            by a configuration of its own from the same place.  Tasks with N targets stand for N such lists.
+        q0: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
+        stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in q0, or the origin.
+        scene: What to keep clear of, itself included; None for nothing.  The way there is not looked at.
+        joints: A joint group's name, or names of joints that may move, the base's apart; None for all.
+        candidates: Number of places to try at first, or the places themselves, shape (N, 3); in that case no
+            other is tried but the current one.
+        keep: Number of placements to return at most.
+        weights: Weights of the score's terms.
+        seed: Draws the candidates and the restarts.
+        threads: Threads that share the work.
+
+    Returns:
+        Placements and what was tried; `result.status` says what is in the way where none serves.
+
+    Raises:
+        InvalidValueError: for no task, or numbers that are none, NaN or infinite.
+        UnknownNameError: for a frame, joint or group that the robot lacks.
+        LimitError: for a q0 outside the joint limits.
+    """
+    begin = time.perf_counter()
+    job = make_job(pepper, tasks, q0, stand, scene, joints, weights, seed=seed, threads=threads)
+    whole_number("keep", keep, 1)
+    trials = _tried(job, candidates)
+    placements = _finalists(job, trials, keep)
+    status = _status(trials, placements)
+    return PlacementResult(
+        status=status,
+        placements=placements,
+        unreached=tuple(np.flatnonzero(~trials.reached.any(axis=0)).tolist()),
+        places=read_only(trials.places),
+        scores=read_only(trials.scores),
+        reached=_frozen(trials.reached),
+        touching=_frozen(trials.touching),
+        names=tuple(", ".join(task.label for task in group) for group in job.trier.sets),
+        time=time.perf_counter() - begin,
+        seed=job.trier.seed,
+    )
+
+
+def _tried(job: Job, candidates: int | ArrayLike) -> Trials:
+    """Try the given places, or so many proposals and the surroundings of the best."""
+    trier = job.trier
+    if np.ndim(candidates) > 0:
+        given = as_finite(candidates, "candidates", (None, 3)).copy()
+        given[:, 2] = wrapped(given[:, 2])
+        return trier(np.concatenate([job.stand[None], given]))
+    count = whole_number("candidates", candidates, 1)  # type: ignore[arg-type]
+    places = propose(
+        trier.moving, trier.sets, trier.q0, job.stand, job.movable, count, trier.seed, trier.scene
+    )
+    return _look_around(job, trier(places))
+
+
+def _look_around(job: Job, trials: Trials) -> Trials:
+    """Try places around the best ones."""
+    trier, generator = job.trier, np.random.default_rng((job.trier.seed, 1))
+    base = trier.moving.base
+    low, high = trier.moving.robot.lower_limits[base], trier.moving.robot.upper_limits[base]
+    for best, times, metres, radians in ROUNDS:
+        centers = np.repeat(trials.places[trials.order()[:best]], times, axis=0)
+        places = np.clip(
+            centers + (metres, metres, radians) * generator.standard_normal(centers.shape), low, high
+        )
+        places[:, 2] = wrapped(places[:, 2])
+        trials = trials.with_more(trier(places))
+    return trials
+
+
+def _finalists(job: Job, trials: Trials, keep: int) -> tuple[Placement, ...]:
+    """Return the best places that lie apart, searched with all effort; if none serves, near ones."""
+    chosen: list[Placement] = []
+    failed: list[Placement] = []
+    for row in _order(job, trials):
+        if len(chosen) == keep or len(failed) == FAILURES or (chosen and not trials.good[row]):
+            break
+        x, y, yaw = trials.places[row].tolist()
+        near = any(
+            np.hypot(x - p.x, y - p.y) < APART[0] and abs(wrapped(np.array(yaw - p.yaw))) < APART[1]
+            for p in chosen + failed
+        )
+        if not near:
+            placement = _placement(job, trials, row)
+            (chosen if placement.success else failed).append(placement)
+    if not chosen:
+        return tuple(failed)
+    return tuple(sorted(chosen, key=lambda placement: -placement.score))
+
+
+def _order(job: Job, trials: Trials) -> list[int]:
+    """Return the rows, the best first; with a scene the first of them are measured exactly."""
+    order = trials.order()
+    good = order[trials.good[order]][:MEASURED]
+    trier = job.trier
+    if trier.scene is None or not good.size:
+        return [int(row) for row in order]
+    q = trials.q[:, good]
+    distances = obstacle_clearance(trier.moving.robot, q, trier.scene)
+    margin, _ = trier.scorer.limit_margins(q)
+    travels = trier.scorer.travels(trials.places[good])
+    scores = trier.scorer.scores(margin, trier.scorer.manipulabilities(q), distances, *travels)
+    first = good[np.argsort(-scores, kind="stable")]
+    return [int(row) for row in (*first, *order[~np.isin(order, first)])]
+
+
+def _placement(job: Job, trials: Trials, row: int) -> Placement:
+    """Return one place with its answers: those known where they are good, else of a longer search."""
+    trier, place = job.trier, trials.places[row]
+    moving, scene = trier.moving, trier.scene
+    start = moving.states(trier.q0, place[None])[0]
+    results = []
+    for k, tasks in enumerate(trier.sets):
+        if trials.good[row]:
+            q = read_only(trials.q[k, row])
+            evidence = CertificateInputs(moving.robot, tasks, start, job.movable, scene, q).certificate
+            counts = int(trials.iterations[row, k]), int(trials.restarts[row, k])
+            results.append(IKResult(Status.SOLVED, q, *counts, 0.0, "fast", trier.seed, evidence))
+        else:
+            results.append(
+                solve(
+                    moving.robot, tasks, start, scene=scene, joints=trier.names, seed=trier.seed,
+                    restarts=RESTARTS,
+                )
+            )  # fmt: skip
+    found = np.array([result.q for result in results])
+    terms, score = _terms(job, found, place)
+    success = all(result.success for result in results)
+    x, y, yaw = place.tolist()
+    q = read_only(found[:, moving.body])
+    return Placement(x, y, yaw, score if success else 0.0, terms, q, tuple(results))
+
+
+def _terms(job: Job, q: Array, place: Array) -> tuple[PlacementTerms, float]:
+    """Return the terms and the score of configurations, shape (T, n), at a place."""
+    scorer, states = job.trier.scorer, q[:, None]
+    margin, joint = scorer.limit_margins(states)
+    skill, (distance, turn) = scorer.manipulabilities(states), scorer.travels(place[None])
+    scene = job.trier.scene
+    near = np.full(1, np.inf) if scene is None else obstacle_clearance(job.trier.moving.robot, states, scene)
+    score = scorer.scores(margin, skill, near, distance, turn)
+    terms = PlacementTerms(
+        limit_margin=None if joint[0] < 0 else float(margin[0]),
+        tightest_joint="" if joint[0] < 0 else job.trier.moving.robot.joint_names[joint[0]],
+        manipulability=None if np.isnan(skill[0]) else float(skill[0]),
+        clearance=float(near[0]) if np.isfinite(near[0]) else None,
+        distance=float(distance[0]),
+        turn=float(turn[0]),
+    )
+    return terms, float(score[0])
+
+
+def _status(trials: Trials, placements: tuple[Placement, ...]) -> PlacementStatus:
+    if placements[0].success:
+        return PlacementStatus.FOUND
+    if trials.all_reached.any():
+        return PlacementStatus.BLOCKED_BY_COLLISION
+    if not trials.reached.any(axis=0).all():
+        return PlacementStatus.UNREACHABLE
+    return PlacementStatus.NOT_TOGETHER
+
+
+def _frozen(mask: np.ndarray) -> np.ndarray:
+    mask.setflags(write=False)
+    return mask

@@ -1,0 +1,139 @@
+"""Places worth a look: where the robot comes to stand when its base may move freely."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_kin.base_placement.moving_base import MovingBase, wrapped
+from pepper_kin.base_placement.obstacles import touches_obstacles
+from pepper_kin.base_placement.task_sets import TaskSet
+from pepper_kin.ik.batch import solve_batch
+from pepper_kin.ik.tasks import FramePosition
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kinematics import frame_pose
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+
+STEPS = 60
+SAMPLES = 300
+
+# Places around a target are drawn from a disc of this many times the reach.
+MARGIN = 1.1
+LEAST_RADIUS = 0.5
+
+# With a scene so many times more places are drawn than kept.
+SPARE = 3
+
+
+def propose(
+    moving: MovingBase,
+    sets: tuple[TaskSet, ...],
+    q0: Array,
+    stand: Array,
+    movable: np.ndarray,
+    count: int,
+    seed: int,
+    scene: Scene | None,
+) -> Array:
+    """Return places from which a set of tasks is reached at least when the others are left out.
+
+    Inverse reachability: postures drawn evenly from the joint box, on bases drawn evenly from a disc around
+    the targets, are brought to the targets by the inverse kinematics of the robot with a free base.  Where
+    that base comes to stand, the targets are within reach.
+
+    Args:
+        moving: The robot with a moving base.
+        sets: Sets of tasks.
+        q0: Joint positions to come from, shape (n,) [rad or m].
+        stand: The current place, shape (3,).
+        movable: Joints of the moving robot that may move, the base's apart, shape (moving.robot.n,).
+        count: Number of places.
+        seed: Draws them.
+        scene: Places come first at which q0 touches none of its obstacles; None for nothing to touch.
+
+    Returns:
+        The current place, then the others: x, y [m], yaw [rad], shape (count, 3).
+    """
+    generator = np.random.default_rng(seed)
+    places = [stand[None]]
+    shares = np.full(len(sets), (count - 1) // len(sets))
+    shares[: (count - 1) % len(sets)] += 1
+    free = movable.copy()
+    free[moving.base] = True
+    for tasks, share in zip(sets, shares.tolist(), strict=True):
+        if share:
+            drawn = share if scene is None else SPARE * share
+            starts = _starts(moving, tasks, q0, stand, movable, drawn, generator)
+            found = _stands(moving, tasks, starts, moving.names(free))
+            if scene is not None:
+                touching = touches_obstacles(moving.robot, moving.states(q0, found), scene)
+                found = found[np.argsort(touching, kind="stable")]
+            places.append(found[:share])
+    return np.concatenate(places)
+
+
+def _starts(
+    moving: MovingBase,
+    tasks: TaskSet,
+    q0: Array,
+    stand: Array,
+    movable: np.ndarray,
+    count: int,
+    generator: np.random.Generator,
+) -> Array:
+    """Return joint vectors on a disc around the targets, shape (count, moving.robot.n)."""
+    robot = moving.robot
+    points = [task.target for task in tasks if isinstance(task, FramePosition)]
+    center = np.mean(points, axis=0)[:2] if points else _nearest_stand(moving, tasks, q0, stand, movable)
+    frames = {task.frame for task in tasks if isinstance(task, FramePosition)}
+    radius = _reach(moving, frames, q0, movable) if frames else 2 * LEAST_RADIUS
+    distance = MARGIN * radius * np.sqrt(generator.random(count))
+    angle, yaw = generator.uniform(-np.pi, np.pi, (2, count))
+    x, y = center[0] + distance * np.cos(angle), center[1] + distance * np.sin(angle)
+    places = np.clip(
+        np.column_stack([x, y, yaw]), robot.lower_limits[moving.base], robot.upper_limits[moving.base]
+    )
+    states = moving.states(q0, places)
+    states[:, movable] = _postures(moving, count, movable, generator)
+    return states
+
+
+def _stands(moving: MovingBase, tasks: TaskSet, starts: Array, names: tuple[str, ...]) -> Array:
+    """Return where the base comes to stand from each start; where it finds no way, the start's place."""
+    found = solve_batch(moving.robot, tasks, starts, joints=names, restarts=0, max_iterations=STEPS)
+    places = np.where(found.solved[:, None], found.q[:, moving.base], starts[:, moving.base])
+    places[:, 2] = wrapped(places[:, 2])
+    return np.asarray(places)
+
+
+def _nearest_stand(moving: MovingBase, tasks: TaskSet, q0: Array, stand: Array, movable: np.ndarray) -> Array:
+    """Return the place to which tasks without a point draw the base, shape (2,)."""
+    free = movable.copy()
+    free[moving.base] = True
+    start = moving.states(q0, stand[None])
+    return _stands(moving, tasks, start, moving.names(free))[0, :2]
+
+
+def _postures(moving: MovingBase, count: int, movable: np.ndarray, generator: np.random.Generator) -> Array:
+    """Draw positions of the movable joints evenly, within pi of zero where they have no limits."""
+    robot = moving.robot
+    low = np.where(np.isfinite(robot.lower_limits), robot.lower_limits, -math.pi)[movable]
+    high = np.where(np.isfinite(robot.upper_limits), robot.upper_limits, math.pi)[movable]
+    return np.asarray(generator.uniform(low, high, (count, low.size)))
+
+
+def _reach(moving: MovingBase, frames: Iterable[str], q0: Array, movable: np.ndarray) -> float:
+    """Return how far from the base's axis the frames come in sampled postures [m]."""
+    generator = np.random.default_rng(0)
+    states = moving.states(q0, np.zeros((SAMPLES, 3)))
+    states[:, movable] = _postures(moving, SAMPLES, movable, generator)
+    distances = [
+        np.linalg.norm(frame_pose(moving.robot, states, frame)[:, :2, 3], axis=1).max()
+        for frame in sorted(frames)
+    ]
+    return max(LEAST_RADIUS, float(max(distances)))

@@ -1,0 +1,167 @@
+"""Places tried out: what is reached from each, and how well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pepper_kin.base_placement.moving_base import MovingBase
+from pepper_kin.base_placement.score import Scorer
+from pepper_kin.base_placement.task_sets import TaskSet
+from pepper_kin.ik.batch import solve_batch
+from pepper_kin.ik.tasks.task import Array
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+
+STARTS = 3
+STEPS = 60
+"""Restarts and steps of a first look; only the best places are searched as `solve` would."""
+
+OTHER_STARTS = 4
+HALF_WAY = 0.5
+"""Further starts where a solution touches something, each so much of the way to a random posture."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """N places and what was found at each, T sets of tasks.
+
+    Attributes:
+        places: x, y [m], yaw [rad], shape (N, 3).
+        q: Joint positions of the moving robot, shape (T, N, n).
+        reached: Whether each set is met, shape (N, T).
+        iterations: Steps over all starts from q0, shape (N, T).
+        restarts: Starts used after q0, shape (N, T).
+        excess: Sum over all tasks of error / tolerance where that is above 1, shape (N,).
+        touching: Whether any configuration touches something, shape (N,); looked at only where all sets are
+            met and a scene is given.
+        scores: Without clearance, shape (N,); 0 where a set is not met.
+    """
+
+    places: Array
+    q: Array
+    reached: np.ndarray
+    iterations: np.ndarray
+    restarts: np.ndarray
+    excess: Array
+    touching: np.ndarray
+    scores: Array
+
+    @property
+    def all_reached(self) -> np.ndarray:
+        """Whether all sets are met, shape (N,)."""
+        return np.asarray(self.reached.all(axis=1))
+
+    @property
+    def good(self) -> np.ndarray:
+        """Whether all sets are met and nothing touches, shape (N,)."""
+        return self.all_reached & ~self.touching
+
+    def order(self) -> np.ndarray:
+        """Return the rows, the best first: free, then touching, then by what is reached and how nearly."""
+        return np.lexsort(
+            (np.arange(len(self.places)), -self.scores, self.excess, -self.reached.sum(axis=1), ~self.good)
+        )
+
+    def with_more(self, more: Trials) -> Trials:
+        """Return these trials and others behind them."""
+        joined: dict[str, Any] = {}
+        for entry in fields(self):
+            axis = 1 if entry.name == "q" else 0
+            joined[entry.name] = np.concatenate([getattr(self, entry.name), getattr(more, entry.name)], axis)
+        return Trials(**joined)
+
+
+@dataclass(frozen=True, eq=False)
+class Trier:
+    """Tries places out.
+
+    Attributes:
+        moving: The robot with a moving base.
+        sets: Sets of tasks.
+        q0: Joint positions to come from, shape (n,) [rad or m].
+        names: Joints that may move.
+        scorer: Scores what is found.
+        scene: What to keep clear of, or None.
+        seed: Of the restarts.
+        threads: Threads that share the places.
+    """
+
+    moving: MovingBase
+    sets: tuple[TaskSet, ...]
+    q0: Array
+    names: tuple[str, ...]
+    scorer: Scorer
+    scene: Scene | None
+    seed: int
+    threads: int
+
+    def __call__(self, places: Array) -> Trials:
+        """Search from every place, shape (N, 3), for a configuration for every set."""
+        starts = self.moving.states(self.q0, places)
+        found = [
+            solve_batch(
+                self.moving.robot, tasks, starts, seed=self.seed, joints=self.names, restarts=STARTS,
+                max_iterations=STEPS, threads=self.threads,
+            )
+            for tasks in self.sets
+        ]  # fmt: skip
+        q = np.array([batch.q for batch in found])
+        reached = np.array([batch.solved for batch in found]).T
+        iterations = np.array([batch.iterations for batch in found]).T
+        restarts = np.array([batch.restarts for batch in found]).T
+        excess = np.zeros(len(places))
+        for tasks, batch in zip(self.sets, found, strict=True):
+            share = batch.errors / np.array([task.tolerance for task in tasks])
+            excess += np.where(share > 1, share, 0.0).sum(axis=1)
+        every = reached.all(axis=1)
+        rows = np.flatnonzero(every)
+        scores, touching = np.zeros(len(places)), np.zeros(len(places), dtype=bool)
+        if rows.size:
+            q[:, rows], touching[rows] = self._kept_clear(starts[rows], q[:, rows])
+            margin, _ = self.scorer.limit_margins(q[:, rows])
+            unknown = np.full(rows.size, np.inf)
+            skill = self.scorer.manipulabilities(q[:, rows])
+            scores[rows] = self.scorer.scores(margin, skill, unknown, *self.scorer.travels(places[rows]))
+        return Trials(places, q, reached, iterations, restarts, excess, touching, scores)
+
+    def _kept_clear(self, starts: Array, q: Array) -> tuple[Array, np.ndarray]:
+        """Look for other solutions where one touches something.
+
+        Args:
+            starts: The joint vectors that the search came from, shape (N, n).
+            q: Solutions, shape (T, N, n).
+
+        Returns:
+            Solutions, those replaced that could be, and whether any of a place still touches, shape (N,).
+        """
+        touching = np.zeros(q.shape[1], dtype=bool)
+        if self.scene is None:
+            return q, touching
+        from pepper_kin.collision import in_collision
+
+        robot, found, generator = self.moving.robot, q.copy(), np.random.default_rng((self.seed, 2))
+        movable = np.isin(robot.joint_names, self.names)
+        low = np.maximum(robot.lower_limits[movable], -np.pi)
+        high = np.minimum(robot.upper_limits[movable], np.pi)
+        for k, tasks in enumerate(self.sets):
+            rows = np.flatnonzero(~touching)
+            rows = rows[in_collision(robot, found[k, rows], self.scene)]
+            for _ in range(OTHER_STARTS):
+                if not rows.size:
+                    break
+                others = starts[rows].copy()
+                others[:, movable] += HALF_WAY * (generator.uniform(low, high) - others[:, movable])
+                batch = solve_batch(
+                    robot, tasks, others, joints=self.names, restarts=0, max_iterations=STEPS,
+                    threads=self.threads,
+                )  # fmt: skip
+                free = batch.solved.copy()
+                free[free] = ~in_collision(robot, batch.q[free], self.scene)
+                found[k, rows[free]] = batch.q[free]
+                rows = rows[~free]
+            touching[rows] = True
+        return found, touching

@@ -1,0 +1,171 @@
+"""Bounds on how far joints move any point of a robot, proven by the tree of its joints and their ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision.coal_shapes import coal_geometry
+from pepper_kin.core.motion_bounds import MotionTree, body_levers
+from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere
+from pepper_kin.model.shapes import read_only
+from pepper_kin.symbolic.alignment import joint_axis
+
+Array = NDArray[np.float64]
+
+SLACK = 1e-6
+"""What joints may leave their ranges by [rad or m]."""
+
+LEAST = 1e-3
+"""Least bound of a joint, which is a weight of a metric and so above zero [m/rad or 1]."""
+
+_SIGNS = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, -1).T
+
+
+class Hull(NamedTuple):
+    """A body within the convex hull of equal balls.
+
+    Attributes:
+        joint: The joint of the Pinocchio model that carries it, 0 for the base.
+        centers: In that joint's frame [m], shape (k, 3).
+        radius: Of all balls [m].
+    """
+
+    joint: int
+    centers: Array
+    radius: float
+
+
+def motion_bounds(
+    pepper: PepperModel,
+    lower: Array | None = None,
+    upper: Array | None = None,
+    held: tuple[tuple[str, float], ...] = (),
+) -> Array:
+    """Return how far each joint can move a point of the body, per radian or meter.
+
+    No point of the robot's collision shapes moves by more than sum_j r_j |dq_j| while all joints stay within
+    the ranges given; see `pepper_kin.core.motion_bounds`.
+
+    Args:
+        pepper: The robot.
+        lower: Lower ends of the joints' ranges, shape (n,) [rad or m]; the joint limits if omitted.
+        upper: Upper ends, shape (n,).
+        held: For each object that hangs on the robot, its frame and the greatest distance of a point of it
+            from the frame's origin [m].
+
+    Returns:
+        r, shape (n,) [m/rad, or 1 for a prismatic joint], above zero; infinite where a joint that is carried
+        slides without limits.
+
+    Raises:
+        FileFormatError: for a mesh whose file cannot be read.
+    """
+    if lower is None and upper is None:
+        return _within_limits(pepper, held)
+    low = pepper.lower_limits if lower is None else np.asarray(lower, dtype=float)
+    high = pepper.upper_limits if upper is None else np.asarray(upper, dtype=float)
+    return _bounds(pepper, motion_tree(pepper, held), low, high)
+
+
+def bounds_anywhere(pepper: PepperModel) -> Array:
+    """Return `motion_bounds` of joints that may turn to anywhere, and slide within their limits."""
+    slides = np.array([unit == "m" for unit in pepper.joint_units])
+    lower, upper = (
+        np.where(slides, pepper.lower_limits, -np.inf),
+        np.where(slides, pepper.upper_limits, np.inf),
+    )
+    return motion_bounds(pepper, lower, upper)
+
+
+def levers_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
+    """Return how far each joint of the Pinocchio model moves each of some bodies, shape (m, nv) [m/rad or 1].
+
+    Joints may turn to anywhere, and slide within their limits.  Infinite for a body without bounds.
+    """
+    bounded = [
+        hull if np.isfinite(hull.centers).all() else Hull(hull.joint, np.zeros((1, 3)), np.inf)
+        for hull in hulls
+    ]
+    tree, model = tree_of(pepper, bounded), pepper.inner_model
+    lower, upper = np.full(tree.parents.size, -np.inf), np.full(tree.parents.size, np.inf)
+    for k in np.flatnonzero(tree.slides):
+        place = model.joints[int(k) + 1].idx_q
+        lower[k], upper[k] = model.lowerPositionLimit[place], model.upperPositionLimit[place]
+    levers = np.empty((len(hulls), tree.parents.size))
+    body_levers(tree, lower, upper, levers)
+    return levers
+
+
+@lru_cache(maxsize=32)
+def motion_tree(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ()) -> MotionTree:
+    """Return the joints of a robot with its collision shapes, and what hangs on it, as bodies."""
+    model, hulls = pepper.inner_model, []
+    for shape in pepper.collision_shapes:
+        frame = model.frames[pepper.frame_id(shape.link)]
+        pose = frame.placement.homogeneous @ shape.transform_shape_to_link
+        points, radius = _hull(shape.geometry)
+        hulls.append(Hull(int(frame.parentJoint), points @ pose[:3, :3].T + pose[:3, 3], radius))
+    for name, extent in held:
+        frame = model.frames[pepper.frame_id(name)]
+        hulls.append(Hull(int(frame.parentJoint), np.array([frame.placement.translation]), extent))
+    return tree_of(pepper, hulls)
+
+
+def tree_of(pepper: PepperModel, hulls: Sequence[Hull]) -> MotionTree:
+    """Return the joints of a robot with some bodies."""
+    model = pepper.inner_model
+    joints = range(1, model.njoints)
+    axes = [joint_axis(model.joints[j]) for j in joints]
+    counts = [len(hull.centers) for hull in hulls]
+    return MotionTree(
+        parents=np.array([model.parents[j] - 1 for j in joints], dtype=np.int64),
+        rotations=np.array([model.jointPlacements[j].rotation for j in joints]).reshape(-1, 3, 3),
+        offsets=np.array([model.jointPlacements[j].translation for j in joints]).reshape(-1, 3),
+        axes=np.array([axis for axis, _ in axes]).reshape(-1, 3),
+        slides=np.array([slides for _, slides in axes], dtype=np.bool_),
+        carriers=np.array([hull.joint - 1 for hull in hulls], dtype=np.int64),
+        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        centers=np.concatenate([np.empty((0, 3)), *(hull.centers for hull in hulls)]),
+        radii=np.repeat([float(hull.radius) for hull in hulls], counts),
+    )
+
+
+@lru_cache(maxsize=32)
+def _within_limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> Array:
+    return read_only(_bounds(pepper, motion_tree(pepper, held), pepper.lower_limits, pepper.upper_limits))
+
+
+def _bounds(pepper: PepperModel, tree: MotionTree, lower: Array, upper: Array) -> Array:
+    gains, taken = np.asarray(pepper.full_map), np.asarray(pepper.full_map) != 0.0
+    low, high = lower - SLACK, upper + SLACK
+    if pepper.is_coupled:  # q_full = gains q + offset
+        ends = np.where(taken, gains, 1.0) * np.stack((low, high))[:, None]
+        low, high = (
+            pepper.full_offset + np.where(taken, end, 0.0).sum(axis=1)
+            for end in (ends.min(axis=0), ends.max(axis=0))
+        )
+    levers = np.empty((tree.carriers.size, tree.parents.size))
+    body_levers(tree, np.ascontiguousarray(low), np.ascontiguousarray(high), levers)
+    greatest = np.where(taken, levers.max(axis=0, initial=0.0)[:, None], 0.0)
+    return np.maximum((np.abs(gains) * greatest).sum(axis=0), LEAST)
+
+
+def _hull(geometry: Geometry) -> tuple[Array, float]:
+    """Return balls whose convex hull holds a geometry: centers in its frame, shape (k, 3), and radius."""
+    if isinstance(geometry, Sphere):
+        return np.zeros((1, 3)), geometry.radius
+    if isinstance(geometry, Capsule):
+        return np.array([[0.0, 0.0, -geometry.length / 2], [0.0, 0.0, geometry.length / 2]]), geometry.radius
+    if isinstance(geometry, Box):
+        return _SIGNS * np.array(geometry.size) / 2, 0.0
+    if isinstance(geometry, Cylinder):
+        return _SIGNS * [geometry.radius, geometry.radius, geometry.length / 2], 0.0
+    mesh = coal_geometry(geometry)
+    mesh.computeLocalAABB()
+    low, high = np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
+    return (low + high) / 2 + _SIGNS * (high - low) / 2, 0.0

@@ -1,0 +1,251 @@
+"""Joint velocities from which every joint can still stop before its limits, counted in ticks."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.linear_algebra import symmetric_eigen
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
+
+ACCELERATION, VELOCITY, POSITION, LOCKED = 0, 1, 2, 3
+"""What a bound comes from."""
+
+# Share of the acceleration limits that an approach plans its braking with: the rest is for corrections.
+RESERVE = 0.7
+
+# Damping of the joint speeds [m/rad]: where a direction moves less than this, the joints are spared.
+DAMPING = 3e-3
+
+# Below this slope a direction counts as lost, and a residual as vanished.
+LOST = 1e-3
+VANISHED = 1e-9
+
+
+class JointLimits(NamedTuple):
+    """Limits of every joint, infinite where there is none.
+
+    Attributes:
+        lower: Lower position limits [rad or m], shape (n,).
+        upper: Upper position limits, shape (n,).
+        velocity: Greatest speeds [rad/s or m/s], shape (n,).
+        acceleration: Greatest changes of velocity per second [rad/s^2 or m/s^2], shape (n,).
+        movable: Which joints may move, shape (n,).
+    """
+
+    lower: Floats1
+    upper: Floats1
+    velocity: Floats1
+    acceleration: Floats1
+    movable: Flags1
+
+
+class VelocityInterval(NamedTuple):
+    """What the next velocity may be, joint by joint; never empty, for `brake` is always within.
+
+    Attributes:
+        low: Least velocity [rad/s or m/s], shape (n,).
+        high: Greatest velocity, shape (n,).
+        brake: The velocity of the hardest brake, shape (n,).
+        low_kind: What `low` comes from (ACCELERATION, ...), shape (n,).
+        high_kind: What `high` comes from, shape (n,).
+    """
+
+    low: Floats1
+    high: Floats1
+    brake: Floats1
+    low_kind: Ints1
+    high_kind: Ints1
+
+
+@compiled("float64(float64, float64, float64)")
+def stopping_speed(distance: float, deceleration: float, dt: float) -> float:
+    """Return the greatest speed v from which a joint stops within a distance.
+
+    In steps of dt at v, v - a dt, v - 2 a dt, ... a joint travels, with N = floor(v / (a dt)),
+
+        s(v) = dt ((N + 1) v - a dt N (N + 1) / 2).
+
+    Its inverse is v = s / ((N + 1) dt) + a dt N / 2 with N (N + 1) / 2 <= s / (a dt^2) < (N + 1) (N + 2) / 2.
+    Who keeps v(s) and brakes finds v - a dt <= v(s - v dt) at the next tick: it can always go on braking.
+
+    Args:
+        distance: s, 0 or more, infinite allowed [rad or m].
+        deceleration: a, above zero, infinite allowed [rad/s^2 or m/s^2].
+        dt: Length of a tick [s].
+
+    Returns:
+        v [rad/s or m/s].
+    """
+    quantum = deceleration * dt
+    # An infinite distance never ends; an infinite deceleration stops within one tick.
+    if math.isinf(distance):
+        return distance
+    if math.isinf(quantum):
+        return distance / dt
+    steps = math.floor(0.5 * (math.sqrt(1.0 + 8.0 * distance / (quantum * dt)) - 1.0))
+    return distance / ((steps + 1.0) * dt) + 0.5 * quantum * steps
+
+
+@compiled("void(float64[::1], float64[::1], JointLimits, float64, VelocityInterval)")
+def bound_velocities(
+    q: Floats1, v: Floats1, limits: JointLimits, dt: float, bounds: VelocityInterval
+) -> None:
+    """Write the velocities that keep position, velocity and acceleration limits for ever.
+
+    Args:
+        q: Joint positions [rad or m], shape (n,).
+        v: Velocities of the last tick, which kept the limits, shape (n,).
+        limits: The limits.
+        dt: Length of a tick [s].
+        bounds: Written.
+    """
+    low, high, brake = bounds.low, bounds.high, bounds.brake
+    low_kind, high_kind, velocity = bounds.low_kind, bounds.high_kind, limits.velocity
+    for i in range(q.size):
+        reach = limits.acceleration[i] * dt
+        brake[i] = math.copysign(max(abs(v[i]) - reach, 0.0), v[i])
+        if not limits.movable[i]:
+            low[i], high[i] = brake[i], brake[i]
+            low_kind[i], high_kind[i] = LOCKED, LOCKED
+            continue
+        high[i], high_kind[i] = v[i] + reach, ACCELERATION
+        low[i], low_kind[i] = v[i] - reach, ACCELERATION
+        if velocity[i] < high[i]:
+            high[i], high_kind[i] = velocity[i], VELOCITY
+        if -velocity[i] > low[i]:
+            low[i], low_kind[i] = -velocity[i], VELOCITY
+        above = stopping_speed(max(limits.upper[i] - q[i], 0.0), limits.acceleration[i], dt)
+        below = -stopping_speed(max(q[i] - limits.lower[i], 0.0), limits.acceleration[i], dt)
+        if above < high[i]:
+            high[i], high_kind[i] = above, POSITION
+        if below > low[i]:
+            low[i], low_kind[i] = below, POSITION
+        # Rounding, or a velocity that was not ours, must not leave the brake outside.
+        high[i], low[i] = max(high[i], brake[i]), min(low[i], brake[i])
+
+
+@compiled("void(float64[::1], float64[::1], float64, int64[::1], float64[:, ::1])")
+def write_brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1, path: Floats2) -> None:
+    """Write how far each joint has moved after some ticks, the first at v, the others braking.
+
+    Args:
+        v: Velocity of the first tick [rad/s or m/s], shape (n,).
+        acceleration: a [rad/s^2 or m/s^2], shape (n,).
+        dt: Length of a tick [s].
+        ticks: Numbers of ticks, shape (m,).
+        path: Written: changes of position, with sign [rad or m], shape (m, n).
+    """
+    for i in range(v.size):
+        quantum, speed = min(acceleration[i] * dt, 1e300), abs(v[i])
+        moving, sign = math.floor(speed / quantum) + 1.0, np.sign(v[i])
+        for k in range(ticks.size):
+            count = min(float(ticks[k]), moving)
+            # Ticks that are not needed count 0 times the quantum, which may be huge.
+            loss = quantum * (count - 1.0) / 2.0 if count > 1.0 else 0.0
+            path[k, i] = dt * sign * count * (speed - loss)
+
+
+def brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1) -> Floats2:
+    """Return what `write_brake_path` writes, shape (m, n)."""
+    path = np.empty((ticks.size, v.size))
+    write_brake_path(v, acceleration, dt, ticks, path)
+    return path
+
+
+@compiled("int64(float64[::1], float64[::1], float64)")
+def ticks_to_rest(v: Floats1, acceleration: Floats1, dt: float) -> int:
+    """Return how many ticks of `brake_path` move."""
+    most = 0.0
+    for i in range(v.size):
+        most = max(most, math.floor(abs(v[i]) / min(acceleration[i] * dt, 1e300)))
+    return int(most) + 1
+
+
+def stopping_place(q: Floats1, v: Floats1, acceleration: Floats1, dt: float) -> Floats1:
+    """Return where the joints come to rest after one tick at v and the hardest brake, shape (n,)."""
+    last = np.array([ticks_to_rest(v, acceleration, dt)])
+    place: Floats1 = q + brake_path(v, acceleration, dt, last)[0]
+    return place
+
+
+@compiled(
+    "Tuple(float64, float64)(float64[:, ::1], float64[::1], float64[::1], JointLimits, float64, float64, "
+    "float64)"
+)
+def approach_rate(
+    jacobian: Floats2,
+    wanted: Floats1,
+    weights: Floats1,
+    limits: JointLimits,
+    dt: float,
+    gain: float,
+    singularity: float,
+) -> tuple[float, float]:
+    """Return the rate of approach, and the share of speed that singularities leave.
+
+    With J D^-1 = U S V^T (D scales the joints; locked ones are left out) and e the unit vector of what is
+    wanted, g = |S^-1 U^T e| is the joint speed that one unit of it costs.  The share is
+    min(1, 1 / (g sigma)) with sigma the threshold: 1 where the direction is easy, falling to zero with the
+    singular value of a direction that is being lost; the direction itself is kept.
+
+    Args:
+        jacobian: J, shape (m, n).
+        wanted: The residual or rate, shape (m,).
+        weights: d of D = diag(d), shape (n,).
+        limits: Of the joints.
+        dt: Length of a tick [s].
+        gain: Greatest share of an error that is removed per second [1/s].
+        singularity: sigma [m/rad].
+    """
+    m, n = jacobian.shape
+    size = 0.0
+    for k in range(m):
+        size += wanted[k] * wanted[k]
+    size = math.sqrt(size)
+    if size < VANISHED:
+        return gain, 1.0
+    scaled, square, vectors = np.zeros((m, n)), np.empty((m, m)), np.empty((m, m))
+    values, along, weighted = np.empty(m), np.empty(m), np.empty(m)
+    moving = 0
+    for i in range(n):
+        if limits.movable[i]:
+            moving += 1
+            for k in range(m):
+                scaled[k, i] = jacobian[k, i] / weights[i]
+    for a in range(m):
+        for b in range(m):
+            total = 0.0
+            for i in range(n):
+                total += scaled[a, i] * scaled[b, i]
+            square[a, b] = total
+    symmetric_eigen(square, values, vectors)
+    for k in range(m):
+        total = 0.0
+        for a in range(m):
+            total += vectors[a, k] * wanted[a]
+        along[k], values[k] = total, max(values[k], 0.0)
+    for a in range(m):
+        total = 0.0
+        for k in range(m):
+            total += vectors[a, k] * along[k] / (values[k] + DAMPING * DAMPING)
+        weighted[a] = total
+    pull = gain
+    for i in range(n):
+        if limits.movable[i]:
+            step = 0.0
+            for a in range(m):
+                step += scaled[a, i] * weighted[a]
+            distance = max(abs(step) / weights[i], 1e-12)
+            speed = min(stopping_speed(distance, RESERVE * limits.acceleration[i], dt), limits.velocity[i])
+            pull = min(pull, speed / distance)
+    # More directions than joints: those beyond are lost for good and say nothing about being near to it.
+    effort = 0.0
+    for k in range(max(0, m - moving), m):
+        cost = along[k] / (size * max(math.sqrt(values[k]), LOST))
+        effort += cost * cost
+    effort = math.sqrt(effort) * singularity
+    return pull, 1.0 if effort <= 1.0 else 1.0 / effort

@@ -1,0 +1,27 @@
+"""The clock of compiled code."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.intrinsics import call_clock
+from pepper_kin.kernels.signatures import Ints1
+
+CLOCK: int = ctypes.cast(ctypes.CDLL(None).clock_gettime, ctypes.c_void_p).value or 0
+"""Address of the C library's `clock_gettime`."""
+
+_MONOTONIC = int(time.CLOCK_MONOTONIC)
+
+
+@compiled(lean=True, inline=True)
+def seconds_now(clock: int, place: Ints1) -> float:
+    """Return the time of the monotonic clock, that of `time.perf_counter` [s].
+
+    Args:
+        clock: `CLOCK`, handed over because an address is not a constant.
+        place: Workspace, shape (2,).
+    """
+    call_clock(clock, _MONOTONIC, place.ctypes.data)
+    return place[0] + 1e-9 * place[1]

@@ -1,0 +1,1 @@
+"""Collision checks of many configurations against one block of constants."""

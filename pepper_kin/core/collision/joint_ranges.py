@@ -1,0 +1,66 @@
+"""Ranges of a joint that depend on another joint, as tables."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.collision.layout import Array
+from pepper_kin.kernels.compiled import compiled
+
+HEAD = 7
+"""Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, margin, first position, cells per rad."""
+CELLS = 128
+"""Cells of equal width into which a table is cut."""
+CELL = 4
+"""Numbers for each cell: below the first or above the second the range is surely left; from the third to the
+fourth it is surely kept."""
+
+
+@compiled
+def _violates(heads: Array, tables: Array, q: Array, k: int) -> bool:
+    """Whether a configuration leaves the range of one table."""
+    h = HEAD * k
+    x, y = q[int(heads[h])], q[int(heads[h + 1])]
+    count, below = int(heads[h + 3]), 0
+    rows = tables[int(heads[h + 2]) : int(heads[h + 2]) + 3 * count]
+    while below + 1 < count and rows[below + 1] <= x:
+        below += 1
+    above = below + 1 if rows[below] < x and below + 1 < count else below
+    low = max(rows[count + below], rows[count + above]) + heads[h + 4]
+    high = min(rows[2 * count + below], rows[2 * count + above]) - heads[h + 4]
+    return y < low or y > high
+
+
+@compiled
+def violations(
+    heads: Array, tables: Array, cells: Array, rows: Array, n: int, left: NDArray[np.int64]
+) -> None:
+    """Write whether configurations leave a dependent range.
+
+    Args:
+        heads: The section TABLE_HEADS.
+        tables: The section TABLES.
+        cells: The section TABLE_CELLS.
+        rows: Joint positions, one configuration after the other [rad or m].
+        n: Number of joints.
+        left: Written, one number per configuration.
+    """
+    left[:] = 0
+    for k in range(heads.size // HEAD):
+        h = HEAD * k
+        a, b, begin, density = int(heads[h]), int(heads[h + 1]), heads[h + 5], heads[h + 6]
+        own = cells[CELL * CELLS * k : CELL * CELLS * (k + 1)]
+        for i in range(left.size):
+            y, place = rows[n * i + b], (rows[n * i + a] - begin) * density
+            place = place if place > 0.0 else 0.0  # also keeps NaN from becoming a place
+            place = place if place < CELLS - 1.0 else CELLS - 1.0
+            c = CELL * int(place)
+            surely = (y < own[c]) | (y > own[c + 1])
+            perhaps = (y < own[c + 2]) | (y > own[c + 3])
+            left[i] |= surely + 2 * perhaps
+    for i in range(left.size):
+        state, left[i] = left[i], left[i] & 1
+        if state == 2:
+            for k in range(heads.size // HEAD):
+                left[i] |= _violates(heads, tables, rows[n * i : n * i + n], k)

@@ -1,0 +1,144 @@
+"""One block of doubles with all that compiled checking needs: sections of constants and of room."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.kernels.compiled import compiled
+
+Array: TypeAlias = NDArray[np.float64]
+
+VECTOR_BYTES = 32
+"""Width of the vectors of lanes, the same on every processor."""
+LANES = VECTOR_BYTES // 4
+"""Configurations side by side in a vector."""
+POSE_LANES = VECTOR_BYTES // 8
+"""The same of configurations whose exact poses are wanted."""
+ROOM = 64
+"""Configurations that go through the stages together."""
+WIDEST = 16.0
+"""Beyond this angle or distance [rad or m] single precision is not trusted: such a configuration is a tie."""
+
+ALIGNMENT = 8
+"""Sections begin at multiples of this many doubles: 64 bytes, a vector register."""
+
+(
+    NUMBERS,
+    CLASS_KERNELS,
+    CLASS_ACTIVE,
+    CLASS_RADII,
+    TABLE_HEADS,
+    TABLES,
+    TABLE_CELLS,
+    PAIR_FIRST,
+    PAIRS,
+    SOLIDS,
+    SOLID_HALF,
+    GROUP_FIRST,
+    GROUP_SOLIDS,
+    GROUP_RADII,
+    REACH,
+    OBJECTS,
+    OBJECT_BOXES,
+    GROUP_OBJECTS,
+    VERTEX_FIRST,
+    VERTICES,
+    FROZEN,
+    FREE,
+    EFFORT,
+    ROWS,
+    STATUS,
+    DOUBT_CLASSES,
+    DOUBT_GROUPS,
+    QUEUE,
+    QUEUE_LENGTH,
+    LANES_IN,
+    LANES_OUT,
+    LANES_WORK,
+    WORLD,
+    POSES,
+    SINGLE_WORK,
+) = range(35)
+"""Sections, in order; `memory.py` says what is in each."""
+SECTIONS = 35
+
+BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
+"""Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
+
+(
+    N,
+    CLASSES,
+    GROUPS,
+    SPHERES,
+    OBJECT_COUNT,
+    SELF_MARGIN,
+    MARGIN,
+    NEAR_KERNEL,
+    CENTER_KERNEL,
+    POSE_KERNEL,
+    GRAVITY_KERNEL,
+    BLOCKED,
+    POSE_LANES_KERNEL,
+) = range(13)
+"""Places in the section NUMBERS."""
+NUMBERS_SIZE = 13
+
+
+@compiled
+def section(memory: Array, which: int) -> Array:
+    """Return a section of the block as doubles."""
+    return memory[int(memory[2 * which]) : int(memory[2 * which + 1])]
+
+
+@compiled
+def section_single(memory: Array, which: int) -> NDArray[np.float32]:
+    """Return a section of the block as floats."""
+    return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.float32)
+
+
+@compiled
+def section_bits(memory: Array, which: int) -> NDArray[np.int64]:
+    """Return a section of the block as integers."""
+    return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.int64)
+
+
+def pack(sections: dict[int, Array]) -> Array:
+    """Return a block with these sections; the rest is empty.
+
+    Its first numbers are the beginning and end of each section.
+    """
+    place = _round_up(2 * SECTIONS)
+    spans = np.zeros(2 * SECTIONS)
+    for which in range(SECTIONS):
+        size = sections[which].size if which in sections else 0
+        spans[2 * which : 2 * which + 2] = place, place + size
+        place += _round_up(size)
+    block = np.zeros(place)
+    block[: 2 * SECTIONS] = spans
+    for which, values in sections.items():
+        first, last = int(spans[2 * which]), int(spans[2 * which + 1])
+        block[first:last] = np.ravel(values)
+    return block
+
+
+def shorten(memory: Array, which: int, size: int) -> int:
+    """Change the size of a section to no more than it was made with; returns the size that it had."""
+    begin, end = int(memory[2 * which]), int(memory[2 * which + 1])
+    memory[2 * which + 1] = begin + size
+    return end - begin
+
+
+def aligned_copy(block: Array) -> Array:
+    """Return a copy whose first number is at a multiple of 64 bytes."""
+    room = np.empty(block.size + ALIGNMENT)
+    first = (-room.ctypes.data // 8) % ALIGNMENT
+    copy = room[first : first + block.size]
+    copy[:] = block
+    return copy
+
+
+def _round_up(size: int) -> int:
+    return -(-size // ALIGNMENT) * ALIGNMENT

@@ -1,0 +1,1 @@
+"""Inverse kinematics in machine code: box-constrained steps, descents, multi-start search."""

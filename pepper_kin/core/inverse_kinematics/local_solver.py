@@ -1,0 +1,407 @@
+"""Levenberg-Marquardt descents to the nearest minimum, within joint limits and clear of collisions."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.clock import seconds_now
+from pepper_kin.core.inverse_kinematics.box_step import FREE, HIGH, LOW, solve_box, solve_free
+from pepper_kin.core.quadratic_program import QuadraticProgram, solve
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.interrupts import PULSE, STOPPED, interrupted
+from pepper_kin.kernels.intrinsics import call_four, call_kernel
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
+
+FIRST_DAMPING = 1e-3
+LEAST_DAMPING = 1e-9
+MOST_DAMPING = 1e4
+RAISE = 4.0
+LOWER = 5.0
+
+STEP_BOUND = 0.6
+"""Largest change of one joint in one step [rad or m]: beyond it the linear model says little."""
+
+SMALL_STEP, SMALL_GAIN = 1e-6, 1e-7
+"""A minimum is reached when a step, or what it gains relative to the cost, is smaller than this."""
+
+CLOSE = 0.1
+"""Steps go on until every error is this fraction of its tolerance."""
+
+POSTURE_WEIGHT = 1e-4
+"""Weight of |q - q_ref|: it only decides where the tasks leave freedom, and costs no step near the goal."""
+
+CAUTION, CAUTIOUS_STEPS = 0.4, 10
+"""In its first steps a descent goes only this part of the way to a bound: it so avoids many a local minimum
+on the bounds."""
+
+REFLECTION, REFLECTIONS = 0.3, 2
+"""A descent that ends in a local minimum is started again beyond the middle of the joint ranges, by this much
+of the distance to the middle.  Such minima lie on the bounds, and what they hide lies in the other half of
+the range: nine in ten descents from there succeed."""
+
+CUTS, NEAREST = 4, 1
+"""Half-spaces kept in one descent, and how many of them one configuration adds at most."""
+
+TIMED_OUT = 2
+"""Written to `Workspace.stop` when the deadline has passed."""
+
+
+class SolverProblem(NamedTuple):
+    """One problem: min sum_i s_i^2 |r_i(q)|^2 / 2 + eps^2 |q - q_ref|^2 / 2  within  low <= q <= high.
+
+    Attributes:
+        kernel: Address of `void f(const double* input, double* result, double* work)`, which writes the
+            squared errors of the t tasks, the cost, its gradient by the first k joints, and the upper
+            triangle of the Gauss-Newton matrix, row by row; see
+            `pepper_kin.ik.fast.expression.task_function`.
+        work: The kernel's workspace.
+        task_joints: k.
+        joints: Places in q of the joints that move, shape (m,), m >= k; the kernel knows the first k.
+        low: Their lower bounds, shape (m,).
+        high: Their upper bounds, shape (m,).
+        scale: d_i^2, the weights of the damping lambda |diag(d) dq|^2, shape (m,).
+        reference: q_ref, shape (n,).
+        tolerance: Squared tolerances of the tasks, shape (t,).
+        stop_when_met: Whether nothing is left to gain once all tasks are well met.
+        clock: Address of `clock_gettime`.
+        deadline: When to stop [s], infinite for never.
+        signals: See `pepper_kin.kernels.interrupts`; the kernel may set the word STOPPED too.
+    """
+
+    kernel: int
+    work: Floats1
+    task_joints: int
+    joints: Ints1
+    low: Floats1
+    high: Floats1
+    scale: Floats1
+    reference: Floats1
+    tolerance: Floats1
+    stop_when_met: bool
+    clock: int
+    deadline: float
+    signals: Ints1
+
+
+class CollisionTests(NamedTuple):
+    """Addresses of functions that know the scene, each `int64 f(int64, int64, int64, int64)`; 0 for none.
+
+    Attributes:
+        valid_prefix: Of `pepper_kin.core.collision.check` over all joints; what it calls free is free.
+        memory: Address of its memory.
+        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `valid_prefix` does not say so.
+        near: (q, rows, count, 0) -> number of rows written, at most `count`: half-spaces g . q' >= b of
+            configurations q' near q, a row being g, shape (n,), and b.
+    """
+
+    valid_prefix: int
+    memory: int
+    is_free: int
+    near: int
+
+
+class Workspace(NamedTuple):
+    """Arrays that descents write to; m joints, t tasks.
+
+    Attributes:
+        given: The kernel's input at q: q, weights and targets.
+        trial: The same at the configuration to try.
+        result: The kernel's output at q.
+        other: The same at the configuration to try.
+        matrix: Shape (m, m).
+        factor: Shape (m, m + 1).
+        gradient: Shape (m,).
+        step: Shape (m,).
+        least: Lower bounds of the step, shape (m,).
+        most: Upper bounds of the step, shape (m,).
+        state: Active bounds, shape (m,).
+        cuts: Half-spaces g . q >= b, shape (CUTS, n + 1); empty where collisions are not considered.
+        cut_count: How many have been written, shape (1,).
+        clock: For `seconds_now`, shape (2,).
+        watch: When signals are looked at next [s], shape (1,).
+        stop: 1 or TIMED_OUT where the search has to end, shape (1,).
+    """
+
+    given: Floats1
+    trial: Floats1
+    result: Floats1
+    other: Floats1
+    matrix: Floats2
+    factor: Floats2
+    gradient: Floats1
+    step: Floats1
+    least: Floats1
+    most: Floats1
+    state: Ints1
+    cuts: Floats2
+    cut_count: Ints1
+    clock: Ints1
+    watch: Floats1
+    stop: Ints1
+
+
+@compiled
+def make_workspace(row: Floats1, problem: SolverProblem, tests: CollisionTests) -> Workspace:
+    """Return a workspace for a row of input."""
+    m, k, n = problem.joints.size, problem.task_joints, problem.reference.size
+    outputs = problem.tolerance.size + 1 + k + k * (k + 1) // 2
+    return Workspace(
+        row.copy(),
+        row.copy(),
+        np.empty(outputs),
+        np.empty(outputs),
+        np.empty((m, m)),
+        np.empty((m, m + 1)),
+        np.empty(m),
+        np.empty(m),
+        np.empty(m),
+        np.empty(m),
+        np.empty(m, np.int64),
+        np.empty((CUTS if tests.near != 0 else 0, n + 1)),
+        np.zeros(1, np.int64),
+        np.empty(2, np.int64),
+        np.zeros(1),
+        np.zeros(1, np.int64),
+    )
+
+
+@compiled(lean=True)
+def is_over(problem: SolverProblem, workspace: Workspace) -> bool:
+    """Whether the search has to end: time has run out, a signal has come, or the kernel wants it."""
+    if problem.signals[STOPPED] != 0:
+        workspace.stop[0] = 1
+        return True
+    now = seconds_now(problem.clock, workspace.clock)
+    if now > problem.deadline:
+        workspace.stop[0] = TIMED_OUT
+        return True
+    if workspace.watch[0] == 0.0:
+        workspace.watch[0] = now + PULSE
+    elif now > workspace.watch[0]:
+        workspace.watch[0] = now + PULSE
+        if interrupted(problem.signals):
+            workspace.stop[0] = 1
+            return True
+    return False
+
+
+@compiled(lean=True)
+def is_free(tests: CollisionTests, q: Floats1) -> bool:
+    """Whether nothing touches at q, the beginning of an array; true where collisions are not considered."""
+    if tests.is_free == 0:
+        return True
+    place = q.ctypes.data
+    if tests.valid_prefix != 0 and call_four(tests.valid_prefix, place, place, 1, tests.memory) == 1:
+        return True
+    return call_four(tests.is_free, place, 0, 0, 0) == 1
+
+
+@compiled(lean=True, inline=True)
+def fraction_of_tolerance(result: Floats1, tolerance: Floats1) -> float:
+    """Return the largest of error^2 / tolerance^2."""
+    worst = 0.0
+    for i in range(tolerance.size):
+        worst = max(worst, result[i] / tolerance[i])
+    return worst
+
+
+@compiled(lean=True, inline=True)
+def evaluate(problem: SolverProblem, given: Floats1, result: Floats1) -> None:
+    """Call the kernel."""
+    call_kernel(problem.kernel, given.ctypes.data, result.ctypes.data, problem.work.ctypes.data)
+
+
+@compiled(lean=True)
+def descend(
+    problem: SolverProblem,
+    tests: CollisionTests,
+    workspace: Workspace,
+    max_iterations: int,
+    small_gain: float,
+    cautious_steps: int,
+    clear: bool,
+) -> int:
+    """Search from a start by Levenberg-Marquardt steps within the bounds; return how many were proposed.
+
+    A step is taken only if it lowers the cost, and, with `clear`, if nothing touches after it; otherwise the
+    damping grows and the next step is shorter.
+
+    Args:
+        problem: The problem.
+        tests: Used where the descent has to keep clear.
+        workspace: `given` holds the start, and afterwards the result; `result` the kernel's output there.
+        max_iterations: Number of steps proposed at most.
+        small_gain: A step that gains less than this part of the cost is the last; where it is more than
+            SMALL_GAIN, the minimum is not looked for to its very end.
+        cautious_steps: How many steps keep away from the bounds.
+        clear: Whether to keep clear of collisions; the start has to be free.
+    """
+    given, trial, result, other = workspace.given, workspace.trial, workspace.result, workspace.other
+    index, t, to_the_end = problem.joints, problem.tolerance.size, small_gain <= SMALL_GAIN
+    _copy(given, trial, problem.reference.size)
+    evaluate(problem, given, result)
+    cost = result[t] + _posture_cost(problem, given)
+    damping, backed, cautious, iterations = FIRST_DAMPING, False, cautious_steps > 0, 0
+    timed, workspace.cut_count[0] = problem.deadline < np.inf, 0
+    if clear:
+        _cut(problem, tests, workspace, given)
+    while iterations < max_iterations and damping < MOST_DAMPING:
+        if problem.stop_when_met and fraction_of_tolerance(result, problem.tolerance) <= CLOSE**2:
+            break
+        if problem.signals[STOPPED] != 0 or (timed and is_over(problem, workspace)):
+            break
+        iterations += 1
+        cautious = cautious and iterations <= cautious_steps
+        _linearize(problem, workspace, damping, cautious)
+        if not _propose(problem, workspace, cautious):
+            damping *= 10
+            continue
+        size = _distance(index, trial, given)
+        evaluate(problem, trial, other)
+        new_cost = other[t] + _posture_cost(problem, trial)
+        gain = cost - new_cost
+        if clear and gain > 0:
+            _cut(problem, tests, workspace, trial)
+            gain = gain if is_free(tests, trial) else -1.0
+        if gain > 0:
+            _copy(trial, given, problem.reference.size)
+            _copy(other, result, result.size)
+            cost = new_cost
+            damping, backed = (damping if backed else max(damping / LOWER, LEAST_DAMPING)), False
+        elif size >= SMALL_STEP:
+            damping, backed = max(RAISE * damping, FIRST_DAMPING), True
+            continue
+        if size < SMALL_STEP or gain < small_gain * cost:
+            if not (cautious and to_the_end):
+                break
+            cautious = False
+    return iterations
+
+
+@compiled(lean=True, inline=True)
+def _copy(source: Floats1, target: Floats1, count: int) -> None:
+    for i in range(count):
+        target[i] = source[i]
+
+
+@compiled(lean=True, inline=True)
+def _distance(index: Ints1, a: Floats1, b: Floats1) -> float:
+    """Return the largest change of one joint."""
+    size = 0.0
+    for i in range(index.size):
+        size = max(size, abs(a[index[i]] - b[index[i]]))
+    return size
+
+
+@compiled(lean=True)
+def reflect(problem: SolverProblem, given: Floats1) -> None:
+    """Put each joint from q to c - REFLECTION (q - c), c the middle of its range; see `REFLECTION`.
+
+    A joint without bounds stays where it is.
+    """
+    for i in range(problem.joints.size):
+        middle = 0.5 * (problem.low[i] + problem.high[i])
+        if abs(middle) < np.inf:
+            given[problem.joints[i]] = middle - REFLECTION * (given[problem.joints[i]] - middle)
+
+
+@compiled(lean=True, inline=True)
+def _linearize(problem: SolverProblem, workspace: Workspace, damping: float, cautious: bool) -> None:
+    """Write the step's quadratic program: H + lambda diag(d)^2 + eps^2, g, and the bounds of the step.
+
+    A cautious step has a term |g_i| / (distance to the bound that joint i moves towards) on the diagonal
+    (Coleman and Li, An interior trust region approach for nonlinear minimization subject to bounds, 1996).
+    """
+    index, low, high, result = problem.joints, problem.low, problem.high, workspace.result
+    matrix, gradient, least, most = workspace.matrix, workspace.gradient, workspace.least, workspace.most
+    m, k = index.size, problem.task_joints
+    part = CAUTION if cautious else 1.0
+    start = problem.tolerance.size + 1
+    place = start + k
+    for i in range(m):
+        q = workspace.given[index[i]]
+        slope = POSTURE_WEIGHT**2 * (q - problem.reference[index[i]])
+        if i < k:
+            slope = result[start + i] + slope
+            for j in range(i, k):
+                matrix[i, j] = result[place]
+                place += 1
+        for j in range(k if i < k else i, m):
+            matrix[i, j] = 0.0
+        matrix[i, i] += POSTURE_WEIGHT**2 + damping * problem.scale[i]
+        if cautious and low[i] < high[i]:
+            matrix[i, i] += slope / max(q - low[i], 1e-9) if slope > 0 else -slope / max(high[i] - q, 1e-9)
+        least[i] = max(part * (low[i] - q), -STEP_BOUND)
+        most[i] = min(part * (high[i] - q), STEP_BOUND)
+        gradient[i] = slope
+        workspace.state[i] = FREE
+        if cautious:
+            workspace.state[i] = FREE if low[i] < high[i] else LOW
+        elif least[i] > -1e-12 and slope > 0:
+            workspace.state[i] = LOW
+        elif most[i] < 1e-12 and slope < 0:
+            workspace.state[i] = HIGH
+
+
+@compiled(lean=True, inline=True)
+def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bool:
+    """Write the configuration to try; the result tells whether there is one."""
+    matrix, gradient, step = workspace.matrix, workspace.gradient, workspace.step
+    least, most, state, factor = workspace.least, workspace.most, workspace.state, workspace.factor
+    if workspace.cut_count[0] > 0:
+        good = _step_between(problem, workspace)
+    elif cautious:
+        good = solve_free(matrix, gradient, least, most, step, state, factor)
+    else:
+        good = solve_box(matrix, gradient, least, most, step, state, factor)
+    for i in range(step.size):
+        q = workspace.given[problem.joints[i]] + min(max(step[i], least[i]), most[i])
+        workspace.trial[problem.joints[i]] = min(max(q, problem.low[i]), problem.high[i])
+    return good
+
+
+@compiled(lean=True, inline=True)
+def _posture_cost(problem: SolverProblem, given: Floats1) -> float:
+    total = 0.0
+    for i in range(problem.joints.size):
+        shift = given[problem.joints[i]] - problem.reference[problem.joints[i]]
+        total += shift * shift
+    return 0.5 * POSTURE_WEIGHT**2 * total
+
+
+@compiled
+def _cut(problem: SolverProblem, tests: CollisionTests, workspace: Workspace, q: Floats1) -> None:
+    """Remember the half-spaces of what is nearest at q; the oldest are forgotten."""
+    rows = np.empty((NEAREST, problem.reference.size + 1))
+    count = call_four(tests.near, q.ctypes.data, rows.ctypes.data, NEAREST, 0)
+    for i in range(count):
+        workspace.cuts[workspace.cut_count[0] % CUTS] = rows[i]
+        workspace.cut_count[0] += 1
+
+
+@compiled
+def _step_between(problem: SolverProblem, workspace: Workspace) -> bool:
+    """Write the step that keeps the half-spaces too; where the room is used up, it may not shrink further."""
+    m, n, count = problem.joints.size, problem.reference.size, min(workspace.cut_count[0], CUTS)
+    matrix = workspace.matrix
+    for i in range(m):
+        for j in range(i):
+            matrix[i, j] = matrix[j, i]
+    rows, least = np.empty((count, m)), np.empty(count)
+    for c in range(count):
+        value = -workspace.cuts[c, n]
+        for i in range(n):
+            value += workspace.cuts[c, i] * workspace.given[i]
+        least[c] = -max(value, 0.0)
+        for i in range(m):
+            rows[c, i] = workspace.cuts[c, problem.joints[i]]
+    program = QuadraticProgram(matrix, workspace.gradient, workspace.least, workspace.most, rows, least)
+    if not solve(program, workspace.step):
+        return False
+    size = 0.0
+    for i in range(m):
+        size += abs(workspace.step[i])
+    return size < math.inf

@@ -1,0 +1,97 @@
+"""Kernels of joint vectors evaluated for many states without the checks of their Python calls."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.intrinsics import call_batch
+
+if TYPE_CHECKING:
+    from pepper_kin.kernels import Kernel
+
+Array = NDArray[np.float64]
+
+_WORDS = 8
+
+
+def evaluate(kernel: Kernel, *states: Array) -> Array:
+    """Evaluate a kernel for contiguous arrays of shape (T, n) that are known to be finite.
+
+    Calling it by its address, as it documents, saves the checks of `Kernel.__call__`, which take as long as
+    hundreds of states.
+
+    Args:
+        kernel: A kernel of two or three joint vectors with one result.
+        *states: The joint vectors.
+
+    Returns:
+        Shape (T, size of the result).
+    """
+    result = np.empty((len(states[0]), kernel.signature.output_sizes[0]))
+    work, words = np.empty(kernel.work_size + 8), np.empty(_WORDS, np.int64)
+    evaluate_batch(kernel.batch_address, states[0], states[1], states[-1], result, work, words)
+    return result
+
+
+@compiled(
+    "void(int64, float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1],"
+    " float64[::1], int64[::1])",
+    lean=True,
+)
+def evaluate_batch(
+    address: int, first: Array, second: Array, third: Array, result: Array, work: Array, words: np.ndarray
+) -> None:
+    """Run the `batch` function of a kernel of two or three inputs.
+
+    All memory belongs to the caller, so that it outlives the call.
+
+    Args:
+        address: Of the kernel's `batch`.
+        first: First input, shape (T, n).
+        second: Second input, shape (T, n).
+        third: Third input, shape (T, n); not read where there are only two.
+        result: Receives the result, shape (T, size of the result).
+        work: As large as the kernel asks.
+        words: Room for 8 numbers.
+    """
+    words[0], words[1], words[2] = first.ctypes.data, second.ctypes.data, third.ctypes.data
+    words[3] = words[4] = words[5] = first.shape[1]
+    words[6], words[7] = result.ctypes.data, result.shape[1]
+    here = words.ctypes.data
+    call_batch(address, here, here + 24, here + 48, here + 56, first.shape[0], work.ctypes.data)
+
+
+@compiled("void(float64[:, ::1], float64[:, ::1], float64[:, ::1])", lean=True)
+def matrix_product(left: Array, right: Array, result: Array) -> None:
+    """Write left @ right without BLAS, which may start threads and wait for a processor.
+
+    Args:
+        left: Shape (T, m).
+        right: Shape (m, k).
+        result: Receives the product, shape (T, k).
+    """
+    for t in range(left.shape[0]):
+        for k in range(right.shape[1]):
+            result[t, k] = 0.0
+        for i in range(left.shape[1]):
+            for k in range(right.shape[1]):
+                result[t, k] += left[t, i] * right[i, k]
+
+
+@compiled("void(float64[:, ::1], float64, int64, float64[:, ::1])", lean=True)
+def linear_speed_share(velocity: Array, limit: float, column: int, shares: Array) -> None:
+    """Write the linear speed of a frame over its limit to a column.
+
+    Args:
+        velocity: Spatial velocities, linear part first, shape (T, 6).
+        limit: Greatest speed [m/s].
+        column: Column of `shares`.
+        shares: Receives the result, shape (T, f).
+    """
+    for t in range(velocity.shape[0]):
+        x, y, z = velocity[t, 0], velocity[t, 1], velocity[t, 2]
+        shares[t, column] = np.sqrt(x * x + y * y + z * z) / limit

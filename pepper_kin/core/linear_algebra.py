@@ -1,0 +1,130 @@
+"""Small dense linear algebra."""
+
+from __future__ import annotations
+
+import math
+
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2
+
+
+@compiled(lean=True, inline=True)
+def dot(a: Floats1, b: Floats1) -> float:
+    """Return sum(a_i b_i)."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@compiled(lean=True)
+def cholesky(matrix: Floats2, factor: Floats2) -> bool:
+    """Write the lower triangle L of A = L L^T; return whether A is positive definite.
+
+    Args:
+        matrix: A, symmetric, shape (n, n); its lower triangle is read.
+        factor: L, written, shape (n, n); above the diagonal it is left as it is.
+    """
+    for j in range(matrix.shape[0]):
+        pivot = matrix[j, j]
+        for c in range(j):
+            pivot -= factor[j, c] * factor[j, c]
+        if not pivot > 0.0:
+            return False
+        factor[j, j] = math.sqrt(pivot)
+        for i in range(j + 1, matrix.shape[0]):
+            value = matrix[i, j]
+            for c in range(j):
+                value -= factor[i, c] * factor[j, c]
+            factor[i, j] = value / factor[j, j]
+    return True
+
+
+@compiled(lean=True)
+def solve_lower(factor: Floats2, vector: Floats1) -> None:
+    """Replace b by L^-1 b."""
+    for i in range(vector.size):
+        value = vector[i]
+        for c in range(i):
+            value -= factor[i, c] * vector[c]
+        vector[i] = value / factor[i, i]
+
+
+@compiled(lean=True)
+def solve_lower_transposed(factor: Floats2, vector: Floats1) -> None:
+    """Replace b by L^-T b."""
+    for i in range(vector.size - 1, -1, -1):
+        value = vector[i]
+        for c in range(i + 1, vector.size):
+            value -= factor[c, i] * vector[c]
+        vector[i] = value / factor[i, i]
+
+
+@compiled(lean=True)
+def symmetric_eigen(matrix: Floats2, values: Floats1, vectors: Floats2) -> None:
+    """Write eigenvalues, least first, and eigenvectors of a symmetric matrix by cyclic Jacobi rotations.
+
+    Source: G. H. Golub and C. F. Van Loan, Matrix Computations, section 8.5.
+
+    Args:
+        matrix: Shape (n, n); overwritten.
+        values: Written, shape (n,).
+        vectors: Written, one in each column, shape (n, n).
+    """
+    n = values.size
+    for i in range(n):
+        for j in range(n):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _ in range(50):
+        off, size = 0.0, 0.0
+        for i in range(n):
+            size += matrix[i, i] * matrix[i, i]
+            for j in range(i + 1, n):
+                off += matrix[i, j] * matrix[i, j]
+        if off <= 1e-32 * size:
+            break
+        for p in range(n - 1):
+            for q in range(p + 1, n):
+                _rotate(matrix, vectors, p, q)
+    for i in range(n):
+        values[i] = matrix[i, i]
+    for i in range(n - 1):  # least first
+        least = i
+        for j in range(i + 1, n):
+            if values[j] < values[least]:
+                least = j
+        if least != i:
+            values[i], values[least] = values[least], values[i]
+            for k in range(n):
+                vectors[k, i], vectors[k, least] = vectors[k, least], vectors[k, i]
+
+
+@compiled(lean=True)
+def _rotate(matrix: Floats2, vectors: Floats2, p: int, q: int) -> None:
+    """Make one pair of entries vanish."""
+    if matrix[p, q] == 0.0:
+        return
+    theta = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
+    t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    if abs(theta) > 1e150:
+        t = 0.5 / theta
+    c = 1.0 / math.sqrt(t * t + 1.0)
+    s = t * c
+    for k in range(matrix.shape[0]):
+        first, second = matrix[k, p], matrix[k, q]
+        matrix[k, p], matrix[k, q] = c * first - s * second, s * first + c * second
+    for k in range(matrix.shape[0]):
+        first, second = matrix[p, k], matrix[q, k]
+        matrix[p, k], matrix[q, k] = c * first - s * second, s * first + c * second
+        first, second = vectors[k, p], vectors[k, q]
+        vectors[k, p], vectors[k, q] = c * first - s * second, s * first + c * second
+
+
+@compiled(lean=True)
+def solve_cholesky(factor: Floats2, vector: Floats1) -> None:
+    """Replace b by A^-1 b, given L of A = L L^T; rows of L are read in order."""
+    solve_lower(factor, vector)
+    for i in range(vector.size - 1, -1, -1):
+        vector[i] /= factor[i, i]
+        for c in range(i):
+            vector[c] -= factor[i, c] * vector[i]

@@ -1,0 +1,1 @@
+"""Time integration of articulated robots with actuators, free bodies and contacts."""

@@ -1,0 +1,192 @@
+"""The force on one joint as a function of its own velocity at the end of the step.
+
+With step h, position q and velocity w = v+ at its end (q+ = q + h w), the force on a joint, besides its
+rotor, is
+
+    F(w) = tau(w) - D w - friction(w) - stop(w)
+
+* tau = clip(u, lower, upper), with u as the mode says, e.g. Kp (q_ref - q+) + Kd (v_ref - w) + f.
+* The motor gives at most upper(w) = clip(stall (1 - w / no_load), -limit, limit) and at least
+  lower(w) = clip(stall (-1 - w / no_load), -limit, limit): current limit and voltage limit.  Above the
+  no-load speed the supply brakes.
+* Everything up to here is multiplied by the strength (the stiffness of NAOqi).
+* friction = C clip(w / e, -1, 1), e = 1e-8 rad/s (m/s): Coulomb's law but for a creep of at most e where
+  the joint sticks.
+* stop = max(0, Ks (q+ - upper) + Ds w) + min(0, Ks (q+ - lower) + Ds w): springs that only push, with a
+  damper Ds once the joint is beyond the limit.
+
+Each part never rises with w and consists of straight segments, F(w) = c - k w with k >= 0 on each.
+
+`encoder_reading`, `friction_segment` and `speed_torque_line` are written so that they can be traced with
+symbols as well (`pepper_kin.twin.step_kernel`), by other meanings of `select` and of the names
+beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2
+
+Array = NDArray[np.float64]
+
+CREEP = 1e-8
+"""Fastest motion of a joint that sticks [rad/s or m/s]."""
+
+
+class ActuatorTable(NamedTuple):
+    """Parameters of the joints; each of the shape of the joints, (n,) or (robots, n).
+
+    Attributes:
+        kp: strength Kp, 0 unless in position mode.
+        kd: strength Kd, 0 in torque mode.
+        strength: 0 to 1.
+        feedforward: strength, 0 in torque mode.
+        limit: strength times the torque limit, inf for none.
+        stall: strength times the stall torque, inf for none.
+        line: strength times stall / no_load, 0 for none.
+        viscous: D.
+        coulomb: C.
+        rotor: Rotor inertia.
+        upper: Upper position limit.
+        lower: Lower position limit.
+        stop_stiffness: Ks.
+        stop_damping: Ds.
+        resolution: Of the encoder, 0 for exact.
+    """
+
+    kp: Array
+    kd: Array
+    strength: Array
+    feedforward: Array
+    limit: Array
+    stall: Array
+    line: Array
+    viscous: Array
+    coulomb: Array
+    rotor: Array
+    upper: Array
+    lower: Array
+    stop_stiffness: Array
+    stop_damping: Array
+    resolution: Array
+
+
+# Rows of the parameters of many joints, in the order of `ActuatorTable`.
+KP, KD, STRENGTH, FEEDFORWARD, LIMIT, STALL, LINE, VISCOUS, COULOMB, ROTOR, UPPER, LOWER = range(12)
+STOP_STIFFNESS, STOP_DAMPING, RESOLUTION = 12, 13, 14
+
+
+@compiled(lean=True, inline=True)
+def select(condition: bool, first: float, second: float) -> float:
+    """Return the first number where the condition holds, else the second."""
+    return first if condition else second
+
+
+@compiled(lean=True, inline=True)
+def encoder_reading(resolution: float, q: float) -> float:
+    """Return the position that an encoder gives: to the nearest multiple of its resolution."""
+    step = resolution + (resolution == 0.0)
+    return select(resolution == 0.0, q, step * floor(q / step + 0.5))
+
+
+@compiled(lean=True, inline=True)
+def floor(x: float) -> float:
+    """Return the greatest whole number that is not above x."""
+    return float(np.floor(x))
+
+
+@compiled(lean=True, inline=True)
+def friction_segment(coulomb: float, w: float) -> tuple[float, float]:
+    """Return c and k of Coulomb's friction."""
+    sticks = abs(w) <= CREEP
+    return select(sticks, 0.0, copysign(coulomb, w)), select(sticks, coulomb / CREEP, 0.0)
+
+
+@compiled(lean=True, inline=True)
+def copysign(x: float, sign: float) -> float:
+    """Return x >= 0 with the sign of another number."""
+    return math.copysign(x, sign)
+
+
+@compiled(lean=True, inline=True)
+def speed_torque_line(stall: float, line: float, w: float) -> tuple[float, float]:
+    """Return the least and the greatest torque that the supply's voltage allows."""
+    return -stall - line * w, stall - line * w
+
+
+@compiled(lean=True)
+def segment_at(
+    law: Floats2, e: int, h: float, q: float, w: float, servo: float, before: float
+) -> tuple[float, float, float]:
+    """Return torque, intercept c and slope k of the law of element e at a velocity.
+
+    Args:
+        law: Parameters, one row for each of `ActuatorTable`, shape (rows, m).
+        e: The element.
+        h: Timestep [s].
+        q: Position at the start of the step.
+        w: Velocity at its end.
+        servo: What the actuator wants at w = 0: Kp (q_ref - q) + Kd v_ref + f.
+        before: Another velocity, or w itself; a joint that has turned round between the two gets the
+            segment on which friction holds it.
+    """
+    gain = h * law[KP, e] + law[KD, e]
+    wanted = servo - gain * w
+    torque, intercept, slope = wanted, servo, gain
+    limit, stall, line = law[LIMIT, e], law[STALL, e], law[LINE, e]
+    lower_line, upper_line = speed_torque_line(stall, line, w)
+    upper, lower = min(max(upper_line, -limit), limit), min(max(lower_line, -limit), limit)
+    if wanted > upper:
+        on_line = -limit < upper_line < limit
+        torque, slope, intercept = upper, line if on_line else 0.0, stall if on_line else upper
+    if wanted < lower:
+        on_line = -limit < lower_line < limit
+        torque, slope, intercept = lower, line if on_line else 0.0, -stall if on_line else lower
+    coulomb = law[COULOMB, e]
+    friction, stick = friction_segment(coulomb, w)
+    if w * before < 0.0 and min(abs(w), abs(before)) > CREEP and coulomb > 0.0:
+        friction, stick = 0.0, coulomb / CREEP
+    push, stiff = _stops_at(law, e, h, q, w)
+    return torque, intercept - friction - push, slope + law[VISCOUS, e] + stick + stiff
+
+
+@compiled(lean=True)
+def _stops_at(law: Floats2, e: int, h: float, q: float, w: float) -> tuple[float, float]:
+    """Return c and k of the stops."""
+    stiffness, damping = law[STOP_STIFFNESS, e], law[STOP_DAMPING, e]
+    push, slope = 0.0, 0.0
+    for sign in (1.0, -1.0):
+        beyond = q - (law[UPPER, e] if sign > 0.0 else law[LOWER, e])
+        base, stiff = stiffness * beyond, h * stiffness + (damping if sign * beyond > 0.0 else 0.0)
+        if sign * (base + stiff * w) > 0.0:
+            push += base
+            slope += stiff
+    return push, slope
+
+
+@compiled("void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])")
+def present_torques(law: Floats2, state: Floats2, feedforward: Floats1, torque: Floats1) -> None:
+    """Write the torques of actuators at a state, instead of at the end of a step, of m joints.
+
+    Args:
+        law: Parameters, shape (rows, m).
+        state: Positions, velocities, and references of both [rad or m and per second], shape (4, m).
+        feedforward: Times the strength [N m or N], shape (m,).
+        torque: Written [N m or N], shape (m,).
+    """
+    for e in range(len(torque)):
+        q, v = state[0, e], state[1, e]
+        servo = servo_torque(law, e, q, state[2, e], state[3, e]) + feedforward[e]
+        torque[e] = segment_at(law, e, 0.0, q, v, servo, v)[0]
+
+
+@compiled(lean=True, inline=True)
+def servo_torque(law: Floats2, e: int, q: float, q_ref: float, v_ref: float) -> float:
+    """Return what the servo of element e wants at w = 0, without its feed-forward."""
+    return law[KP, e] * (q_ref - encoder_reading(law[RESOLUTION, e], q)) + law[KD, e] * v_ref

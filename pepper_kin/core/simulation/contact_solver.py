@@ -1,0 +1,684 @@
+"""Contacts with friction for one step: the problem, and its solution by Newton's method on velocities.
+
+With velocities u, mass matrix M, free velocities u_f and the four edges of each point's friction pyramid,
+whose velocities are y(u), the convex problem is
+
+    minimize (u - u_f)^T M (u - u_f) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
+
+Coulomb's law asks for a few of them: what slips lift is taken off, and the pyramids turn to the slips.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.linear_algebra import cholesky, solve_cholesky
+from pepper_kin.core.simulation.narrow_phase import FREE, ON_ROBOT, BodyTable, ContactPoints, ShapeTable
+from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
+
+SOFTNESS = 1e-5
+"""R over the diagonal of A."""
+RECOVERY = 0.2
+"""Share of an overlap that one step takes back."""
+FASTEST_RECOVERY = 0.2
+"""Overlaps are not taken back faster than this [m/s]."""
+IMMOVABLE = 1e-9
+"""Points of which an impulse of 1 N s moves nothing faster than this [m/s] do not push."""
+ALIGNED = 1e-7
+"""Slower slips have no direction [m/s]."""
+ITERATIONS = 60
+LINE_STEPS = 40
+DECREMENT = 1e-20
+"""Kinetic energy that a further Newton step would take off, at which there is none [J]."""
+FRICTION_ITERATIONS = 10
+LIFT = 1e-4
+"""A further problem is solved where a slip lifts by more than this [m/s]."""
+SOLVE_PROBLEM = 1
+"""What a call-back is asked: the impulses of a convex problem."""
+ADDRESSES = 16
+"""Size of the array in which a call-back finds addresses and sizes."""
+
+
+class ContactProblem(NamedTuple):
+    """One step's problem for k points and N velocities: of the robot, if touched, and of bodies touched.
+
+    Attributes:
+        mass: M, shape (N, N).
+        free: Velocities without contact, shape (N,).
+        start: Velocities before the step, shape (N,).
+        jacobian: J, rows normal, first and second tangent of each point, shape (3 k, N).
+        response: J M^-1, shape (3 k, N).
+        soft: R of each point's edges, shape (k,).
+        drop: Speed that closes the gap, gap / h, or, below zero, takes an overlap back, shape (k,).
+        friction: mu, shape (k,).
+        tangents: First tangent in the world, shape (k, 3).
+        columns: First column of each free body, -1 where it touches nothing, shape (b,).
+        sound: Whether the robot's mass matrix is positive definite.
+    """
+
+    mass: Floats2
+    free: Floats1
+    start: Floats1
+    jacobian: Floats2
+    response: Floats2
+    soft: Floats1
+    drop: Floats1
+    friction: Floats1
+    tangents: Floats2
+    columns: Ints1
+    sound: bool
+
+
+class RobotMotion(NamedTuple):
+    """The robot's step without contacts: v+ = v + h mass_hat^-1 force; n is 0 for a robot held still.
+
+    Attributes:
+        velocity: [rad/s or m/s], shape (n,) at least.
+        mass_hat: Mass matrix, with what is implicit in the step [kg m^2 or kg], shape (n, n).
+        force: [N m or N], shape (n,).
+    """
+
+    velocity: Floats1
+    mass_hat: Floats2
+    force: Floats1
+
+
+class SolverState(NamedTuple):
+    """What the solver writes.
+
+    Attributes:
+        velocity: u, in the first N.
+        impulses: Normal, first and second tangent of each point [N s], in the first 3 k.
+        forces: At the points, in the world's axes [N], shape (MOST_POINTS, 3).
+        load: On the robot [N m or N], shape (n,).
+        numbers: k, N, how many convex problems were solved, and whether a call-back solved them.
+        lift: Normal velocity by which slips deviate from Coulomb's law [m/s], shape (1,).
+        addresses: See `solve_contacts`.
+    """
+
+    velocity: Floats1
+    impulses: Floats1
+    forces: Floats2
+    load: Floats1
+    numbers: Ints1
+    lift: Floats1
+    addresses: Ints1
+
+
+@compiled
+def assemble(
+    count: int, points: ContactPoints, shapes: ShapeTable, tree: TreeTable, at: TreeMotion, bodies: BodyTable,
+    robot: RobotMotion, h: float,
+) -> ContactProblem:  # fmt: skip
+    """Return the contact problem of a step.
+
+    Args:
+        count: Number of contact points.
+        points: The points.
+        shapes: The shapes.
+        tree: Of the robot.
+        at: Where its joints are.
+        bodies: The free bodies.
+        robot: The robot's step without contacts.
+        h: Length of the step [s].
+    """
+    columns = np.empty(len(bodies.mass), np.int64)
+    n = _number_columns(count, points, shapes, len(robot.force), columns)
+    size = n
+    for b in range(len(columns)):
+        if columns[b] >= 0:
+            size += 6
+    mass = np.zeros((size, size))
+    free, start = np.zeros(size), np.zeros(size)
+    lower = np.zeros((n, n))
+    sound = _add_robot(robot, h, lower, mass, free, start)
+    _add_bodies(bodies, h, columns, mass, free, start)
+    jacobian, response = np.zeros((3 * count, size)), np.zeros((3 * count, size))
+    soft, drop, friction = np.zeros(count), np.zeros(count), np.zeros(count)
+    tangents = np.zeros((count, 3))
+    for c in range(count):
+        rows = jacobian[3 * c : 3 * c + 3]
+        for side in range(2):
+            s = points.shapes[c, side]
+            sign = 1.0 if side == 0 else -1.0
+            if shapes.mover[s] == ON_ROBOT and n == 0:
+                continue
+            place = (shapes.mover[s], shapes.owner[s])
+            _add_point_rows(place, points.rows[c, :3], sign, tree, at, bodies, columns, rows)
+        _turn_to_frame(rows, points.rows[c, 3:6], free, tangents[c])
+        mu = math.sqrt(shapes.friction[points.shapes[c, 0]] * shapes.friction[points.shapes[c, 1]])
+        total = 0.0
+        for i in range(3):
+            row, answer = jacobian[3 * c + i], response[3 * c + i]
+            _solve_mass(row, lower, columns, bodies, answer)
+            weight = 1.0 if i == 0 else 0.5 * mu * mu
+            for k in range(size):
+                total += weight * row[k] * answer[k]
+        gap = points.rows[c, 6]
+        friction[c], soft[c] = mu, SOFTNESS * total
+        drop[c] = gap / h if gap >= 0 else max(RECOVERY * gap / h, -FASTEST_RECOVERY)
+        if total < IMMOVABLE:
+            soft[c], drop[c] = 1.0, max(drop[c], 0.0)
+    return ContactProblem(
+        mass, free, start, jacobian, response, soft, drop, friction, tangents, columns, sound
+    )
+
+
+@compiled(lean=True)
+def _number_columns(count: int, points: ContactPoints, shapes: ShapeTable, n: int, columns: Ints1) -> int:
+    """Give columns to the free bodies that touch something; return how many columns the robot has: n or 0."""
+    robot = 0
+    for b in range(len(columns)):
+        columns[b] = -1
+    for c in range(count):
+        for side in range(2):
+            s = points.shapes[c, side]
+            if shapes.mover[s] == ON_ROBOT:
+                robot = n
+            elif shapes.mover[s] == FREE:
+                columns[shapes.owner[s]] = 0
+    size = robot
+    for b in range(len(columns)):
+        if columns[b] == 0:
+            columns[b] = size
+            size += 6
+    return robot
+
+
+@compiled(lean=True)
+def _add_point_rows(
+    place: tuple[int, int], point: Floats1, sign: float, tree: TreeTable, at: TreeMotion, bodies: BodyTable,
+    columns: Ints1, rows: Floats2,
+) -> None:  # fmt: skip
+    """Add the velocity of a point, of what `place` (mover and owner) names, in the world's axes, to rows."""
+    mover, owner = place
+    if mover == ON_ROBOT:
+        joint = owner
+        while joint > 0:
+            column = tree.driver[joint]
+            if column >= 0:
+                scale = sign * tree.ratio[joint]
+                ax, ay, az = at.axis[joint, 0], at.axis[joint, 1], at.axis[joint, 2]
+                if tree.slides[joint]:
+                    rows[0, column] += scale * ax
+                    rows[1, column] += scale * ay
+                    rows[2, column] += scale * az
+                else:
+                    x = point[0] - at.position[joint, 0]
+                    y = point[1] - at.position[joint, 1]
+                    z = point[2] - at.position[joint, 2]
+                    rows[0, column] += scale * (ay * z - az * y)
+                    rows[1, column] += scale * (az * x - ax * z)
+                    rows[2, column] += scale * (ax * y - ay * x)
+            joint = tree.parent[joint]
+    elif mover == FREE:
+        first = columns[owner]
+        x, y, z = (
+            point[0] - bodies.position[owner, 0],
+            point[1] - bodies.position[owner, 1],
+            point[2] - bodies.position[owner, 2],
+        )
+        for i in range(3):
+            rows[i, first + i] += sign
+        rows[0, first + 4] += sign * z
+        rows[0, first + 5] -= sign * y
+        rows[1, first + 5] += sign * x
+        rows[1, first + 3] -= sign * z
+        rows[2, first + 3] += sign * y
+        rows[2, first + 4] -= sign * x
+
+
+@compiled
+def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1) -> None:
+    """Turn rows in the world's axes to normal and tangents, the first along the free slip."""
+    size = rows.shape[1]
+    slip = np.zeros(3)
+    for i in range(3):
+        for k in range(size):
+            slip[i] += rows[i, k] * free[k]
+    along = slip[0] * normal[0] + slip[1] * normal[1] + slip[2] * normal[2]
+    for i in range(3):
+        slip[i] -= along * normal[i]
+    length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
+    if length < ALIGNED:
+        axis = 0
+        for i in range(1, 3):
+            if abs(normal[i]) < abs(normal[axis]) - 1e-6:
+                axis = i
+        for i in range(3):
+            slip[i] = -normal[axis] * normal[i]
+        slip[axis] += 1.0
+        length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
+    for i in range(3):
+        tangent[i] = slip[i] / length
+    second = np.empty(3)
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        second[i] = normal[k] * tangent[m] - normal[m] * tangent[k]
+    for k in range(size):
+        x, y, z = rows[0, k], rows[1, k], rows[2, k]
+        rows[0, k] = normal[0] * x + normal[1] * y + normal[2] * z
+        rows[1, k] = tangent[0] * x + tangent[1] * y + tangent[2] * z
+        rows[2, k] = second[0] * x + second[1] * y + second[2] * z
+
+
+@compiled(lean=True)
+def _add_bodies(
+    bodies: BodyTable, h: float, columns: Ints1, mass: Floats2, free: Floats1, start: Floats1
+) -> None:
+    """Write the part of the free bodies that touch something."""
+    rotation, velocity, inertia = bodies.rotation, bodies.velocity, bodies.inertia
+    for b in range(len(columns)):
+        k = columns[b]
+        if k < 0:
+            continue
+        for i in range(3):
+            mass[k + i, k + i] = bodies.mass[b]
+            free[k + i] = velocity[b, i] + h * bodies.gravity[i]
+            free[k + 3 + i] = velocity[b, 3 + i]
+            start[k + i], start[k + 3 + i] = velocity[b, i], velocity[b, 3 + i]
+            for m in range(3):
+                for o in range(3):
+                    mass[k + 3 + i, k + 3 + m] += rotation[b, i, o] * inertia[b, o] * rotation[b, m, o]
+
+
+@compiled(lean=True)
+def _solve_mass(row: Floats1, lower: Floats2, columns: Ints1, bodies: BodyTable, response: Floats1) -> None:
+    """Write M^-1 row, given the factor of the robot's part."""
+    n, rotation, inertia = len(lower), bodies.rotation, bodies.inertia
+    if n:
+        for k in range(n):
+            response[k] = row[k]
+        solve_cholesky(lower, response[:n])
+    for b in range(len(columns)):
+        k = columns[b]
+        if k < 0:
+            continue
+        for i in range(3):
+            response[k + i] = row[k + i] / bodies.mass[b]
+            response[k + 3 + i] = 0.0
+        for o in range(3):
+            turned = 0.0
+            for i in range(3):
+                turned += rotation[b, i, o] * row[k + 3 + i]
+            turned /= inertia[b, o]
+            for i in range(3):
+                response[k + 3 + i] += rotation[b, i, o] * turned
+
+
+@compiled(lean=True)
+def _add_robot(
+    robot: RobotMotion, h: float, lower: Floats2, mass: Floats2, free: Floats1, start: Floats1
+) -> bool:
+    """Write the robot's part, and the factor of its mass matrix; return whether that is positive definite."""
+    n, v = len(lower), robot.velocity
+    if n == 0:
+        return True
+    for i in range(n):
+        start[i], free[i] = v[i], robot.force[i]
+        for k in range(n):
+            mass[i, k] = robot.mass_hat[i, k]
+    sound = cholesky(robot.mass_hat, lower)
+    solve_cholesky(lower, free[:n])
+    for k in range(n):
+        free[k] = v[k] + h * free[k]
+    return sound
+
+
+@compiled
+def solve_contacts(
+    problem: ContactProblem, rows: Floats2, callback: int, by_callback: bool, state: SolverState
+) -> bool:
+    """Solve a step: convex problems by Newton's method, or by a call-back; write velocities and impulses.
+
+    The call-back gets `SOLVE_PROBLEM`, the address of `state.addresses` and two zeros, where it finds
+    numbers k and N and the addresses of jacobian, response, free, soft, drop and friction, and of the
+    impulses that it writes; it returns 0, or less where it fails.
+
+    Args:
+        problem: The problem; its tangents are turned in place.
+        rows: Points, normals and gaps, shape (k, 7) at least.
+        callback: Address of the call-back, or 0; it stands in where Newton's method fails.
+        by_callback: Whether the call-back solves in any case.
+        state: Written.
+
+    Returns:
+        Whether a solution was found.
+    """
+    for value in problem.free:
+        if not math.isfinite(value):
+            return False
+    count, size = len(problem.drop), len(problem.free)
+    u, impulses = state.velocity[:size], state.impulses[: 3 * count]
+    state.numbers[0], state.numbers[1] = count, size
+    for way in range(1 if by_callback else 0, 2 if callback != 0 else 1):
+        state.numbers[3] = way
+        if _iterate_friction(problem, rows, callback if way == 1 else 0, u, impulses, state):
+            return True
+    return False
+
+
+@compiled
+def _iterate_friction(
+    problem: ContactProblem, rows: Floats2, callback: int, u: Floats1, impulses: Floats1, state: SolverState
+) -> bool:
+    """Solve convex problems until what slips lift is taken off; return whether all could be solved."""
+    count = len(problem.drop)
+    shift, shifted, slip = np.empty(count), np.empty(count), np.empty(len(impulses))
+    _first_shift(problem, slip, shift)
+    guess = problem.start.copy()
+    state.lift[0] = 0.0
+    for iteration in range(1, FRICTION_ITERATIONS + 1):
+        state.numbers[2] = iteration
+        for c in range(count):
+            shifted[c] = problem.drop[c] + shift[c]
+        if callback != 0:
+            if not _solve_by_callback(problem, shifted, callback, impulses, state.addresses):
+                return False
+        elif newton(problem, shifted, guess, impulses) < 0:
+            return False
+        _velocities_after(problem, impulses, u)
+        state.lift[0] = _lift(problem, u, impulses, shift, slip)
+        if state.lift[0] <= LIFT:
+            return True
+        if iteration < FRICTION_ITERATIONS:
+            _turn_to_slips(problem, rows, slip, shift, iteration)
+    return True
+
+
+@compiled
+def _solve_by_callback(
+    problem: ContactProblem, drop: Floats1, callback: int, impulses: Floats1, addresses: Ints1
+) -> bool:
+    addresses[0], addresses[1] = len(drop), len(problem.free)
+    addresses[2], addresses[3] = problem.jacobian.ctypes.data, problem.response.ctypes.data
+    addresses[4], addresses[5] = problem.free.ctypes.data, problem.soft.ctypes.data
+    addresses[6], addresses[7] = drop.ctypes.data, problem.friction.ctypes.data
+    addresses[8] = impulses.ctypes.data
+    return call_four(callback, SOLVE_PROBLEM, addresses.ctypes.data, 0, 0) >= 0
+
+
+@compiled
+def _first_shift(problem: ContactProblem, slip: Floats1, shift: Floats1) -> None:
+    """Write mu |v_t| of every point before the step."""
+    multiply(problem.jacobian, problem.start, slip)
+    for c in range(len(shift)):
+        shift[c] = problem.friction[c] * math.hypot(slip[3 * c + 1], slip[3 * c + 2])
+
+
+@compiled(lean=True)
+def _velocities_after(problem: ContactProblem, impulses: Floats1, u: Floats1) -> None:
+    """Write free + M^-1 J^T p."""
+    for k in range(len(u)):
+        u[k] = problem.free[k]
+    for r in range(len(impulses)):
+        if impulses[r] != 0.0:
+            for k in range(len(u)):
+                u[k] += problem.response[r, k] * impulses[r]
+
+
+@compiled(lean=True)
+def _lift(problem: ContactProblem, u: Floats1, impulses: Floats1, shift: Floats1, slip: Floats1) -> float:
+    """Return by how much a slip that was not allowed for lifts or lowers a point that matters [m/s]."""
+    multiply(problem.jacobian, u, slip)
+    worst = 0.0
+    for c in range(len(shift)):
+        if impulses[3 * c] <= 0.0 and slip[3 * c] + problem.drop[c] > -LIFT:
+            continue
+        first, second = abs(slip[3 * c + 1]), abs(slip[3 * c + 2])
+        length = math.hypot(first, second)
+        off = problem.friction[c] * (length - max(first, second))
+        worst = max(worst, off + abs(problem.friction[c] * length - shift[c]))
+    return worst
+
+
+@compiled(lean=True)
+def _turn_to_slips(
+    problem: ContactProblem, rows: Floats2, slip: Floats1, shift: Floats1, iteration: int
+) -> None:
+    """Take over the slips: their share of the drop, and half of the way to their directions.
+
+    A pyramid looks the same after a quarter turn, so that no turn is longer than an eighth.  All the way, a
+    point's slip and its direction can chase one another; shorter steps with every iteration end that.
+    """
+    friction, tangents = problem.friction, problem.tangents
+    turning = 1.0 / (1 + iteration)
+    sharing = 1.0 if iteration < 4 else 0.5
+    for c in range(len(friction)):
+        a, b = slip[3 * c + 1], slip[3 * c + 2]
+        length = math.hypot(a, b)
+        shift[c] += sharing * (friction[c] * length - shift[c])
+        if length < LIFT:
+            continue
+        turn = math.atan2(b, a)
+        turn = turning * (turn - 0.5 * math.pi * round(turn / (0.5 * math.pi)))
+        a, b = math.cos(turn), math.sin(turn)
+        _turn_rows(problem.jacobian, 3 * c + 1, a, b)
+        _turn_rows(problem.response, 3 * c + 1, a, b)
+        x, y, z = tangents[c, 0], tangents[c, 1], tangents[c, 2]
+        nx, ny, nz = rows[c, 3], rows[c, 4], rows[c, 5]
+        tangents[c, 0] = a * x + b * (ny * z - nz * y)
+        tangents[c, 1] = a * y + b * (nz * x - nx * z)
+        tangents[c, 2] = a * z + b * (nx * y - ny * x)
+
+
+@compiled(lean=True)
+def _turn_rows(matrix: Floats2, row: int, a: float, b: float) -> None:
+    """Turn two rows by an angle of cosine a and sine b."""
+    for k in range(matrix.shape[1]):
+        x, y = matrix[row, k], matrix[row + 1, k]
+        matrix[row, k], matrix[row + 1, k] = a * x + b * y, a * y - b * x
+
+
+@compiled("int64(ContactProblem, float64[::1], float64[::1], float64[::1])")
+def newton(problem: ContactProblem, drop: Floats1, u: Floats1, pushes: Floats1) -> int:
+    """Minimize (u - free)^T M (u - free) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
+
+    The cost is convex, once differentiable and piecewise quadratic.  Newton's step with the exact line search
+    ends on the exact minimum (but for rounding) once it is taken in full and no edge changes sides.
+
+    Args:
+        problem: M, free, J, R and mu.
+        drop: With the slips' share; see `ContactProblem`, shape (k,).
+        u: The first guess; overwritten by the solution, shape (N,).
+        pushes: Overwritten by the impulses, shape (3 k,).
+
+    Returns:
+        Number of iterations; -1 where they did not suffice or the matrix is not positive definite.
+    """
+    mass, free, jacobian = problem.mass, problem.free, problem.jacobian
+    soft, friction = problem.soft, problem.friction
+    size, rows, count = len(free), len(pushes), len(soft)
+    slip, moved = np.empty(rows), np.empty(rows)
+    y, change = np.empty((count, 4)), np.empty((count, 4))
+    direction, gradient, apart = np.empty(size), np.empty(size), np.empty(size)
+    hessian, none = np.empty((size, size)), np.zeros(count)
+    for iteration in range(ITERATIONS):
+        multiply(jacobian, u, slip)
+        _edge_velocities(slip, drop, friction, y)
+        _edge_impulses(y, soft, friction, pushes)
+        for k in range(size):
+            apart[k] = u[k] - free[k]
+        multiply(mass, apart, gradient)
+        _take_pushes(jacobian, pushes, gradient)
+        for i in range(size):
+            for k in range(i + 1):
+                hessian[i, k] = mass[i, k]
+        _add_active(hessian, jacobian, y, soft, friction)
+        if not cholesky(hessian, hessian):
+            return -1
+        for k in range(size):
+            direction[k] = -gradient[k]
+        solve_cholesky(hessian, direction)
+        decrement = 0.0
+        for k in range(size):
+            decrement -= gradient[k] * direction[k]
+        if decrement < DECREMENT:
+            return iteration
+        multiply(jacobian, direction, moved)
+        _edge_velocities(moved, none, friction, change)
+        if _same_sides(y, change):
+            _move(u, 1.0, direction)
+            multiply(jacobian, u, slip)
+            _edge_velocities(slip, drop, friction, y)
+            _edge_impulses(y, soft, friction, pushes)
+            return iteration + 1
+        slope, curve = 0.0, 0.0
+        multiply(mass, direction, gradient)
+        for k in range(size):
+            slope += apart[k] * gradient[k]
+            curve += direction[k] * gradient[k]
+        _move(u, _length(y, change, soft, slope, curve), direction)
+    return -1
+
+
+@compiled(lean=True)
+def _edge_velocities(slip: Floats1, drop: Floats1, friction: Floats1, result: Floats2) -> None:
+    """Write y = v_n +- mu v_t + drop of every point's four edges, from rows (v_n, v_1, v_2)."""
+    for c in range(len(drop)):
+        normal = slip[3 * c] + drop[c]
+        first, second = friction[c] * slip[3 * c + 1], friction[c] * slip[3 * c + 2]
+        result[c, 0], result[c, 1] = normal + first, normal - first
+        result[c, 2], result[c, 3] = normal + second, normal - second
+
+
+@compiled(lean=True)
+def _edge_impulses(y: Floats2, soft: Floats1, friction: Floats1, result: Floats1) -> None:
+    """Write impulses (normal, first, second tangent) of all points: those of the edges are max(0, -y) / R."""
+    for c in range(len(soft)):
+        a, b = max(0.0, -y[c, 0]) / soft[c], max(0.0, -y[c, 1]) / soft[c]
+        d, e = max(0.0, -y[c, 2]) / soft[c], max(0.0, -y[c, 3]) / soft[c]
+        result[3 * c] = a + b + d + e
+        result[3 * c + 1] = friction[c] * (a - b)
+        result[3 * c + 2] = friction[c] * (d - e)
+
+
+@compiled(lean=True)
+def _length(y: Floats2, change: Floats2, soft: Floats1, slope: float, curve: float) -> float:
+    """Return the step along a direction at which the cost is least: the root of a piecewise linear slope."""
+    low, high, step = 0.0, math.inf, 1.0
+    for _ in range(LINE_STEPS):
+        value, rise = slope + step * curve, curve
+        for c in range(len(soft)):
+            for e in range(4):
+                now = y[c, e] + step * change[c, e]
+                if now < 0:
+                    value += now * change[c, e] / soft[c]
+                    rise += change[c, e] ** 2 / soft[c]
+        if value > 0:
+            high = step
+        else:
+            low = step
+        better = step - value / rise
+        if abs(better - step) <= 1e-14 * step:
+            return better
+        if not low < better < high:
+            better = 0.5 * (low + high) if high < math.inf else 2.0 * step
+        step = better
+    return step
+
+
+@compiled(lean=True)
+def _add_active(hessian: Floats2, jacobian: Floats2, y: Floats2, soft: Floats1, friction: Floats1) -> None:
+    """Add J_a^T R^-1 J_a of the edges that push to the lower triangle of a matrix."""
+    size = len(hessian)
+    for c in range(len(soft)):
+        mu, stiff = friction[c], 1.0 / soft[c]
+        first, second = (stiff if y[c, 0] < 0 else 0.0), (stiff if y[c, 1] < 0 else 0.0)
+        third, fourth = (stiff if y[c, 2] < 0 else 0.0), (stiff if y[c, 3] < 0 else 0.0)
+        nn = first + second + third + fourth
+        if nn == 0:
+            continue
+        n1, n2 = mu * (first - second), mu * (third - fourth)
+        t1, t2 = mu * mu * (first + second), mu * mu * (third + fourth)
+        a, b, d = jacobian[3 * c], jacobian[3 * c + 1], jacobian[3 * c + 2]
+        for i in range(size):
+            x = nn * a[i] + n1 * b[i] + n2 * d[i]
+            y1 = n1 * a[i] + t1 * b[i]
+            y2 = n2 * a[i] + t2 * d[i]
+            if x == 0.0 and y1 == 0.0 and y2 == 0.0:
+                continue
+            for k in range(i + 1):
+                hessian[i, k] += x * a[k] + y1 * b[k] + y2 * d[k]
+
+
+@compiled(lean=True)
+def _take_pushes(jacobian: Floats2, pushes: Floats1, gradient: Floats1) -> None:
+    """Take J^T p from a gradient."""
+    for r in range(len(pushes)):
+        if pushes[r] != 0.0:
+            for k in range(len(gradient)):
+                gradient[k] -= jacobian[r, k] * pushes[r]
+
+
+@compiled(lean=True)
+def _move(u: Floats1, step: float, direction: Floats1) -> None:
+    for k in range(len(u)):
+        u[k] += step * direction[k]
+
+
+@compiled(lean=True)
+def _same_sides(y: Floats2, change: Floats2) -> bool:
+    """Whether the same edges push after a change."""
+    for c in range(len(y)):
+        for e in range(4):
+            if (y[c, e] + change[c, e] < 0) != (y[c, e] < 0):
+                return False
+    return True
+
+
+@compiled(lean=True)
+def multiply(matrix: Floats2, vector: Floats1, result: Floats1) -> None:
+    """Write the product of a matrix and a vector."""
+    for i in range(matrix.shape[0]):
+        total = 0.0
+        for k in range(matrix.shape[1]):
+            total += matrix[i, k] * vector[k]
+        result[i] = total
+
+
+@compiled(lean=True)
+def apply_solution(
+    problem: ContactProblem, rows: Floats2, bodies: BodyTable, h: float, state: SolverState
+) -> bool:
+    """Write velocities of all bodies, forces of all points in the world's axes and the load on the robot.
+
+    Returns:
+        Whether all velocities and loads are finite.
+    """
+    count, velocity, gravity = len(problem.drop), bodies.velocity, bodies.gravity
+    u, pushes, load = state.velocity[: len(problem.free)], state.impulses[: 3 * count], state.load
+    jacobian, tangents, columns, forces = problem.jacobian, problem.tangents, problem.columns, state.forces
+    total, touched = 0.0, len(u)
+    for b in range(len(columns)):
+        k = columns[b]
+        if k >= 0:
+            touched -= 6
+        for i in range(6):
+            if k >= 0:
+                velocity[b, i] = u[k + i]
+            elif i < 3:
+                velocity[b, i] += h * gravity[i]
+            total += velocity[b, i]
+    for c in range(count):
+        n, t = rows[c, 3:6], tangents[c]
+        for i in range(3):
+            k, m = (i + 1) % 3, (i + 2) % 3
+            across = n[k] * t[m] - n[m] * t[k]
+            forces[c, i] = (pushes[3 * c] * n[i] + pushes[3 * c + 1] * t[i] + pushes[3 * c + 2] * across) / h
+    for k in range(len(load)):
+        load[k] = 0.0
+    if touched:
+        for r in range(len(pushes)):
+            if pushes[r] != 0.0:
+                for k in range(len(load)):
+                    load[k] += jacobian[r, k] * pushes[r] / h
+        for k in range(len(load)):
+            total += load[k]
+    return math.isfinite(total)

@@ -1,0 +1,185 @@
+"""One step of a world: find contacts, solve them, move the free bodies, and return the load on the robot."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.simulation.contact_solver import (
+    ADDRESSES,
+    RobotMotion,
+    SolverState,
+    apply_solution,
+    assemble,
+    solve_contacts,
+)
+from pepper_kin.core.simulation.free_bodies import apply_gravity, integrate_bodies
+from pepper_kin.core.simulation.narrow_phase import (
+    MOST_POINTS,
+    BodyTable,
+    ContactPoints,
+    ShapeTable,
+    find_contacts,
+    place_shapes,
+)
+from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable, move_joints, tree_motion
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.signatures import Array, Floats1, record_of
+
+SOLVED, NOT_SOLVED, TOO_MANY_POINTS, NOT_POSITIVE_DEFINITE, FORCE_NOT_FINITE, NOT_FINITE, CALLBACK_FAILED = (
+    range(7)
+)
+"""Outcomes of a step; in all but the first the bodies stay as they are."""
+NO_WORLD, TABLES, CALLBACK = 0, 1, 2
+"""What a robot meets: nothing, a world of tables, or a call-back that does the whole step."""
+DECIDE_PAIRS, ADVANCE = 0, 2
+"""What a call-back is asked besides `SOLVE_PROBLEM`: points of pairs that are not decided here; a whole
+step."""
+
+
+class WorldTables(NamedTuple):
+    """Free bodies and contacts around a robot.
+
+    Attributes:
+        kind: NO_WORLD, TABLES or CALLBACK.
+        callback: Address of `int64 f(int64 what, int64, int64, int64)`, or 0.  Asked for DECIDE_PAIRS, with
+            the numbers of points and of undecided pairs, it adds points and returns how many there are now;
+            for ADVANCE, with the address of `state.addresses` (n, then the addresses of q, v, mass_hat,
+            force and load), it writes the load and returns 0.  Below zero it has failed.
+        by_callback: Whether the call-back solves the contact problems.
+        tree: The robot's.
+        at: Where its joints are; written.
+        shapes: All shapes; their places are written.
+        bodies: Free bodies; moved.
+        points: Written.
+        state: Written.
+    """
+
+    kind: int
+    callback: int
+    by_callback: bool
+    tree: TreeTable
+    at: TreeMotion
+    shapes: ShapeTable
+    bodies: BodyTable
+    points: ContactPoints
+    state: SolverState
+
+
+def world_tables(
+    tree: TreeTable, shapes: ShapeTable, bodies: BodyTable, *, callback: int = 0, by_callback: bool = False
+) -> WorldTables:
+    """Return the tables of a world, with new arrays for what a step writes."""
+    joints = int(tree.driver.max()) + 1
+    points = ContactPoints(
+        rows=np.zeros((MOST_POINTS, 7)),
+        shapes=np.zeros((MOST_POINTS, 2), np.int64),
+        undecided=np.zeros((MOST_POINTS, 2), np.int64),
+    )
+    state = SolverState(
+        velocity=np.zeros(joints + 6 * len(bodies.mass)),
+        impulses=np.zeros(3 * MOST_POINTS),
+        forces=np.zeros((MOST_POINTS, 3)),
+        load=np.zeros(joints),
+        numbers=np.zeros(4, np.int64),
+        lift=np.zeros(1),
+        addresses=np.zeros(ADDRESSES, np.int64),
+    )
+    return WorldTables(TABLES, callback, by_callback, tree, tree_motion(tree), shapes, bodies, points, state)
+
+
+def no_world(n: int) -> WorldTables:
+    """Return tables for a robot of n joints that meets nothing."""
+
+    def empty(kind: type) -> Any:
+        fields = [field for _, field in record_of(kind).fields if isinstance(field, Array)]
+        return kind(*(np.empty((0,) * field.ndim, field.dtype) for field in fields))
+
+    state = empty(SolverState)._replace(
+        load=np.zeros(n), numbers=np.zeros(4, np.int64), addresses=np.zeros(ADDRESSES, np.int64)
+    )
+    return WorldTables(
+        NO_WORLD,
+        0,
+        False,
+        empty(TreeTable),
+        empty(TreeMotion),
+        empty(ShapeTable),
+        empty(BodyTable),
+        empty(ContactPoints),
+        state,
+    )
+
+
+@compiled("int64(WorldTables, float64[::1], RobotMotion, float64)")
+def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
+    """Advance the free bodies by h, and write to `world.state.load` what contacts do to the robot.
+
+    Without contact the robot would go to v + h mass_hat^-1 force; with it, it goes to
+    v + h mass_hat^-1 (force + load).
+
+    Args:
+        world: The world.
+        q: Position of the robot at the start of the step [rad or m], shape (n,).
+        robot: Its step without contacts.
+        h: Length of the step [s].
+
+    Returns:
+        SOLVED, or what went wrong.
+    """
+    state, bodies, points = world.state, world.bodies, world.points
+    state.numbers[0] = 0
+    if world.kind == CALLBACK:
+        return _step_by_callback(world, q, robot, h)
+    move_joints(world.tree, q, robot.velocity, world.at)
+    place_shapes(world.shapes, world.at, bodies)
+    count, undecided = find_contacts(world.shapes, h, points)
+    if count < 0 or count + undecided > len(points.rows):
+        return TOO_MANY_POINTS
+    if undecided > 0:
+        count = call_four(world.callback, DECIDE_PAIRS, count, undecided, 0)
+        if count < 0:
+            return CALLBACK_FAILED
+    state.numbers[0] = count
+    for j in range(len(state.load)):
+        state.load[j] = 0.0
+    for c in range(count):
+        for i in range(3):
+            state.forces[c, i] = 0.0
+    before = bodies.velocity.copy()
+    if count == 0:
+        finite = apply_gravity(bodies, h)
+    else:
+        problem = assemble(count, points, world.shapes, world.tree, world.at, bodies, robot, h)
+        if not problem.sound:
+            return NOT_POSITIVE_DEFINITE
+        if not solve_contacts(problem, points.rows, world.callback, world.by_callback, state):
+            return NOT_SOLVED if _is_finite(problem.free) else FORCE_NOT_FINITE
+        finite = apply_solution(problem, points.rows, bodies, h, state)
+    if not finite:
+        for b in range(len(before)):
+            for i in range(6):
+                bodies.velocity[b, i] = before[b, i]
+        return NOT_FINITE
+    integrate_bodies(bodies, h)
+    return SOLVED
+
+
+@compiled
+def _step_by_callback(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
+    addresses = world.state.addresses
+    addresses[0], addresses[1], addresses[2] = len(q), q.ctypes.data, robot.velocity.ctypes.data
+    addresses[3], addresses[4] = robot.mass_hat.ctypes.data, robot.force.ctypes.data
+    addresses[5] = world.state.load.ctypes.data
+    done = call_four(world.callback, ADVANCE, addresses.ctypes.data, 0, 0)
+    return SOLVED if done >= 0 else CALLBACK_FAILED
+
+
+@compiled
+def _is_finite(values: Floats1) -> bool:
+    total = 0.0
+    for value in values:
+        total += 0.0 * value
+    return total == 0.0

@@ -1,0 +1,304 @@
+"""One step of time: semi-implicit Euler on articulated bodies, with all joint forces implicit.
+
+With step h, position q, velocity v, bias b(q, v) = C(q, v) v + g(q) and the force F_j(v_j+) of actuator,
+friction and stop on each joint at the end of the step (see `actuator_model`):
+
+    v+ = v + h a,   q+ = q + h v+                     (semi-implicit, or symplectic, Euler)
+    (M(q) + J) a + b(q, v) = F(v+) + load             (J: rotors; servo, friction and stops implicit)
+
+As no F_j rises, the step minimizes the strictly convex, piecewise quadratic function
+(w - v)^T (M + J) (w - v) / 2h + (b - load)^T w - sum of integrals of F_j, and so has exactly one solution.
+It is found by Newton's method: solve on guessed segments, look up the segments at the solution, and again
+until they agree; mostly at once.  From the fifth round on the way to the new guess is searched exactly for
+the least value, after which the method ends in finitely many rounds.
+
+Robots stand side by side in blocks of W, as many as a vector register holds (1 for a single robot).  Joint
+j of the robot in lane l of a block is element e = j W + l; m = n W.  The first guess is a kernel's,
+`RobotTables.step_kernel`.
+
+Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), I.1.2 and VI.3; Featherstone,
+Rigid Body Dynamics Algorithms (2008), table 7.1; Sun, On piecewise quadratic Newton and trust region
+problems, Mathematical Programming 76 (1997), for the end of the rounds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.simulation.actuator_model import (
+    COULOMB,
+    KD,
+    KP,
+    ROTOR,
+    VISCOUS,
+    friction_segment,
+    segment_at,
+)
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.intrinsics import call_kernel
+from pepper_kin.kernels.signatures import Flags2, Floats1, Floats2, Floats3, Ints2
+
+RUNAWAY = 1e4
+"""No joint gets this fast but by a divergence [rad/s or m/s]."""
+NEWTON_ROUNDS = 4
+"""After these the way to the next guess is searched for the least value."""
+MOST_ROUNDS = 60
+HALVINGS = 50
+"""Of the interval that is searched."""
+SAME_FORCE = 1e-9
+"""Agreement of actuator model and equation of motion [N m or N], and as a part of the force."""
+
+
+class RobotTables(NamedTuple):
+    """N robots of one kind in B blocks of W lanes.
+
+    Attributes:
+        timestep: h [s].
+        lanes: W.
+        step_kernel: Address of the kernel of a step on the first guess.
+        solve_kernel: Address of the kernel that solves (M + diag(extra)) a = right.
+        law: Parameters of the joints, one row for each of `ActuatorTable`, shape (B, rows, m).
+        constant: What does not change in the step kernel's input, shape (B, .).
+        places: Row and column of each entry of the mass matrix, shape (2, p).
+    """
+
+    timestep: float
+    lanes: int
+    step_kernel: int
+    solve_kernel: int
+    law: Floats3
+    constant: Floats2
+    places: Ints2
+
+
+class StepWorkspace(NamedTuple):
+    """Arrays of one thread; n joints, W lanes, m = n W, p entries of the mass matrix.
+
+    Attributes:
+        given: Input of the step kernel, beginning with position, velocity, references, feed-forward, load.
+        result: Its output: next position, velocity and torque, servo, bias (m each), mass (p W), violation
+            (W).
+        work: Work of the kernels.
+        ask: Input of the kernel that solves: mass (p W), extra and right (m each).
+        answer: Its output, shape (m,).
+        rows: Intercept and slope of each joint's segment, velocities of the round before, and M times the way
+            to the next guess and M times what was gone, shape (5, m).
+        flags: Which lanes are done, and which robots go on, shape (2, W).
+    """
+
+    given: Floats1
+    result: Floats1
+    work: Floats1
+    ask: Floats1
+    answer: Floats1
+    rows: Floats2
+    flags: Flags2
+
+
+# Parts of `given` and `result`, m values each.
+Q, V, Q_REF, V_REF, FEEDFORWARD_TORQUE, LOAD, CONSTANT = 0, 1, 2, 3, 4, 5, 6
+NEXT_Q, NEXT_V, TORQUE, SERVO, BIAS, MASS = 0, 1, 2, 3, 4, 5
+# Rows of `rows` and `flags`.
+INTERCEPT, SLOPE, BEFORE, WAY, GONE = 0, 1, 2, 3, 4
+SETTLED, ALIVE = 0, 1
+
+
+@compiled(lean=True)
+def implicit_step(block: int, robots: RobotTables, space: StepWorkspace) -> bool:
+    """Take a step of a block from what is in `given`; return whether the first guess was right for all lanes.
+
+    Args:
+        block: Number of the block.
+        robots: The robots.
+        space: `result` is where the step goes.
+    """
+    given, result, lanes = space.given, space.result, robots.lanes
+    call_kernel(robots.step_kernel, given.ctypes.data, result.ctypes.data, space.work.ctypes.data)
+    calm, first = True, result.size - lanes
+    for lane in range(lanes):
+        calm = calm and result[first + lane] <= 0.0  # False for NaN
+    if not calm:
+        _solve_complementarity(robots, robots.law[block], space)
+    return calm
+
+
+@compiled(lean=True)
+def is_sound(lane: int, lanes: int, space: StepWorkspace) -> bool:
+    """Return whether the new state of a lane is neither absurd nor NaN."""
+    m, result = space.answer.size, space.result
+    for e in range(lane, m, lanes):
+        if not (abs(result[NEXT_V * m + e]) < RUNAWAY and abs(result[TORQUE * m + e]) < np.inf):
+            return False
+    return True
+
+
+@compiled(lean=True)
+def write_equation(
+    calm: bool, robots: RobotTables, space: StepWorkspace, mass_hat: Floats2, force: Floats1
+) -> None:
+    """Write the step of a single robot as one linear equation, mass_hat a = force.
+
+    mass_hat = M + J + h diag(k) and force = c - k v - b + load on the segments that the step was solved on.
+
+    Args:
+        calm: Whether the first guess was right.
+        robots: The robot.
+        space: Of the step.
+        mass_hat: Written, shape (n, n).
+        force: Written, shape (n,).
+    """
+    n, h, law, given, result = space.answer.size, robots.timestep, robots.law[0], space.given, space.result
+    if calm:
+        _first_segments(h, law, space)
+    for i in range(n):
+        for j in range(n):
+            mass_hat[i, j] = 0.0
+    for p in range(robots.places.shape[1]):
+        i, j = robots.places[0, p], robots.places[1, p]
+        mass_hat[i, j] = mass_hat[j, i] = result[MASS * n + p]
+    for e in range(n):
+        slope = space.rows[SLOPE, e]
+        mass_hat[e, e] += law[ROTOR, e] + h * slope
+        pull = space.rows[INTERCEPT, e] - slope * given[V * n + e] - result[BIAS * n + e]
+        force[e] = pull + given[LOAD * n + e]
+
+
+@compiled(lean=True)
+def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
+    """Finish a step whose first guess is wrong: find the segments on which actuator model and motion agree.
+
+    Args:
+        robots: The robots.
+        law: Parameters of the block, shape (rows, m).
+        space: `result` holds the first guess, and is where the result goes.
+    """
+    m, h, lanes = space.answer.size, robots.timestep, robots.lanes
+    _first_segments(h, law, space)
+    entries = robots.places.shape[1] * lanes
+    for p in range(entries):
+        space.ask[p] = space.result[MASS * m + p]
+    for round_ in range(MOST_ROUNDS):
+        if round_ > 0:
+            _next_guess(robots, law, space)
+        if _all_agree(h, lanes, law, space):
+            return
+        for lane in range(lanes):
+            if not space.flags[SETTLED, lane]:
+                if round_ >= NEWTON_ROUNDS:
+                    _line_search(lane, robots, law, space)
+                _look_up(h, lane, lanes, 0 < round_ < NEWTON_ROUNDS, law, space)
+
+
+@compiled(lean=True)
+def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
+    """Write the segments of the first guess."""
+    m = space.answer.size
+    for lane in range(space.flags.shape[1]):
+        space.flags[SETTLED, lane] = False
+    for e in range(m):
+        v = space.given[V * m + e]
+        friction, stick = friction_segment(law[COULOMB, e], v)
+        space.rows[INTERCEPT, e] = space.result[SERVO * m + e] - friction
+        space.rows[SLOPE, e] = h * law[KP, e] + law[KD, e] + law[VISCOUS, e] + stick
+        space.rows[BEFORE, e] = v
+
+
+@compiled(lean=True)
+def _all_agree(h: float, lanes: int, law: Floats2, space: StepWorkspace) -> bool:
+    """Write the torques, and mark the lanes whose forces agree with the law; return whether all do."""
+    m = space.answer.size
+    all_agree = True
+    for lane in range(lanes):
+        if space.flags[SETTLED, lane]:
+            continue
+        agrees = True
+        for e in range(lane, m, lanes):
+            w = space.result[NEXT_V * m + e]
+            torque, c, k = segment_at(law, e, h, space.given[e], w, space.result[SERVO * m + e], w)
+            due = space.rows[INTERCEPT, e] - space.rows[SLOPE, e] * w
+            if abs(c - k * w - due) > SAME_FORCE * (1.0 + abs(due)):
+                agrees = False
+            space.result[TORQUE * m + e] = torque
+        space.flags[SETTLED, lane] = agrees
+        all_agree = all_agree and agrees
+    return all_agree
+
+
+@compiled(lean=True)
+def _look_up(h: float, lane: int, lanes: int, turns: bool, law: Floats2, space: StepWorkspace) -> None:
+    """Look up the torques and segments at the present velocities of a lane."""
+    m = space.answer.size
+    for e in range(lane, m, lanes):
+        w = space.result[NEXT_V * m + e]
+        before = space.rows[BEFORE, e] if turns else w
+        torque, c, k = segment_at(law, e, h, space.given[e], w, space.result[SERVO * m + e], before)
+        space.result[TORQUE * m + e], space.rows[INTERCEPT, e], space.rows[SLOPE, e] = torque, c, k
+
+
+@compiled(lean=True)
+def _next_guess(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
+    """Solve the step on the present segments for the lanes that are not settled."""
+    m, h, lanes = space.answer.size, robots.timestep, robots.lanes
+    start = robots.places.shape[1] * lanes
+    for e in range(m):
+        c, k = space.rows[INTERCEPT, e], space.rows[SLOPE, e]
+        force = c - k * space.given[V * m + e] + space.given[LOAD * m + e]
+        space.ask[start + e] = law[ROTOR, e] + h * k
+        space.ask[start + m + e] = force - space.result[BIAS * m + e]
+    call_kernel(robots.solve_kernel, space.ask.ctypes.data, space.answer.ctypes.data, space.work.ctypes.data)
+    for e in range(m):
+        if not space.flags[SETTLED, e % lanes]:
+            w = space.given[V * m + e] + h * space.answer[e]
+            space.rows[BEFORE, e] = space.result[NEXT_V * m + e]
+            space.result[NEXT_V * m + e] = w
+            space.result[NEXT_Q * m + e] = space.given[e] + h * w
+
+
+@compiled(lean=True)
+def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
+    """Go back on the way of a lane to where the step's convex function is least."""
+    m, given, result, rows = space.answer.size, space.given, space.result, space.rows
+    h, lanes = robots.timestep, robots.lanes
+    _weigh(lane, robots, law, space)
+    slope, curvature = 0.0, 0.0
+    for e in range(lane, m, lanes):
+        way = result[NEXT_V * m + e] - rows[BEFORE, e]
+        slope += way * (rows[GONE, e] / h + result[BIAS * m + e] - given[LOAD * m + e])
+        curvature += way * rows[WAY, e] / h
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        t = (low + high) / 2
+        rise = slope + t * curvature
+        for e in range(lane, m, lanes):
+            way = result[NEXT_V * m + e] - rows[BEFORE, e]
+            w = rows[BEFORE, e] + t * way
+            _, c, k = segment_at(law, e, h, given[e], w, result[SERVO * m + e], w)
+            rise -= way * (c - k * w)
+        if rise < 0.0:
+            low = t
+        else:
+            high = t
+    for e in range(lane, m, lanes):
+        w = rows[BEFORE, e] + high * (result[NEXT_V * m + e] - rows[BEFORE, e])
+        result[NEXT_V * m + e] = w
+        result[NEXT_Q * m + e] = given[e] + h * w
+
+
+@compiled(lean=True)
+def _weigh(lane: int, robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
+    """Write (M + J) (w+ - w) and (M + J) (w - v), where w+ is the new guess and w the one before."""
+    m, given, result, rows = space.answer.size, space.given, space.result, space.rows
+    lanes, places = robots.lanes, robots.places
+    for e in range(lane, m, lanes):
+        rows[WAY, e] = law[ROTOR, e] * (result[NEXT_V * m + e] - rows[BEFORE, e])
+        rows[GONE, e] = law[ROTOR, e] * (rows[BEFORE, e] - given[V * m + e])
+    for p in range(places.shape[1]):
+        mass = space.ask[p * lanes + lane]
+        i, j = places[0, p] * lanes + lane, places[1, p] * lanes + lane
+        rows[WAY, i] += mass * (result[NEXT_V * m + j] - rows[BEFORE, j])
+        rows[GONE, i] += mass * (rows[BEFORE, j] - given[V * m + j])
+        if i != j:
+            rows[WAY, j] += mass * (result[NEXT_V * m + i] - rows[BEFORE, i])
+            rows[GONE, j] += mass * (rows[BEFORE, i] - given[V * m + i])

@@ -1,0 +1,599 @@
+"""Contact points of shapes: bounds for all pairs, then points for the few that are near.
+
+A contact of two shapes follows from faces and round ends where those decide: a face of one, cut by a face
+of the other (a manifold), or the nearest points of two segments.  Pairs of edges and corners, and shapes
+that are not known here, are listed for the caller.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from pepper_kin.core.simulation.tree_motion import TreeMotion
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
+
+BALL, CAPSULE, BOX, CYLINDER, HALF_SPACE, OTHER = 0, 1, 2, 3, 4, 5
+"""Kinds of shapes; OTHER is known to the caller alone."""
+STANDS, ON_ROBOT, FREE = 0, 1, 2
+"""Who moves a shape: nobody, a joint of the robot, or itself."""
+OPEN = -1
+"""Returned where neither faces nor round ends decide."""
+SETTLED = 1e-4
+"""A manifold counts if its lowest point is as low as the other shape reaches, but for this [m]."""
+MARGIN = 2e-3
+"""Points this near count as contacts whatever their speed [m]."""
+MOST_POINTS = 256
+"""Contact points at one time."""
+OUTLINE_ROWS = 16
+"""Rows that an outline needs while it is cut."""
+
+
+class ShapeTable(NamedTuple):
+    """One row for each of k shapes.
+
+    Attributes:
+        kind: BALL ... OTHER, shape (k,).
+        size: Radius of a ball; radius and half the segment of a capsule; half lengths of a box; radius and
+            half the length of a cylinder; offset of a half-space, shape (k, 3) [m].
+        mover: STANDS, ON_ROBOT or FREE, shape (k,).
+        owner: Joint or free body that moves it, shape (k,).
+        own_rotation: In the frame of that joint or body, shape (k, 3, 3).
+        own_position: [m], shape (k, 3).
+        ball: Center, in the shape's frame, and radius of its bounding ball [m], shape (k, 4).
+        rotation: In the world, overwritten by `place_shapes`, shape (k, 3, 3).
+        position: [m], overwritten, shape (k, 3).
+        middle: Center of the bounding ball in the world [m], overwritten, shape (k, 3).
+        speed: Bound on the speed of any point of it [m/s], overwritten, shape (k,).
+        pairs: Rows of shapes that may meet, that which moves first, shape (p, 2).
+        friction: Coefficient of each, shape (k,).
+    """
+
+    kind: Ints1
+    size: Floats2
+    mover: Ints1
+    owner: Ints1
+    own_rotation: Floats3
+    own_position: Floats2
+    ball: Floats2
+    rotation: Floats3
+    position: Floats2
+    middle: Floats2
+    speed: Floats1
+    pairs: Ints2
+    friction: Floats1
+
+
+class BodyTable(NamedTuple):
+    """Free bodies; position, rotation and velocity are moved.
+
+    Attributes:
+        position: Of the centers in the world [m], shape (b, 3).
+        rotation: Shape (b, 3, 3).
+        velocity: Of the center [m/s] and of the turning [rad/s], in the world, shape (b, 6).
+        mass: [kg], shape (b,).
+        inertia: Principal moments about the axes of the body [kg m^2], shape (b, 3).
+        gravity: [m/s^2], shape (3,).
+    """
+
+    position: Floats2
+    rotation: Floats3
+    velocity: Floats2
+    mass: Floats1
+    inertia: Floats2
+    gravity: Floats1
+
+
+class ContactPoints(NamedTuple):
+    """Points where shapes touch, or could during the step.
+
+    Attributes:
+        rows: Point, normal (from the second shape to the first) and gap, shape (MOST_POINTS, 7).
+        shapes: The two shapes of each point, shape (MOST_POINTS, 2).
+        undecided: Pairs that neither faces nor round ends decide, shape (MOST_POINTS, 2).
+    """
+
+    rows: Floats2
+    shapes: Ints2
+    undecided: Ints2
+
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+class Solid(NamedTuple):
+    """A shape in the world; see `ShapeTable`."""
+
+    kind: int
+    size: Floats1
+    rotation: Floats2
+    position: Floats1
+
+
+@compiled
+def place_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> None:
+    """Write pose, bounding ball and a bound on the speed of every shape; see `ShapeTable`."""
+    frame = np.empty((3, 3))
+    origin, linear, angular = np.zeros(3), np.zeros(3), np.zeros(3)
+    for s in range(len(shapes.mover)):
+        if shapes.mover[s] == ON_ROBOT:
+            for i in range(3):
+                origin[i] = at.position[shapes.owner[s], i]
+                linear[i], angular[i] = at.linear[shapes.owner[s], i], at.angular[shapes.owner[s], i]
+                for k in range(3):
+                    frame[i, k] = at.rotation[shapes.owner[s], i, k]
+        elif shapes.mover[s] == FREE:
+            for i in range(3):
+                origin[i] = bodies.position[shapes.owner[s], i]
+                linear[i], angular[i] = (
+                    bodies.velocity[shapes.owner[s], i],
+                    bodies.velocity[shapes.owner[s], 3 + i],
+                )
+                for k in range(3):
+                    frame[i, k] = bodies.rotation[shapes.owner[s], i, k]
+        if shapes.mover[s] != STANDS:
+            for i in range(3):
+                shapes.position[s, i] = origin[i]
+                for k in range(3):
+                    shapes.position[s, i] += frame[i, k] * shapes.own_position[s, k]
+                    shapes.rotation[s, i, k] = (
+                        frame[i, 0] * shapes.own_rotation[s, 0, k]
+                        + frame[i, 1] * shapes.own_rotation[s, 1, k]
+                        + frame[i, 2] * shapes.own_rotation[s, 2, k]
+                    )
+        away, turning, moving = 0.0, 0.0, 0.0
+        for i in range(3):
+            shapes.middle[s, i] = shapes.position[s, i]
+            for k in range(3):
+                shapes.middle[s, i] += shapes.rotation[s, i, k] * shapes.ball[s, k]
+            away += (shapes.middle[s, i] - origin[i]) ** 2
+            turning += angular[i] ** 2
+            moving += linear[i] ** 2
+        shapes.speed[s] = 0.0
+        if shapes.mover[s] != STANDS:
+            shapes.speed[s] = np.sqrt(moving) + np.sqrt(turning) * (np.sqrt(away) + shapes.ball[s, 3])
+
+
+@compiled(lean=True)
+def find_contacts(shapes: ShapeTable, h: float, points: ContactPoints) -> tuple[int, int]:
+    """Write all contacts that faces and round ends decide, and the pairs that they do not.
+
+    Args:
+        shapes: The shapes where they are.
+        h: Length of the step [s].
+        points: Written.
+
+    Returns:
+        Number of points, -1 if there is no room for them, and of undecided pairs.
+    """
+    found, left = 0, 0
+    for p in range(len(shapes.pairs)):
+        i, j = shapes.pairs[p, 0], shapes.pairs[p, 1]
+        margin = MARGIN + h * (shapes.speed[i] + shapes.speed[j])
+        a, b = shapes.kind[i], shapes.kind[j]
+        if b != HALF_SPACE:
+            square = 0.0
+            for k in range(3):
+                square += (shapes.middle[i, k] - shapes.middle[j, k]) ** 2
+            if square > (shapes.ball[i, 3] + shapes.ball[j, 3] + margin) ** 2:
+                continue
+        first, second = _solid(shapes, i), _solid(shapes, j)
+        if b in (BOX, HALF_SPACE) and _height_above(second, shapes.middle[i], shapes.ball[i, 3]) > margin:
+            continue
+        if (
+            a == BOX
+            and b != HALF_SPACE
+            and _height_above(first, shapes.middle[j], shapes.ball[j, 3]) > margin
+        ):
+            continue
+        if found + 4 > len(points.rows) or left == len(points.undecided):
+            return -1, 0
+        new, swapped, rows = OPEN, False, points.rows[found:]
+        if b == HALF_SPACE and a != OTHER:
+            new = _on_plane(first, second, margin, rows)
+        elif a <= CAPSULE and b <= CAPSULE:
+            new = _of_round(first, second, margin, rows)
+        elif b == BOX and a != OTHER:
+            new = _on_box(first, second, margin, rows)
+        elif a == BOX and b < HALF_SPACE:
+            swapped = True
+            new = _on_box(second, first, margin, rows)
+        if new == OPEN:
+            points.undecided[left, 0], points.undecided[left, 1] = i, j
+            left += 1
+            continue
+        for k in range(found, found + new):
+            points.shapes[k, 0], points.shapes[k, 1] = i, j
+            if swapped:
+                for m in range(3, 6):
+                    points.rows[k, m] = -points.rows[k, m]
+        found += new
+    return found, left
+
+
+@compiled(lean=True, inline=True)
+def _solid(shapes: ShapeTable, row: int) -> Solid:
+    return Solid(shapes.kind[row], shapes.size[row], shapes.rotation[row], shapes.position[row])
+
+
+@compiled(lean=True)
+def _height_above(solid: Solid, middle: Floats1, radius: float) -> float:
+    """Return a lower bound of the distance of a ball from a half-space or a box [m]."""
+    if solid.kind == HALF_SPACE:
+        height = -solid.size[0] - radius
+        for i in range(3):
+            height += solid.rotation[i, 2] * (middle[i] - solid.position[i])
+        return height
+    square = 0.0
+    for k in range(3):
+        along = 0.0
+        for i in range(3):
+            along += solid.rotation[i, k] * (middle[i] - solid.position[i])
+        square += max(0.0, abs(along) - solid.size[k]) ** 2
+    return math.sqrt(square) - radius
+
+
+@compiled(lean=True)
+def _reach(solid: Solid, x: float, y: float, z: float) -> float:
+    """Return the greatest x . p of a shape's points p along a unit vector (x, y, z) [m]."""
+    kind, size, rotation, center = solid
+    middle = x * center[0] + y * center[1] + z * center[2]
+    if kind == BALL:
+        return middle + size[0]
+    along = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
+    if kind == CAPSULE:
+        return middle + size[0] + size[1] * abs(along)
+    if kind == CYLINDER:
+        return middle + size[0] * math.sqrt(max(0.0, 1.0 - along * along)) + size[1] * abs(along)
+    first = x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]
+    second = x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]
+    return middle + size[0] * abs(first) + size[1] * abs(second) + size[2] * abs(along)
+
+
+@compiled(lean=True)
+def _write_corner(
+    points: Floats2, row: int, center: Floats1, along: float, axis: Floats1, out: float, outward: Floats1
+) -> None:
+    """Write center + along axis + out outward."""
+    for i in range(3):
+        points[row, i] = center[i] + along * axis[i] + out * outward[i]
+
+
+@compiled
+def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2) -> int:
+    """Write the end or the side of a cylinder that looks along d."""
+    size, center = solid.size, solid.position
+    outward, side = np.empty(3), np.empty(3)
+    least = 0
+    for i in range(3):
+        outward[i] = d[i] - along * axis[i]
+        if abs(axis[i]) < abs(axis[least]):
+            least = i
+    length = math.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2)
+    if length < 1e-12:  # d along the axis: any radius will do
+        for i in range(3):
+            outward[i] = -axis[least] * axis[i]
+        outward[least] += 1.0
+        length = math.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2)
+    for i in range(3):
+        outward[i] /= length
+    radius, half = size[0], size[1]
+    if abs(along) < 0.7:
+        _write_corner(points, 0, center, half, axis, radius, outward)
+        _write_corner(points, 1, center, -half, axis, radius, outward)
+        return 2
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        side[i] = axis[k] * outward[m] - axis[m] * outward[k]
+    end = half if along > 0 else -half
+    _write_corner(points, 0, center, end, axis, radius, outward)
+    _write_corner(points, 1, center, end, axis, radius, side)
+    _write_corner(points, 2, center, end, axis, -radius, outward)
+    _write_corner(points, 3, center, end, axis, -radius, side)
+    return 4
+
+
+@compiled
+def _supporting_feature(solid: Solid, d: Floats1, points: Floats2) -> int:
+    """Write the point, the ends of the line or the corners of the face that a shape turns along d.
+
+    Returns:
+        How many points: 1 of a ball, 2 of a capsule or of a cylinder's side, 4 of a box's face or of a
+        cylinder's end, in the order of their outline.
+    """
+    kind, size, rotation, center = solid
+    axis = np.empty(3)
+    along = 0.0
+    for i in range(3):
+        axis[i] = rotation[i, 2]
+        along += d[i] * axis[i]
+    if kind == BALL:
+        _write_corner(points, 0, center, 0.0, axis, size[0], d)
+        return 1
+    if kind == CAPSULE:
+        _write_corner(points, 0, center, size[1], axis, size[0], d)
+        _write_corner(points, 1, center, -size[1], axis, size[0], d)
+        return 2
+    if kind == CYLINDER:
+        return _rim(solid, axis, along, d, points)
+    face, height = 2, along
+    for k in range(2):
+        other = d[0] * rotation[0, k] + d[1] * rotation[1, k] + d[2] * rotation[2, k]
+        if abs(other) > abs(height):
+            face, height = k, other
+    out = size[face] if height >= 0 else -size[face]
+    k, m = (face + 1) % 3, (face + 2) % 3
+    for corner in range(4):
+        a = size[k] if corner in (0, 3) else -size[k]
+        b = size[m] if corner < 2 else -size[m]
+        for i in range(3):
+            points[corner, i] = center[i] + out * rotation[i, face] + a * rotation[i, k] + b * rotation[i, m]
+    return 4
+
+
+@compiled(lean=True)
+def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, work: Floats2) -> int:
+    """Cut an outline of rows (u, v, height) by |u| <= half_u and |v| <= half_v, in place.
+
+    One row is a point, two are a line, more a convex polygon (Sutherland and Hodgman 1974).
+
+    Args:
+        outline: (OUTLINE_ROWS, 3), its first `count` rows.
+        count: Number of rows.
+        half_u: Half length of the rectangle along u [m].
+        half_v: Half length along v [m].
+        work: Work space like `outline`.
+
+    Returns:
+        Number of rows left.
+    """
+    for side in range(4):
+        axis = side % 2
+        half = half_u if axis == 0 else half_v
+        sign = 1.0 if side < 2 else -1.0
+        kept = 0
+        for k in range(count):
+            here = half - sign * outline[k, axis]
+            if here >= 0:
+                for i in range(3):
+                    work[kept, i] = outline[k, i]
+                kept += 1
+            if count == 1 or (count == 2 and k == 1):
+                continue
+            after = (k + 1) % count
+            there = half - sign * outline[after, axis]
+            if (here >= 0) != (there >= 0):
+                share = here / (here - there)
+                for i in range(3):
+                    work[kept, i] = outline[k, i] + share * (outline[after, i] - outline[k, i])
+                kept += 1
+        count = kept
+        for k in range(count):
+            for i in range(3):
+                outline[k, i] = work[k, i]
+        if count == 0:
+            return 0
+    return count
+
+
+@compiled(lean=True)
+def _reduce_outline(outline: Floats2, count: int, work: Floats2) -> int:
+    """Keep at most four rows (u, v, height), in place: the lowest and those that span the largest area.
+
+    Returns:
+        Number of rows kept.
+    """
+    if count <= 4:
+        return count
+    lowest = 0
+    for k in range(count):
+        if outline[k, 2] < outline[lowest, 2] - 1e-9:
+            lowest = k
+    far, most = lowest, -1.0
+    for k in range(count):
+        apart = (outline[k, 0] - outline[lowest, 0]) ** 2 + (outline[k, 1] - outline[lowest, 1]) ** 2
+        if apart > most:
+            far, most = k, apart
+    left, right, above, below = -1, -1, 1e-14, -1e-14
+    u, v = outline[far, 0] - outline[lowest, 0], outline[far, 1] - outline[lowest, 1]
+    for k in range(count):
+        area = u * (outline[k, 1] - outline[lowest, 1]) - v * (outline[k, 0] - outline[lowest, 0])
+        if area > above:
+            left, above = k, area
+        if area < below:
+            right, below = k, area
+    kept = 0
+    for k in (lowest, far, left, right):
+        if k >= 0:
+            for i in range(3):
+                work[kept, i] = outline[k, i]
+            kept += 1
+    for k in range(kept):
+        for i in range(3):
+            outline[k, i] = work[k, i]
+    return kept
+
+
+@compiled(lean=True)
+def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> None:
+    """Write a point, halfway between the surfaces, given that on the second shape's."""
+    half = 0.5 * gap
+    (x, y, z), (nx, ny, nz) = point, normal
+    row[0], row[1], row[2] = x + half * nx, y + half * ny, z + half * nz
+    row[3], row[4], row[5], row[6] = nx, ny, nz, gap
+
+
+@compiled
+def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
+    """Write contacts of a shape with a half-space, rows (point, normal, gap); the normal leaves the plane."""
+    x, y, z = plane.rotation[0, 2], plane.rotation[1, 2], plane.rotation[2, 2]
+    height = plane.size[0] + x * plane.position[0] + y * plane.position[1] + z * plane.position[2]
+    if -_reach(solid, -x, -y, -z) - height > margin:
+        return 0
+    down, points = np.empty(3), np.empty((4, 3))
+    down[0], down[1], down[2] = -x, -y, -z
+    count = _supporting_feature(solid, down, points)
+    kept = 0
+    for k in range(count):
+        a, b, c = points[k, 0], points[k, 1], points[k, 2]
+        gap = x * a + y * b + z * c - height
+        if gap <= margin:
+            _write_contact(rows[kept], (a - gap * x, b - gap * y, c - gap * z), (x, y, z), gap)
+            kept += 1
+    return kept
+
+
+@compiled
+def _of_round(solid: Solid, other: Solid, margin: float, rows: Floats2) -> int:
+    """Write the contact of two balls or capsules, where their segments are nearest."""
+    size, other_size = solid.size, other.size
+    u, w, apart, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    half = size[1] if solid.kind == CAPSULE else 0.0
+    other_half = other_size[1] if other.kind == CAPSULE else 0.0
+    uu, ww, uw, ud, wd = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(3):
+        u[i], w[i] = half * solid.rotation[i, 2], other_half * other.rotation[i, 2]
+        apart[i] = solid.position[i] - other.position[i]
+        uu, ww, uw = uu + u[i] * u[i], ww + w[i] * w[i], uw + u[i] * w[i]
+        ud, wd = ud + u[i] * apart[i], wd + w[i] * apart[i]
+    # |apart + s u - t w| least over s, t in [-1, 1]: free, then one clamped after the other
+    # (Ericson, Real-Time Collision Detection, 2005, 5.1.9)
+    across = uu * ww - uw * uw
+    s = 0.0
+    if across > 1e-12 * uu * ww:
+        s = min(1.0, max(-1.0, (uw * wd - ww * ud) / across))
+    t = (uw * s + wd) / ww if ww > 0 else 0.0
+    t = min(1.0, max(-1.0, t))
+    if uu > 0:
+        s = min(1.0, max(-1.0, (uw * t - ud) / uu))
+    for i in range(3):
+        normal[i] = apart[i] + s * u[i] - t * w[i]
+    length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    gap = length - size[0] - other_size[0]
+    if gap > margin:
+        return 0
+    for i in range(3):
+        normal[i] = normal[i] / length if length > 1e-12 else (1.0 if i == 2 else 0.0)
+        apart[i] = other.position[i] + t * w[i] + other_size[0] * normal[i]
+    _write_contact(rows[0], (apart[0], apart[1], apart[2]), (normal[0], normal[1], normal[2]), gap)
+    return 1
+
+
+@compiled(lean=True)
+def _best_face(solid: Solid, box: Solid) -> tuple[float, int, int]:
+    """Return how far a shape is above that face of a box which it is farthest above; its axis and sign."""
+    best, face, sign = -math.inf, 0, 1
+    for k in range(3):
+        x, y, z = box.rotation[0, k], box.rotation[1, k], box.rotation[2, k]
+        middle = x * box.position[0] + y * box.position[1] + z * box.position[2]
+        above = -_reach(solid, -x, -y, -z) - middle - box.size[k]
+        below = -_reach(solid, x, y, z) + middle - box.size[k]
+        if above > best:
+            best, face, sign = above, k, 1
+        if below > best:
+            best, face, sign = below, k, -1
+    return best, face, sign
+
+
+@compiled
+def _ball_on_corner(ball: Solid, box: Solid, margin: float, rows: Floats2) -> int:
+    """Write the contact of a ball, center outside, with the nearest point of a box."""
+    center, box_size, box_rotation, box_center = ball.position, box.size, box.rotation, box.position
+    nearest, normal = np.empty(3), np.empty(3)
+    for i in range(3):
+        nearest[i] = box_center[i]
+    for k in range(3):
+        along = 0.0
+        for i in range(3):
+            along += (center[i] - box_center[i]) * box_rotation[i, k]
+        along = min(box_size[k], max(-box_size[k], along))
+        for i in range(3):
+            nearest[i] += along * box_rotation[i, k]
+    for i in range(3):
+        normal[i] = center[i] - nearest[i]
+    length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    gap = length - ball.size[0]
+    if gap > margin:
+        return 0
+    if length < 1e-12:
+        return OPEN
+    unit = (normal[0] / length, normal[1] / length, normal[2] / length)
+    _write_contact(rows[0], (nearest[0], nearest[1], nearest[2]), unit, gap)
+    return 1
+
+
+class _Face(NamedTuple):
+    """A face of a box, and how far another shape is above it."""
+
+    axis: int
+    sign: int
+    lowest: float
+
+
+@compiled
+def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float, rows: Floats2) -> int:
+    """Write contacts of a shape with a face of a box; `sense` is -1 where the box is the first of the two."""
+    box_size, box_rotation, box_center, k = box.size, box.rotation, box.position, face.axis
+    first, second = (k + 1) % 3, (k + 2) % 3
+    normal, down, points = np.empty(3), np.empty(3), np.empty((4, 3))
+    for i in range(3):
+        normal[i] = face.sign * box_rotation[i, k]
+        down[i] = -normal[i]
+    count = _supporting_feature(solid, down, points)
+    outline, work = np.empty((OUTLINE_ROWS, 3)), np.empty((OUTLINE_ROWS, 3))
+    for p in range(count):
+        u, v, w = 0.0, 0.0, 0.0
+        for i in range(3):
+            apart = points[p, i] - box_center[i]
+            u += apart * box_rotation[i, first]
+            v += apart * box_rotation[i, second]
+            w += apart * normal[i]
+        outline[p, 0], outline[p, 1], outline[p, 2] = u, v, w - box_size[k]
+    if solid.kind == BALL:
+        u, v = abs(outline[0, 0]) - box_size[first], abs(outline[0, 1]) - box_size[second]
+        if u > 0 or v > 0:
+            return _ball_on_corner(solid, box, margin, rows)
+    count = _clip_outline(outline, count, box_size[first], box_size[second], work)
+    least, kept = math.inf, 0
+    for p in range(count):
+        least = min(least, outline[p, 2])
+        if outline[p, 2] <= margin:
+            for i in range(3):
+                outline[kept, i] = outline[p, i]
+            kept += 1
+    if least > face.lowest + SETTLED:
+        return OPEN
+    kept = _reduce_outline(outline, kept, work)
+    for p in range(kept):
+        for i in range(3):
+            rows[p, i] = (
+                box_center[i]
+                + outline[p, 0] * box_rotation[i, first]
+                + outline[p, 1] * box_rotation[i, second]
+                + (box_size[k] + 0.5 * outline[p, 2]) * normal[i]
+            )
+            rows[p, 3 + i] = sense * normal[i]
+        rows[p, 6] = outline[p, 2]
+    return kept
+
+
+@compiled
+def _on_box(solid: Solid, box: Solid, margin: float, rows: Floats2) -> int:
+    """Write contacts of a shape with a box.
+
+    The shape is at least as far from the box as above any face of either.  Where its lowest point above the
+    best face lies over that face, it is no farther, and the face's normal is that of the contact.
+    """
+    gap, axis, sign = _best_face(solid, box)
+    if gap > margin:
+        return 0
+    if solid.kind == BOX:
+        other, other_axis, other_sign = _best_face(box, solid)
+        if other > margin:
+            return 0
+        if other > gap + 1e-7:
+            return _on_face(box, solid, _Face(other_axis, other_sign, other), margin, -1.0, rows)
+    return _on_face(solid, box, _Face(axis, sign, gap), margin, 1.0, rows)

@@ -1,0 +1,289 @@
+"""The loop over time: robots of one kind, or one robot with what it meets."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.simulation.actuator_model import STRENGTH
+from pepper_kin.core.simulation.contact_solver import RobotMotion
+from pepper_kin.core.simulation.contact_step import NO_WORLD, SOLVED, WorldTables, contact_step
+from pepper_kin.core.simulation.implicit_step import (
+    ALIVE,
+    CONSTANT,
+    FEEDFORWARD_TORQUE,
+    LOAD,
+    NEXT_V,
+    Q_REF,
+    TORQUE,
+    V_REF,
+    RobotTables,
+    StepWorkspace,
+    V,
+    implicit_step,
+    is_sound,
+    write_equation,
+)
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+
+DONE = -1
+"""Returned where no step of the world failed."""
+
+
+class Span(NamedTuple):
+    """What part of the work to do.
+
+    Attributes:
+        steps: Number of steps T.
+        every: Steps between rows of the log.
+        first: First block.
+        last: The block after the last.
+    """
+
+    steps: int
+    every: int
+    first: int
+    last: int
+
+
+class Inputs(NamedTuple):
+    """Inputs of the robots, shape (N, T, n) each, or in the order of elements and for all, (1, T, m).
+
+    Attributes:
+        position: Reference for the end of each step.
+        velocity: Reference.
+        feedforward: Feed-forward or effort; T may be 1, for all steps.
+        load: From outside; T may be 1, for all steps.
+    """
+
+    position: Floats3
+    velocity: Floats3
+    feedforward: Floats3
+    load: Floats3
+
+
+class Log(NamedTuple):
+    """What robots did.
+
+    Attributes:
+        position: At the start and after every `every`-th step, and in the row after the last good one the
+            state that diverged, shape (N, 1 + ceil(T / every), n); the first row is the caller's.
+        velocity: The same.
+        torque: The same.
+        good: Number of good steps of each robot, shape (N,).
+    """
+
+    position: Floats3
+    velocity: Floats3
+    torque: Floats3
+    good: Ints1
+
+
+@compiled("int64(Span, RobotTables, StepWorkspace, Inputs, float64[:, :, ::1], Log, WorldTables)")
+def rollout(
+    span: Span,
+    robots: RobotTables,
+    space: StepWorkspace,
+    inputs: Inputs,
+    state: Floats3,
+    log: Log,
+    world: WorldTables,
+) -> int:
+    """Advance some blocks of robots by a number of steps.
+
+    With a world, there is one robot.  In each step the world is shown the step without contacts as one linear
+    equation.  Where it adds no load, that step is taken as it is; otherwise it is taken again with the load.
+
+    Args:
+        span: Which steps and blocks.
+        robots: The robots.
+        space: Arrays to write to.
+        inputs: Inputs of the robots.
+        state: Position, velocity and torque, shape (3, B, m); the result too.
+        log: What to write.
+        world: What the robot meets.
+
+    Returns:
+        DONE, or the outcome of the world's step that failed.
+    """
+    size = state.shape[2] if world.kind != NO_WORLD else 0
+    mass_hat, force = np.empty((size, size)), np.empty(size)
+    equation = RobotMotion(space.given[size : 2 * size], mass_hat, force)
+    return _advance_blocks(span, robots, space, inputs, state, log, world, equation)
+
+
+@compiled(lean=True)
+def _advance_blocks(
+    span: Span, robots: RobotTables, space: StepWorkspace, inputs: Inputs, state: Floats3, log: Log,
+    world: WorldTables, equation: RobotMotion,
+) -> int:  # fmt: skip
+    """Do what `rollout` does, with arrays for a step's linear equation."""
+    m, lanes, status = state.shape[2], robots.lanes, DONE
+    given, result = space.given, space.result
+    coupled = world.kind != NO_WORLD
+    for b in range(span.first, span.last):
+        for e in range(m):
+            given[e], given[V * m + e] = state[0, b, e], state[1, b, e]
+        for e in range(robots.constant.shape[1]):
+            given[CONSTANT * m + e] = robots.constant[b, e]
+        for lane in range(lanes):
+            space.flags[ALIVE, lane] = True
+        left, good, row, until = lanes, 0, 0, span.every
+        for k in range(span.steps):
+            _read_inputs(b, k, robots, inputs, given)
+            calm = implicit_step(b, robots, space)
+            if coupled:
+                outcome, calm = _couple(calm, robots, space, world, equation)
+                if outcome != SOLVED:
+                    status, log.good[0] = outcome, k
+                    break
+            if not calm or left < lanes:
+                left = _stop_unsound(b, k, 1 + k // span.every, robots, space, log)
+                if left == 0:
+                    break
+            _copy(result[: 2 * m], given[: 2 * m])
+            good += 1
+            until -= 1
+            if until == 0:
+                until, row = span.every, row + 1
+                _write_log(b, row, lanes, space, log)
+        for e in range(m):
+            state[0, b, e], state[1, b, e] = given[e], given[V * m + e]
+            if good > 0:
+                state[2, b, e] = result[TORQUE * m + e]
+    return status
+
+
+@compiled("boolean(RobotTables, StepWorkspace, float64[:, ::1], float64[::1])")
+def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2, force: Floats1) -> bool:
+    """Take a step of one robot from what is in `space.given`, and write the linear equation that it solves.
+
+    Args:
+        robots: The robot.
+        space: Its arrays.
+        mass_hat: Written, see `write_equation`.
+        force: Written.
+
+    Returns:
+        Whether the new state is sound.
+    """
+    calm = implicit_step(0, robots, space)
+    write_equation(calm, robots, space, mass_hat, force)
+    return is_sound(0, 1, space)
+
+
+@compiled(lean=True)
+def _couple(
+    calm: bool, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: RobotMotion
+) -> tuple[int, bool]:
+    """Let the world take its step, and take the robot's again with its load.
+
+    Returns:
+        The outcome of the world's step, and whether the robot's was taken on the first guess.
+    """
+    n, given, load = space.answer.size, space.given, world.state.load
+    write_equation(calm, robots, space, equation.mass_hat, equation.force)
+    if not calm and not is_sound(0, 1, space) and not _is_finite(equation.force):
+        return SOLVED, calm  # the robot is to blame, not what it touches
+    outcome = contact_step(world, given[:n], equation, robots.timestep)
+    if outcome != SOLVED:
+        return outcome, calm
+    pushed = False
+    for j in range(n):
+        pushed = pushed or load[j] != 0.0
+    if pushed:
+        for j in range(n):
+            given[LOAD * n + j] += load[j]
+        calm = implicit_step(0, robots, space)
+    return SOLVED, calm
+
+
+@compiled(lean=True)
+def _is_finite(values: Floats1) -> bool:
+    total = 0.0
+    for e in range(values.size):
+        total += 0.0 * values[e]
+    return total == 0.0
+
+
+@compiled(lean=True)
+def _read_inputs(b: int, k: int, robots: RobotTables, inputs: Inputs, given: Floats1) -> None:
+    """Write a step's inputs into the kernel's.
+
+    Feed-forward that is constant in time is written in the first step only.
+    """
+    m, lanes = robots.law.shape[2], robots.lanes
+    _spread(b, k, lanes, inputs.position, given[Q_REF * m : (Q_REF + 1) * m])
+    _spread(b, k, lanes, inputs.velocity, given[V_REF * m : (V_REF + 1) * m])
+    if k == 0 or inputs.feedforward.shape[1] > 1:
+        _spread(b, k, lanes, inputs.feedforward, given[FEEDFORWARD_TORQUE * m : (FEEDFORWARD_TORQUE + 1) * m])
+        for e in range(m):
+            given[FEEDFORWARD_TORQUE * m + e] *= robots.law[b, STRENGTH, e]
+    _spread(b, k, lanes, inputs.load, given[LOAD * m : (LOAD + 1) * m])
+
+
+@compiled(lean=True)
+def _copy(source: Floats1, target: Floats1) -> None:
+    """Copy an array; known lengths and no offset let the compiler use vectors."""
+    for e in range(source.size):
+        target[e] = source[e]
+
+
+@compiled(lean=True)
+def _spread(b: int, k: int, lanes: int, values: Floats3, given: Floats1) -> None:
+    """Write one step's values of a block's robots in the order of elements."""
+    robots, steps, n = values.shape
+    row = min(k, steps - 1)
+    if robots == 1:
+        _copy(values[0, row], given)
+        return
+    for lane in range(lanes):
+        robot = min(b * lanes + lane, robots - 1)
+        for j in range(n):
+            given[j * lanes + lane] = values[robot, row, j]
+
+
+@compiled(lean=True)
+def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWorkspace, log: Log) -> int:
+    """Stop robots whose new state is absurd, and return how many of the block's are left."""
+    m, lanes, result, flags = space.answer.size, robots.lanes, space.result, space.flags
+    left = 0
+    for lane in range(lanes):
+        if flags[ALIVE, lane]:
+            flags[ALIVE, lane] = is_sound(lane, lanes, space)
+            robot = b * lanes + lane
+            if not flags[ALIVE, lane] and robot < log.good.size:
+                log.good[robot] = k
+                _write_lane(robot, lane, row, lanes, space, log)
+        if flags[ALIVE, lane]:
+            left += 1
+        else:  # it stays where it was last seen well
+            for e in range(lane, 2 * m, lanes):
+                result[e] = space.given[e]
+    return left
+
+
+@compiled(lean=True)
+def _write_log(b: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> None:
+    if lanes == 1:
+        n = space.answer.size
+        _copy(space.result[:n], log.position[b, row])
+        _copy(space.result[NEXT_V * n : (NEXT_V + 1) * n], log.velocity[b, row])
+        _copy(space.result[TORQUE * n : (TORQUE + 1) * n], log.torque[b, row])
+        return
+    for lane in range(lanes):
+        robot = b * lanes + lane
+        if robot < log.good.size and space.flags[ALIVE, lane]:
+            _write_lane(robot, lane, row, lanes, space, log)
+
+
+@compiled(lean=True)
+def _write_lane(robot: int, lane: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> None:
+    m, n = space.answer.size, log.position.shape[2]
+    for j in range(n):
+        e = j * lanes + lane
+        log.position[robot, row, j] = space.result[e]
+        log.velocity[robot, row, j] = space.result[NEXT_V * m + e]
+        log.torque[robot, row, j] = space.result[TORQUE * m + e]

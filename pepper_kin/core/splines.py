@@ -1,0 +1,313 @@
+"""Piecewise polynomials: evaluation at many arguments, and the cubic spline through points."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.kernels.compiled import compiled
+
+Array = NDArray[np.float64]
+
+
+@compiled("void(float64[::1], float64[:, :, ::1], float64[::1], float64[:, :, ::1])")
+def evaluate_at_times(breaks: Array, coefficients: Array, time: Array, state: Array) -> None:
+    """Evaluate a piecewise polynomial and its derivatives.
+
+    At a break the later piece gives the values, at the end the last.  Times that rise are found fastest.
+
+    Args:
+        breaks: Ends of the pieces, rising, shape (m + 1,).
+        coefficients: Constant term first, shape (m, k, n).
+        time: Within the breaks, shape (T,).
+        state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
+    """
+    piece, local = np.empty(time.size, np.int64), np.empty(time.size)
+    last, i = breaks.size - 2, 0
+    for k in range(time.size):
+        t = time[k]
+        if t < breaks[i] or (i < last and t >= breaks[min(i + 8, last)]):
+            i, beyond = 0, last + 1  # breaks[i] <= t < breaks[beyond]
+            while beyond - i > 1:
+                middle = (i + beyond) // 2
+                if t < breaks[middle]:
+                    beyond = middle
+                else:
+                    i = middle
+        while i < last and t >= breaks[i + 1]:
+            i += 1
+        piece[k], local[k] = i, t - breaks[i]
+    evaluate_on_pieces(coefficients, piece, local, state)
+
+
+@compiled("void(float64[:, :, ::1], int64[::1], float64[::1], float64[:, :, ::1])")
+def evaluate_on_pieces(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+    """Evaluate chosen polynomials and their derivatives by Horner's scheme.
+
+    Args:
+        coefficients: Constant term first, shape (m, k, n).
+        piece: Indices of pieces, shape (T,).
+        local: Arguments, shape (T,).
+        state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
+    """
+    if state.shape[0] == 3 and coefficients.shape[1] == 7:
+        _evaluate_degree_six(coefficients, piece, local, state)
+    elif state.shape[0] == 3:
+        _evaluate_states(coefficients, piece, local, state)
+    else:
+        _evaluate_derivatives(coefficients, piece, local, state)
+
+
+@compiled
+def _evaluate_derivatives(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+    order, count, n = coefficients.shape[1], state.shape[0], coefficients.shape[2]
+    for k in range(piece.size):
+        i, x = piece[k], local[k]
+        for d in range(count):
+            for j in range(n):
+                state[d, k, j] = 0.0
+        for power in range(order - 1, -1, -1):
+            for d in range(count - 1, 0, -1):
+                for j in range(n):
+                    state[d, k, j] = state[d, k, j] * x + state[d - 1, k, j]
+            for j in range(n):
+                state[0, k, j] = state[0, k, j] * x + coefficients[i, power, j]
+        factor = 1.0
+        for d in range(2, count):
+            factor *= d
+            for j in range(n):
+                state[d, k, j] *= factor
+
+
+@compiled
+def _evaluate_states(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+    """The same sums for a value and two derivatives at once.
+
+    They are made in arrays that the compiler knows to overlap with no other, so that joints share vector
+    instructions.
+    """
+    order, n = coefficients.shape[1], coefficients.shape[2]
+    value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
+    for k in range(piece.size):
+        i, x = piece[k], local[k]
+        for j in range(n):
+            value[j], slope[j], bend[j] = coefficients[i, order - 1, j], 0.0, 0.0
+        for power in range(order - 2, -1, -1):
+            for j in range(n):
+                bend[j] = bend[j] * x + slope[j]
+                slope[j] = slope[j] * x + value[j]
+                value[j] = value[j] * x + coefficients[i, power, j]
+        for j in range(n):
+            state[0, k, j] = value[j]
+        for j in range(n):
+            state[1, k, j] = slope[j]
+        for j in range(n):
+            state[2, k, j] = 2 * bend[j]
+
+
+@compiled
+def _evaluate_degree_six(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+    """The same sums written out for what timing gives."""
+    n = coefficients.shape[2]
+    value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
+    for k in range(piece.size):
+        i, x = piece[k], local[k]
+        for j in range(n):
+            p = coefficients[i, 6, j]
+            d = p
+            p = p * x + coefficients[i, 5, j]
+            e = d
+            d = d * x + p
+            p = p * x + coefficients[i, 4, j]
+            e = e * x + d
+            d = d * x + p
+            p = p * x + coefficients[i, 3, j]
+            e = e * x + d
+            d = d * x + p
+            p = p * x + coefficients[i, 2, j]
+            e = e * x + d
+            d = d * x + p
+            p = p * x + coefficients[i, 1, j]
+            bend[j] = e * x + d
+            slope[j] = d * x + p
+            value[j] = p * x + coefficients[i, 0, j]
+        for j in range(n):
+            state[0, k, j] = value[j]
+        for j in range(n):
+            state[1, k, j] = slope[j]
+        for j in range(n):
+            state[2, k, j] = 2 * bend[j]
+
+
+@compiled("void(float64[:, ::1], float64[::1], float64[:, :, ::1])")
+def cubic_spline(points: Array, breaks: Array, coefficients: Array) -> None:
+    """Compute the C2 cubic through points over the chord length, with unit speed along the end chords.
+
+    The slopes at the points solve a tridiagonal system (de Boor, A Practical Guide to Splines, chapter 4),
+    here by elimination without pivoting, for its diagonal dominates.
+
+    Args:
+        points: Successive ones differ, shape (k, n).
+        breaks: Receives the chord lengths up to the points, shape (k,).
+        coefficients: Receives the pieces, constant term first, shape (k - 1, 4, n).
+    """
+    k, n = points.shape
+    slope, upper = np.empty((k, n)), np.empty(k)
+    breaks[0] = 0.0
+    for i in range(k - 1):
+        square = 0.0
+        for j in range(n):
+            square += (points[i + 1, j] - points[i, j]) ** 2
+        breaks[i + 1] = breaks[i] + np.sqrt(square)
+    for i in range(k):
+        left = breaks[i] - breaks[i - 1] if i > 0 else 0.0
+        right = breaks[i + 1] - breaks[i] if i < k - 1 else 0.0
+        inside = 0 < i < k - 1
+        pivot = 2 * (left + right) - right * upper[i - 1] if inside else 1.0
+        upper[i] = left / pivot if inside else 0.0
+        for j in range(n):
+            before = (points[i, j] - points[i - 1, j]) / left if i > 0 else 0.0
+            after = (points[i + 1, j] - points[i, j]) / right if i < k - 1 else 0.0
+            if inside:
+                slope[i, j] = (3 * (right * before + left * after) - right * slope[i - 1, j]) / pivot
+            else:
+                slope[i, j] = before + after
+    for i in range(k - 2, 0, -1):
+        for j in range(n):
+            slope[i, j] -= upper[i] * slope[i + 1, j]
+    for i in range(k - 1):
+        h = breaks[i + 1] - breaks[i]
+        for j in range(n):
+            chord = (points[i + 1, j] - points[i, j]) / h
+            coefficients[i, 0, j] = points[i, j]
+            coefficients[i, 1, j] = slope[i, j]
+            coefficients[i, 2, j] = (3 * chord - 2 * slope[i, j] - slope[i + 1, j]) / h
+            coefficients[i, 3, j] = (slope[i, j] + slope[i + 1, j] - 2 * chord) / (h * h)
+
+
+@compiled("float64(float64[::1], float64[:, :, ::1], float64[::1], float64[::1])", lean=True)
+def greatest_excess(breaks: Array, coefficients: Array, lower: Array, upper: Array) -> float:
+    """Return how far a piecewise cubic leaves its bounds at most, negative where it stays inside.
+
+    Args:
+        breaks: Ends of the pieces, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n).
+        lower: Lower bounds, shape (n,).
+        upper: Upper bounds, shape (n,).
+    """
+    worst = -np.inf
+    pieces, _, n = coefficients.shape
+    for i in range(pieces):
+        h = breaks[i + 1] - breaks[i]
+        for j in range(n):
+            q, c = coefficients[i, 0, j], coefficients[i, 1, j]
+            b, a = coefficients[i, 2, j], coefficients[i, 3, j]
+            # Between its ends a cubic is extreme where 3 a x^2 + 2 b x + c = 0.
+            disc = b * b - 3 * a * c
+            root = np.sqrt(disc) if disc > 0 else 0.0
+            w = -(b + root if b >= 0 else b - root)
+            for x in (0.0, h, w / (3 * a) if a != 0 else 0.0, c / w if w != 0 else 0.0):
+                if 0 <= x <= h:
+                    value = q + x * (c + x * (b + x * a))
+                    worst = max(worst, lower[j] - value, value - upper[j])
+    return worst
+
+
+@compiled("float64(float64[:, ::1], float64[::1], float64[::1], float64, float64[::1], float64[:, :, ::1])")
+def bounded_cubic_spline(
+    points: Array, lower: Array, upper: Array, same: float, breaks: Array, coefficients: Array
+) -> float:
+    """Compute a `cubic_spline` and return its `greatest_excess` over bounds.
+
+    Args:
+        points: shape (k, n).
+        lower: Lower bounds, shape (n,).
+        upper: Upper bounds, shape (n,).
+        same: Successive points no further apart are the same.
+        breaks: See `cubic_spline`.
+        coefficients: See `cubic_spline`.
+
+    Returns:
+        The excess; inf where points are not finite or successive ones are the same.
+    """
+    for i in range(points.shape[0]):
+        square = 0.0
+        for j in range(points.shape[1]):
+            if not np.isfinite(points[i, j]):
+                return np.inf
+            if i > 0:
+                square += (points[i, j] - points[i - 1, j]) ** 2
+        if i > 0 and np.sqrt(square) <= same:
+            return np.inf
+    cubic_spline(points, breaks, coefficients)
+    return greatest_excess(breaks, coefficients, lower, upper)
+
+
+def derivatives_on_pieces(coefficients: Array, piece: ArrayLike, local: ArrayLike, count: int) -> Array:
+    """Return value and first derivatives of chosen polynomials, for any shapes that go together.
+
+    Args:
+        coefficients: Constant term first, shape (m, k, n).
+        piece: Indices of pieces, negative ones from the end, shape (...).
+        local: Arguments, shape (...).
+        count: Number of derivatives, the value among them, at most 4.
+
+    Returns:
+        Shape (count, ..., n).
+
+    Raises:
+        IndexError: for a piece that is not there.
+    """
+    index, argument = np.broadcast_arrays(np.asarray(piece, np.int64), np.asarray(local, dtype=float))
+    pieces, _, n = coefficients.shape
+    state = np.empty((count, *index.shape, n))
+    if index.size:
+        if not (-pieces <= index.min() and index.max() < pieces):
+            raise IndexError(f"pieces {index.min()} to {index.max()} of a curve of {pieces}")
+        index = np.ascontiguousarray(np.where(index < 0, index + pieces, index).ravel())
+        argument = np.ascontiguousarray(argument.ravel())
+        evaluate_on_pieces(coefficients, index, argument, state.reshape(count, index.size, n))
+    return state
+
+
+def quintic_hermite(step: Array, value: Array, slope: Array, bend: Array) -> Array:
+    """Return the quintics that meet values, first and second derivatives.
+
+    Args:
+        step: Lengths of the pieces, shape (m,).
+        value: At the ends of the pieces, shape (m + 1, n).
+        slope: First derivatives there, shape (m + 1, n).
+        bend: Second derivatives there, shape (m + 1, n).
+
+    Returns:
+        Coefficients, constant term first, shape (m, 6, n).
+    """
+    h = step[:, None]
+    # What is missing at the end of a piece after the Taylor polynomial of its start.
+    d0 = value[1:] - value[:-1] - h * slope[:-1] - h**2 / 2 * bend[:-1]
+    d1 = slope[1:] - slope[:-1] - h * bend[:-1]
+    d2 = bend[1:] - bend[:-1]
+    cubic = (10 * d0 - 4 * h * d1 + h**2 / 2 * d2) / h**3
+    quartic = (-15 * d0 + 7 * h * d1 - h**2 * d2) / h**4
+    quintic = (6 * d0 - 3 * h * d1 + h**2 / 2 * d2) / h**5
+    return np.stack([value[:-1], slope[:-1], bend[:-1] / 2, cubic, quartic, quintic], axis=1)
+
+
+def shifted(coefficients: Array, by: Array) -> Array:
+    """Return the polynomials p(x + by) of p(x).
+
+    Args:
+        coefficients: Constant term first, shape (m, k, n).
+        by: One number for each, shape (m,).
+
+    Returns:
+        Shape (m, k, n).
+    """
+    moved = np.zeros_like(coefficients)
+    for power in range(coefficients.shape[1]):
+        for low in range(power + 1):
+            gain = comb(power, low) * by ** (power - low)
+            moved[:, low] += gain[:, None] * coefficients[:, power]
+    return moved

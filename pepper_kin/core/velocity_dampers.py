@@ -1,0 +1,153 @@
+"""Velocity dampers: rows that keep joints in tabulated ranges, and how far pairs stay apart on a path."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Flags1, Flags2, Floats1, Floats2
+
+# Angle kept from the tabulated range [rad].
+ANGLE_KEPT = 0.01
+
+
+class PairTable(NamedTuple):
+    """Pairs of bodies that are near, k of them, for n joints.
+
+    Attributes:
+        gradients: Of their distances, shape (k, n) [m/rad].
+        movers: Which joints move each pair, shape (k, n).
+        cores: Length of the straight part of each pair, shape (k,) [m].
+        motion_bounds: R: how far a point moves at most for one unit of each joint, shape (n,) [m/rad or 1].
+        spare: By how much the distances may shrink, shape (k,) [m].
+    """
+
+    gradients: Floats2
+    movers: Flags2
+    cores: Floats1
+    motion_bounds: Floats1
+    spare: Floats1
+
+
+@compiled("int64(float64[:, ::1], int64, PairTable, float64, boolean[::1])")
+def clear_rows(shifts: Floats2, first: int, pairs: PairTable, reach: float, doubts: Flags1) -> int:
+    """Find how far along a path pairs that are not in the table stay away, and which of the table may not.
+
+    By changes dq of position no point moves by more than sum R |dq| over the joints that move a pair.  And
+    the plane between the two bodies, taken along with the one, still parts them after the other has come
+    nearer by no more than
+
+        -g . dq + w L + w sum(R |dq|) / 2,    w = sum |dq|,
+
+    with L the straight part of the shape (what turning adds) and the last term for second order.  A pair's
+    distance has shrunk by no more than the smaller of both.
+
+    Args:
+        shifts: Positions along the path, shape (m, n) [rad or m].
+        first: Row of `shifts` where the pairs are known; dq is counted from there.
+        pairs: The pairs.
+        reach: By how much distances of pairs that are not in the table may shrink [m].
+        doubts: Written: whether more than a pair's spare may be used up until then, shape (k,).
+
+    Returns:
+        How many rows after `first` no other pair comes too near, -1 where that cannot be said of `first`.
+    """
+    levers, n = pairs.motion_bounds, pairs.motion_bounds.size
+    doubts[:] = False
+    turned = np.empty(n)
+    for row in range(first, shifts.shape[0]):
+        travel = 0.0
+        for i in range(n):
+            turned[i] = abs(shifts[row, i] - shifts[first, i])
+            travel += levers[i] * turned[i]
+        if travel > reach:
+            return row - first - 1
+        for k in range(pairs.spare.size):
+            if doubts[k]:
+                continue
+            lever, turn, plane = 0.0, 0.0, 0.0
+            for i in range(n):
+                plane -= pairs.gradients[k, i] * (shifts[row, i] - shifts[first, i])
+                if pairs.movers[k, i]:
+                    turn += turned[i]
+                    lever += levers[i] * turned[i]
+            plane += turn * pairs.cores[k] + 0.5 * turn * lever
+            doubts[k] = min(lever, plane) > pairs.spare[k]
+    return shifts.shape[0] - first - 1
+
+
+class RangeTable(NamedTuple):
+    """Curves that one joint keeps on one side of, over another joint.
+
+    Attributes:
+        heads: Both joints, the side (1 above, -1 below), beginning and end of each curve, shape (k, 5).
+        curves: x and y of all curves, shape (2, total) [rad].
+    """
+
+    heads: Floats2
+    curves: Floats2
+
+
+@compiled
+def _place(x: Floats1, at: float) -> int:
+    """Return the first place in x, which rises, of a number that is not below another."""
+    low, high = 0, x.size
+    while low < high:
+        middle = (low + high) // 2
+        if x[middle] < at:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def _left(head: Floats1, curves: Floats2, q: Floats1) -> tuple[float, float]:
+    """Return the angle left at q below or above a curve, and the curve's slope there."""
+    x, curve = curves[0, int(head[3]) : int(head[4])], curves[1, int(head[3]) : int(head[4])]
+    at = q[int(head[0])]
+    place = min(max(_place(x, at), 1), x.size - 1)
+    slope = (curve[place] - curve[place - 1]) / (x[place] - x[place - 1])
+    return head[2] * (q[int(head[1])] - curve[place] - slope * (at - x[place])), slope
+
+
+@compiled("void(RangeTable, float64[::1], float64[::1], float64, float64[:, ::1], float64[::1])")
+def write_range_rows(
+    table: RangeTable, q: Floats1, stop: Floats1, gain: float, matrix: Floats2, least: Floats1
+) -> None:
+    """Write the dampers of all curves, matrix @ v >= least, two rows a curve.
+
+    Args:
+        table: The curves.
+        q: Joint positions, shape (n,) [rad].
+        stop: Where the hardest brake would end, shape (n,): the angle left there counts if it is smaller.
+        gain: Share of the angle that may be used up per second [1/s].
+        matrix: Zeros, shape (2 k, n), written.
+        least: Written, shape (2 k,).
+    """
+    heads, curves = table.heads, table.curves
+    for k in range(heads.shape[0]):
+        left = _left(heads[k], curves, q)[0]
+        left_there, slope = _left(heads[k], curves, stop)
+        matrix[2 * k, int(heads[k, 1])] = heads[k, 2]
+        matrix[2 * k + 1, int(heads[k, 0])] = -heads[k, 2] * slope
+        for i in range(2):
+            least[2 * k + i] = -gain * max(min(left, left_there) - ANGLE_KEPT, 0.0)
+
+
+@compiled("boolean(RangeTable, int64, float64[::1], float64[::1])")
+def range_holds_between(table: RangeTable, k: int, q: Floats1, end: Floats1) -> bool:
+    """Return whether all of the rectangle with the corners q and `end` is on the safe side of curve k."""
+    head, curves = table.heads[k], table.curves
+    first, second, side = int(head[0]), int(head[1]), head[2]
+    x, curve = curves[0, int(head[3]) : int(head[4])], curves[1, int(head[3]) : int(head[4])]
+    nearest = min(side * q[second], side * end[second])
+    highest = max(
+        side * q[second] - _left(head, curves, q)[0], side * end[second] - _left(head, curves, end)[0]
+    )
+    low, high = min(q[first], end[first]), max(q[first], end[first])
+    for place in range(_place(x, low), _place(x, high)):
+        highest = max(highest, side * curve[place])
+    return nearest >= highest

@@ -1,0 +1,292 @@
+"""Animations from Choregraphe's behaviours and projects, and from lists for NAOqi."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+from pepper_kin.atomic_file import PathName
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.files.json_file import read_utf8
+from pepper_kin.trajectory.key_curve import Handle, Key
+from pepper_kin.trajectory.timeline import HANDS, Curve, Timeline
+
+# How NAOqi numbers the kinds; Choregraphe exports 3 for handles that it computed itself.
+NAOQI_KINDS = {0: "constant", 1: "linear", 2: "bezier", 3: "bezier"}
+_XML_KINDS = {"bezier": "bezier", "linear": "linear", "constant": "constant", "bezier_auto": "auto"}
+_DEGREE, _SHARE = 0, 1
+_APPEND = re.compile(r"\s*(?:\w+\.)*(names|times|keys)\.append\((.*)")
+_DEEPEST = 200
+
+
+class _Element:
+    """One element of an XML file, with its line."""
+
+    def __init__(self, tag: str, attributes: dict[str, str], line: int) -> None:
+        self.tag, self.attributes, self.line = tag, attributes, line
+        self.children: list[_Element] = []
+
+    def named(self, tag: str) -> list[_Element]:
+        """Return the children with a tag."""
+        return [child for child in self.children if child.tag == tag]
+
+
+def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
+    """Read all timelines with motion of a behaviour (.xar) or of the behaviours of a project (.pml).
+
+    Of behaviours in the older format, which keep their boxes in other files, the files with the root
+    `Animation` can be read one by one.
+
+    A key at frame f is at (f - start_frame) / fps seconds, as the robot's own player takes it; keys before
+    the start frame are left out, and so are muted curves.  Angles are degrees, of hands shares.  Handles are
+    frames and degrees from their key; keys without handles have automatic ones.
+
+    Args:
+        path: A file with the suffix .xar or .pml.
+
+    Returns:
+        One timeline for each that moves something, in the file's order, named by the boxes around it.
+
+    Raises:
+        FileFormatError: naming path, line and what is wrong; also where no timeline moves anything.
+    """
+    if Path(path).suffix.lower() == ".pml":
+        return _project(path)
+    root = _parse(path)
+    if root.tag not in ("ChoregrapheProject", "Animation"):
+        raise FileFormatError(path, f"is no behaviour: its root is {root.tag!r}", root.line)
+    found = tuple(_timelines(path, root, ()))
+    if not found:
+        old = next((child for child in root.children if child.tag == "BoxInstance"), None)
+        if old is not None:
+            reason = "keeps its boxes in other files, an older format; read those whose root is Animation"
+            raise FileFormatError(path, reason, old.line)
+        raise FileFormatError(path, "has no timeline that moves a joint")
+    return found
+
+
+def naoqi_timeline(
+    names: Sequence[str], times: Sequence[Sequence[float]], keys: Sequence[Sequence[Any]], name: str = "keys"
+) -> Timeline:
+    """Return the animation of the arguments of `ALMotion.angleInterpolationBezier`.
+
+    Args:
+        names: Joints.
+        times: For each joint the times of its keys [s].
+        keys: For each joint its keys: an angle [rad], or [angle, [kind, dTime, dAngle], [kind, dTime,
+            dAngle]] with the handles before and behind the key; kinds are 0 constant, 1 linear, 2 and 3
+            Bezier.  Keys that are plain angles have automatic handles.
+        name: For messages.
+
+    Raises:
+        InvalidValueError: naming joint and key, for lists that do not fit, NaN, or times that do not rise.
+    """
+    if not len(names) == len(times) == len(keys):
+        lengths = f"{len(names)} names, {len(times)} lists of times, {len(keys)} of keys"
+        raise InvalidValueError(f"lists of {name}", lengths, "as many of each")
+    curves = []
+    for joint, at, values in zip(names, times, keys, strict=True):
+        if len(at) != len(values):
+            raise InvalidValueError(
+                f"lists of {joint}", f"{len(at)} times, {len(values)} keys", "as many of each"
+            )
+        curves.append(
+            Curve(str(joint), tuple(_naoqi_key(joint, t, key) for t, key in zip(at, values, strict=True)))
+        )
+    return Timeline(name, tuple(curves))
+
+
+def read_naoqi_export(path: PathName) -> Timeline:
+    """Read a Python script that Choregraphe exported a timeline to; the script is not run.
+
+    Such a script calls `names.append(...)`, `times.append(...)` and `keys.append(...)` once for each joint.
+
+    Args:
+        path: The script.
+
+    Raises:
+        FileFormatError: naming path and line and what is wrong there.
+    """
+    lists: dict[str, list[Any]] = {"names": [], "times": [], "keys": []}
+    # Line by line: the script around the lists is Python 2, which Python 3 cannot parse.
+    for number, line in enumerate(read_utf8(path).splitlines(), start=1):
+        begun = _APPEND.match(line)
+        if begun is None:
+            continue
+        name, rest = begun.groups()
+        try:
+            lists[name].append(ast.literal_eval(rest[: rest.rindex(")")].strip()))
+        except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
+            raise FileFormatError(path, f"{name}.append takes no plain values here", number) from error
+    if not lists["names"]:
+        raise FileFormatError(path, "has no names.append(...), as Choregraphe exports it")
+    try:
+        return naoqi_timeline(lists["names"], lists["times"], lists["keys"], Path(path).stem)
+    except (InvalidValueError, TypeError) as error:
+        raise FileFormatError(path, str(error)) from error
+
+
+def _naoqi_key(joint: str, time: Any, key: Any) -> Key:
+    what = f"key of {joint} at {time} s"
+    plain = not isinstance(key, (list, tuple))
+    parts = [key] if plain else list(key)
+    if len(parts) not in (1, 3) or not all(isinstance(p, (list, tuple)) and len(p) == 3 for p in parts[1:]):
+        raise InvalidValueError(
+            what, key, "an angle, or [angle, [kind, dTime, dAngle], [kind, dTime, dAngle]]"
+        )
+    handles = [Handle(), Handle()]
+    for i, (kind, dtime, dangle) in enumerate(parts[1:]):
+        if isinstance(kind, bool) or kind not in NAOQI_KINDS:
+            raise InvalidValueError(what, f"kind {kind!r}", "a kind of 0, 1, 2 or 3")
+        handles[i] = Handle(NAOQI_KINDS[kind], _finite(what, dtime), _finite(what, dangle))
+    return Key(_finite(what, time), _finite(what, parts[0]), *handles)
+
+
+def _finite(what: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise InvalidValueError(what, repr(value), "finite numbers")
+    return float(value)
+
+
+def _project(path: PathName) -> tuple[Timeline, ...]:
+    root = _parse(path)
+    if root.tag != "Package":
+        raise FileFormatError(path, f"is no project: its root is {root.tag!r}", root.line)
+    behaviours = [
+        b for group in root.named("BehaviorDescriptions") for b in group.named("BehaviorDescription")
+    ]
+    if not behaviours:
+        raise FileFormatError(path, "names no behaviour", root.line)
+    found: list[Timeline] = []
+    for behaviour in behaviours:
+        folder, xar = (_attribute(path, behaviour, name) for name in ("src", "xar"))
+        below = Path(folder) / xar
+        if below.is_absolute() or ".." in below.parts:
+            raise FileFormatError(path, f"names {str(below)!r}, outside its own folder", behaviour.line)
+        file = Path(path).parent / below
+        content = _parse(file)
+        found += _timelines(file, content, (folder,))
+    if not found:
+        raise FileFormatError(path, "has no behaviour with a timeline that moves a joint")
+    return tuple(found)
+
+
+def _timelines(path: PathName, element: _Element, boxes: tuple[str, ...]) -> Iterator[Timeline]:
+    """Yield the timelines below an element, named by the boxes on the way to them."""
+    if element.tag == "Box":
+        boxes = (*boxes, element.attributes.get("name", "?"))
+    if element.tag in ("Timeline", "Animation"):
+        timeline = _timeline(path, element, "/".join(boxes) or "Timeline")
+        if timeline is not None:
+            yield timeline
+    for child in element.children:
+        yield from _timelines(path, child, boxes)
+
+
+def _timeline(path: PathName, element: _Element, name: str) -> Timeline | None:
+    elements = [curve for group in element.named("ActuatorList") for curve in group.named("ActuatorCurve")]
+    heard = [curve for curve in elements if curve.attributes.get("mute", "0") not in ("1", "true")]
+    if not any(curve.named("Key") for curve in heard):
+        return None
+    fps = _number(path, element, "fps")
+    if fps <= 0:
+        raise FileFormatError(path, f"fps is {fps:g}, expected a rate above 0", element.line)
+    first = _number(path, element, "start_frame", "1")
+    curves = [_curve(path, curve, fps, first) for curve in heard]
+    kept = tuple(curve for curve in curves if curve is not None)
+    try:
+        return Timeline(name, kept) if kept else None
+    except InvalidValueError as error:
+        raise FileFormatError(path, str(error), element.line) from error
+
+
+def _curve(path: PathName, element: _Element, fps: float, first: float) -> Curve | None:
+    joint = _attribute(path, element, "actuator")
+    unit = int(_number(path, element, "unit", "1" if joint in HANDS else "0"))
+    if unit not in (_DEGREE, _SHARE):
+        raise FileFormatError(
+            path, f"unit of {joint} is {unit}, expected 0 (degrees) or 1 (share)", element.line
+        )
+    scale = math.radians(1.0) if unit == _DEGREE else 1.0
+    keys: list[Key] = []
+    for child in element.named("Key"):
+        frame = _number(path, child, "frame")
+        if frame < first:
+            continue
+        time = (frame - first) / fps
+        if keys and time <= keys[-1].time:
+            reason = f"frame {frame:g} of {joint} does not come after the key before"
+            raise FileFormatError(path, reason, child.line)
+        handles = _handles(path, child, fps, scale)
+        try:
+            keys.append(Key(time, scale * _number(path, child, "value"), *handles))
+        except InvalidValueError as error:
+            raise FileFormatError(path, f"{joint}: {error}", child.line) from error
+    return Curve(joint, tuple(keys)) if keys else None
+
+
+def _handles(path: PathName, key: _Element, fps: float, scale: float) -> tuple[Handle, Handle]:
+    found = {"left": Handle(), "right": Handle()}
+    for tangent in key.named("Tangent"):
+        side = _attribute(path, tangent, "side")
+        kind = _attribute(path, tangent, "interpType")
+        if side not in found:
+            raise FileFormatError(path, f"side is {side!r}, expected left or right", tangent.line)
+        if kind not in _XML_KINDS:
+            known = ", ".join(_XML_KINDS)
+            raise FileFormatError(path, f"interpType is {kind!r}, expected one of {known}", tangent.line)
+        time = _number(path, tangent, "abscissaParam", "0") / fps
+        value = _number(path, tangent, "ordinateParam", "0") * scale
+        found[side] = Handle(_XML_KINDS[kind], time, value)
+    return found["left"], found["right"]
+
+
+def _attribute(path: PathName, element: _Element, name: str) -> str:
+    if name not in element.attributes:
+        raise FileFormatError(path, f"{element.tag} has no attribute {name!r}", element.line)
+    return element.attributes[name]
+
+
+def _number(path: PathName, element: _Element, name: str, otherwise: str | None = None) -> float:
+    text = _attribute(path, element, name) if otherwise is None else element.attributes.get(name, otherwise)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FileFormatError(
+            path, f"{name} of {element.tag} is {text!r}, expected a finite number", element.line
+        )
+    return value
+
+
+def _parse(path: PathName) -> _Element:
+    """Return the root of an XML file; a document type, which could define entities, is refused."""
+    text = read_utf8(path)
+    parser = expat.ParserCreate()
+    document = _Element("", {}, 0)
+    open_elements = [document]
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(tag, attributes, parser.CurrentLineNumber)
+        if len(open_elements) > _DEEPEST:
+            raise FileFormatError(path, f"nests more than {_DEEPEST} elements", element.line)
+        open_elements[-1].children.append(element)
+        open_elements.append(element)
+
+    def doctype(*_: object) -> None:
+        raise FileFormatError(path, "has a document type, expected none", parser.CurrentLineNumber)
+
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: open_elements.pop()
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise FileFormatError(path, f"is no whole XML: {error}", error.lineno) from error
+    return document.children[0]

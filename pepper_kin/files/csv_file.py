@@ -1,0 +1,91 @@
+"""Trajectories as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.files.table_file import (
+    COLUMNS_FILE,
+    TIME,
+    PathName,
+    read_columns,
+    read_table,
+    write_table,
+)
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.trajectory import Samples, Trajectory
+
+_QUANTITIES = ("position", "velocity", "acceleration")
+
+
+def write_csv(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
+    """Write a trajectory, sampled, as CSV; see `write_table` for the format.
+
+    Columns: `time`, then `<joint>.position` of all joints, `<joint>.velocity` of all, `<joint>.acceleration`
+    of all.
+
+    Args:
+        path: The file; its folder must exist.
+        trajectory: The trajectory.
+        dt: Time between rows [s]; the last row is exactly at the duration.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidValueError: for a dt that is not above zero.
+        FileFormatError: where the file cannot be written.
+    """
+    samples = trajectory.sample(dt)
+    columns = {TIME: samples.time}
+    for quantity in _QUANTITIES:
+        values = getattr(samples, quantity)
+        columns.update({f"{name}.{quantity}": values[:, j] for j, name in enumerate(samples.joint_names)})
+    units = dict(zip(samples.joint_names, samples.joint_units, strict=True))
+    return write_table(path, columns, units)
+
+
+def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
+    """Read a trajectory that `write_csv` wrote.
+
+    At the rows' times it has their positions, velocities and accelerations exactly; in between it is the
+    polynomial of degree 5 through them.
+
+    Args:
+        path: The file.
+        pepper: The robot whose joints the file must have, in its order; any joints if omitted.
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        FileFormatError: naming path and line and what is wrong there.
+    """
+    names = pepper.joint_names if pepper is not None else _joints(list(read_table(path)))
+    header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names)]
+    table = read_table(path, header)
+    time = table[TIME]
+    if time.size < 2:
+        raise FileFormatError(path, "one line of numbers makes no trajectory, expected at least 2", 2)
+    if time[0] != 0.0:
+        raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
+    q, v, a = (np.column_stack([table[f"{name}.{kind}"] for name in names]) for kind in _QUANTITIES)
+    units = pepper.joint_units if pepper is not None else _units(Path(path), names)
+    return Samples(names, time, q, v, a, units).to_trajectory()
+
+
+def _joints(header: Sequence[str]) -> tuple[str, ...]:
+    suffix = ".position"
+    return tuple(name.removesuffix(suffix) for name in header if name.endswith(suffix)) or ("<joint>",)
+
+
+def _units(path: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints' units from the companion file, or radians where there is none."""
+    companion = path.with_name(COLUMNS_FILE)
+    known = read_columns(companion) if companion.exists() else {}
+    units = (known.get(f"{name}.position", {}).get("unit", "rad") for name in names)
+    return tuple(unit if unit in ("rad", "m") else "rad" for unit in units)

@@ -1,0 +1,98 @@
+"""Trajectories to files and back, the format chosen by the file's suffix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from pepper_kin.atomic_file import PathName
+from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.files.csv_file import read_csv, write_csv
+from pepper_kin.files.json_file import read_json, write_json
+from pepper_kin.files.mcap_file import read_mcap, write_mcap
+from pepper_kin.files.naoqi_file import CYCLE, read_naoqi, write_naoqi
+from pepper_kin.files.npz_file import read_npz, write_npz
+from pepper_kin.files.ros_file import read_ros, write_ros
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.trajectory import Trajectory
+
+
+class _Format(NamedTuple):
+    suffixes: tuple[str, ...]
+    write: Callable[..., Path]
+    read: Callable[[PathName, PepperModel | None], Trajectory]
+    step: float | None  # default time between samples [s]; None where the file is exact
+
+
+FORMATS: dict[str, _Format] = {
+    "csv": _Format((".csv",), write_csv, read_csv, 0.01),
+    "npz": _Format((".npz",), write_npz, read_npz, None),
+    "json": _Format((".json",), write_json, read_json, None),
+    "ros": _Format((".yaml", ".yml"), write_ros, read_ros, 0.01),
+    "naoqi": _Format((".py",), write_naoqi, read_naoqi, 2 * CYCLE),
+    "mcap": _Format((".mcap",), write_mcap, read_mcap, 0.01),
+}
+"""Format -> suffixes, writer, reader and step."""
+
+
+def save(
+    trajectory: Trajectory, path: PathName, format: str | None = None, *, dt: float | None = None
+) -> Path:
+    """Write a trajectory to a file, whole or not at all.
+
+    "npz" and "json" hold the polynomials and are exact; the others hold samples, which read back the same at
+    the samples' times.
+
+    Args:
+        trajectory: The trajectory.
+        path: The file; its folder must exist.
+        format: "csv", "npz", "json", "ros" (YAML for `ros2 topic pub`), "naoqi" (a Python script for the
+            robot) or "mcap"; by the suffix (.csv, .npz, .json, .yaml, .py, .mcap) if omitted.
+        dt: Time between samples [s]; 0.01, for "naoqi" 0.04, if omitted.  Without meaning where exact.
+
+    Returns:
+        The path.
+
+    Raises:
+        UnknownNameError: for an unknown format or suffix.
+        InvalidValueError: for a dt that is not above zero, or joints that the format cannot hold.
+        MissingDependencyError: for "mcap" without its package.
+        FileFormatError: where the file cannot be written.
+    """
+    chosen = _chosen(path, format)
+    if chosen.step is None:
+        return chosen.write(path, trajectory)
+    return chosen.write(path, trajectory, chosen.step if dt is None else dt)
+
+
+def load(path: PathName, pepper: PepperModel | None = None, format: str | None = None) -> Trajectory:
+    """Read a trajectory that `save` wrote.
+
+    Args:
+        path: The file.
+        pepper: The robot whose joints the file must have, in its order; any joints if omitted.
+        format: As for `save`; by the suffix if omitted.
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        UnknownNameError: for an unknown format or suffix.
+        MissingDependencyError: for "mcap" without its package.
+        FileFormatError: naming path, line and what is wrong: truncated, another order of joints, NaN, times
+            that do not rise, or no such file at all.
+    """
+    return _chosen(path, format).read(path, pepper)
+
+
+def _chosen(path: PathName, format: str | None) -> _Format:
+    if format is not None:
+        if format not in FORMATS:
+            raise UnknownNameError("format", format, FORMATS)
+        return FORMATS[format]
+    suffix = Path(path).suffix.lower()
+    for known in FORMATS.values():
+        if suffix in known.suffixes:
+            return known
+    raise UnknownNameError("suffix", suffix, (s for f in FORMATS.values() for s in f.suffixes))

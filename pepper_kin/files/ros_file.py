@@ -1,0 +1,219 @@
+"""Trajectories as `trajectory_msgs/JointTrajectory` of ROS, in the YAML that `ros2 topic pub` takes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import atomic_file
+from pepper_kin.atomic_file import PathName
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.files.json_file import read_utf8
+from pepper_kin.files.sampled_motion import (
+    NANOSECONDS,
+    check_joint_names,
+    check_times,
+    nanosecond_samples,
+    through_points,
+    units_for,
+)
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_FIELDS = {"header", "joint_names", "points"}
+_LISTS = ("positions", "velocities", "accelerations", "effort")
+_POINT = {*_LISTS, "time_from_start"}
+_DEEPEST = 16  # lists and mappings in one another; a trajectory has five
+
+
+def write_ros(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
+    """Write a trajectory, sampled, as YAML of `trajectory_msgs/msg/JointTrajectory`.
+
+    It is published by
+        ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory "$(cat FILE)"
+
+    Args:
+        path: The file; its folder must exist.
+        trajectory: The trajectory.
+        dt: Time between points [s]; the last is at the duration, rounded to a nanosecond.
+
+    Raises:
+        InvalidValueError: for a dt that is not above zero.
+        FileFormatError: where the file cannot be written.
+    """
+    stamps, samples = nanosecond_samples(trajectory, dt)
+    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", "joint_names:"]
+    lines += [f"- {_text(name)}" for name in samples.joint_names]
+    lines.append("points:")
+    for i, stamp in enumerate(stamps.tolist()):
+        seconds, nanoseconds = divmod(stamp, NANOSECONDS)
+        lines += [
+            f"- positions: {_floats(samples.position[i])}",
+            f"  velocities: {_floats(samples.velocity[i])}",
+            f"  accelerations: {_floats(samples.acceleration[i])}",
+            "  effort: []",
+            f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
+        ]
+    return atomic_file.write_text(path, "\n".join(lines) + "\n")
+
+
+def _text(name: str) -> str:
+    return "'" + name.replace("'", "''") + "'"
+
+
+def _floats(values: Array) -> str:
+    """Return a YAML list; YAML 1.1 takes 1e-05 for a text, and only 1.0e-05 for a number."""
+    return "[" + ", ".join(_float(value) for value in values.tolist()) + "]"
+
+
+def _float(value: float) -> str:
+    digits = repr(value)
+    return digits if "." in digits else digits.replace("e", ".0e")
+
+
+def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
+    """Read a trajectory from YAML of `trajectory_msgs/msg/JointTrajectory`.
+
+    Points may lack accelerations (cubic pieces then) or also velocities (a cubic spline from rest to rest
+    then), but all points alike; the first is at time 0.
+
+    Args:
+        path: The file.
+        pepper: The robot whose joints the file must have, in its order; any joints, in radians, if omitted.
+
+    Raises:
+        FileFormatError: naming path and line and what is wrong there.
+    """
+    import yaml
+
+    text = read_utf8(path)
+    if not text.endswith("\n"):
+        raise FileFormatError(path, "is truncated: its last line has no end", text.count("\n") + 1)
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        _check_depth(path, text, loader)
+        root = yaml.compose(text, Loader=loader)
+    except yaml.MarkedYAMLError as error:
+        line = None if error.problem_mark is None else error.problem_mark.line + 1
+        raise FileFormatError(path, f"is not whole YAML: {error.problem}", line) from error
+    except yaml.YAMLError as error:
+        raise FileFormatError(path, f"is not YAML: {error}") from error
+    message = _Reader(path).mapping(root, _FIELDS, {"joint_names", "points"}, "JointTrajectory")
+    return _trajectory(_Reader(path), message, pepper)
+
+
+def _check_depth(path: PathName, text: str, loader: Any) -> None:
+    """Refuse what is nested deeper than any trajectory: composing it would overflow the stack of libyaml.
+
+    Raises:
+        FileFormatError: naming the line.
+    """
+    import yaml
+
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > _DEEPEST:
+                line = event.start_mark.line + 1
+                raise FileFormatError(path, f"is no JointTrajectory: nested more than {_DEEPEST} deep", line)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
+def _trajectory(read: _Reader, message: dict[str, Any], pepper: PepperModel | None) -> Trajectory:
+    names_node = message["joint_names"]
+    texts = [getattr(node, "value", None) for node in read.items(names_node, "joint_names")]
+    names = check_joint_names(read.path, texts, pepper, read.line(names_node))
+    nodes = read.items(message["points"], "points")
+    points = [read.mapping(node, _POINT, {"positions", "time_from_start"}, "point") for node in nodes]
+    time = np.array([read.duration(point["time_from_start"]) for point in points]) / NANOSECONDS
+    check_times(read.path, time, lambda i: read.line(nodes[i] if nodes else message["points"]))
+    found: dict[str, Array | None] = {}
+    for name in _LISTS[:3]:
+        rows = [read.numbers(point[name], name) if name in point else [] for point in points]
+        found[name] = _table(read, name, rows, nodes, len(names))
+    if found["positions"] is None:
+        raise FileFormatError(read.path, "points have no positions", read.line(nodes[0]))
+    if found["velocities"] is None and found["accelerations"] is not None:
+        raise FileFormatError(read.path, "points have accelerations but no velocities", read.line(nodes[0]))
+    units = units_for(names, pepper)
+    return through_points(names, units, time, found["positions"], found["velocities"], found["accelerations"])
+
+
+def _table(read: _Reader, name: str, rows: list[list[float]], nodes: list[Any], n: int) -> Array | None:
+    """Return values of all points, None where no point has any."""
+    if not any(rows):
+        return None
+    for row, node in zip(rows, nodes, strict=True):
+        if len(row) != n:
+            raise FileFormatError(read.path, f"{len(row)} {name} for {n} joints", read.line(node))
+    return np.array(rows)
+
+
+class _Reader:
+    """Takes YAML nodes apart and says the line where they are not what they should be."""
+
+    def __init__(self, path: PathName) -> None:
+        self.path = path
+
+    def line(self, node: Any) -> int | None:
+        """Return the line of a node."""
+        return None if node is None else node.start_mark.line + 1
+
+    def fail(self, node: Any, reason: str) -> FileFormatError:
+        """Return the error that names the node's line."""
+        return FileFormatError(self.path, reason, self.line(node))
+
+    def mapping(self, node: Any, known: set[str], needed: set[str], what: str) -> dict[str, Any]:
+        """Return the nodes of a mapping by field."""
+        if getattr(node, "id", None) != "mapping":
+            raise self.fail(node, f"is no {what}: expected fields {', '.join(sorted(needed))}")
+        found: dict[str, Any] = {}
+        for key, value in node.value:
+            name = str(key.value)
+            if name not in known:
+                raise self.fail(key, f"unknown field {name!r} of {what}, expected {', '.join(sorted(known))}")
+            if name in found:
+                raise self.fail(key, f"field {name!r} of {what} occurs twice")
+            found[name] = value
+        for name in sorted(needed - set(found)):
+            raise self.fail(node, f"field {name!r} of {what} is missing")
+        return found
+
+    def items(self, node: Any, what: str) -> list[Any]:
+        """Return the nodes of a sequence."""
+        if getattr(node, "id", None) != "sequence":
+            raise self.fail(node, f"{what} is no list")
+        return list(node.value)
+
+    def numbers(self, node: Any, what: str) -> list[float]:
+        """Return the finite numbers of a sequence."""
+        return [self._number(item, what) for item in self.items(node, what)]
+
+    def _number(self, node: Any, what: str) -> float:
+        if getattr(node, "tag", "").rpartition(":")[2] in ("float", "int"):
+            try:
+                value = float(node.value)
+            except ValueError:
+                value = math.nan
+            if math.isfinite(value):
+                return value
+        raise self.fail(node, f"{what} has {getattr(node, 'value', node)!r}, expected a finite number")
+
+    def duration(self, node: Any) -> int:
+        """Return a duration in whole nanoseconds."""
+        fields = self.mapping(node, {"sec", "nanosec"}, {"sec", "nanosec"}, "time_from_start")
+        total = 0
+        for name, factor in (("sec", NANOSECONDS), ("nanosec", 1)):
+            digits = str(fields[name].value)
+            if not digits.isdecimal() or int(digits) * factor >= 2**62 // 2:
+                raise self.fail(fields[name], f"{name} is {digits!r}, expected a whole number of 0 or more")
+            total += int(digits) * factor
+        return total

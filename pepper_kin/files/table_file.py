@@ -1,0 +1,195 @@
+"""Tables over time as CSV, with their columns explained in a companion file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin import atomic_file
+from pepper_kin.atomic_file import PathName
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.trajectory.quantities import UNITS, unit_of
+
+Array = NDArray[np.float64]
+
+TIME = "time"
+COLUMNS_FILE = "columns.json"
+_KEYS = {"unit", "quantity", "joint"}
+
+
+def write_table(
+    path: PathName, columns: Mapping[str, ArrayLike], joint_units: Mapping[str, str] | None = None
+) -> Path:
+    """Write columns over time as CSV, and explain them in `columns.json` beside it.
+
+    The first line names the columns: `time` [s], then `<joint>.<quantity>` with a quantity of
+    `pepper_kin.trajectory.quantities.UNITS`.  Numbers are written so that reading gives the same floats.
+    `columns.json` maps each column to {"unit", "quantity", "joint"}; tables in one folder share it.  Both
+    files are replaced in one step each, so that no half of one is ever seen.
+
+    Args:
+        path: The CSV file; its folder must exist.
+        columns: Name -> values, shape (T,); "time" first, rising.
+        joint_units: Joint -> "rad" or "m"; "rad" where a joint is missing.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidValueError: for a bad name or value.
+        UnknownNameError: for an unknown quantity.
+        FileFormatError: where a file cannot be written, or `columns.json` is something else.
+    """
+    target = Path(path)
+    names = list(columns)
+    if not names or names[0] != TIME:
+        raise InvalidValueError("columns", ", ".join(names[:3]), f"{TIME!r} as the first column")
+    units = joint_units or {}
+    meaning = {name: _meaning(name, units) for name in names}
+    time = as_finite(columns[TIME], TIME, (None,))
+    if np.any(np.diff(time) <= 0):
+        raise InvalidValueError(TIME, "times that do not rise", "times that rise")
+    table = np.column_stack([as_finite(values, name, (time.size,)) for name, values in columns.items()])
+    companion = target.with_name(COLUMNS_FILE)
+    known = read_columns(companion) if companion.exists() else {}
+    lines = [",".join(names), *(",".join(map(repr, row)) for row in table.tolist())]
+    atomic_file.write_text(target, "\n".join(lines) + "\n")
+    atomic_file.write_text(companion, json.dumps({**known, **meaning}, indent=1) + "\n")
+    return target
+
+
+def _meaning(name: str, units: Mapping[str, str]) -> dict[str, str | None]:
+    if name == TIME:
+        return {"unit": "s", "quantity": TIME, "joint": None}
+    joint, dot, quantity = name.rpartition(".")
+    if not dot or not joint or any(c in name for c in ',"\n\r'):
+        raise InvalidValueError(
+            "column", repr(name), "'<joint>.<quantity>' without commas, quotes or line ends"
+        )
+    return {"unit": unit_of(quantity, units.get(joint, "rad")), "quantity": quantity, "joint": joint}
+
+
+def read_columns(path: PathName) -> dict[str, dict[str, Any]]:
+    """Read a `columns.json`: column -> {"unit", "quantity", "joint"}.
+
+    Raises:
+        FileFormatError: where it cannot be read or holds something else.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise FileFormatError(path, f"is not JSON: {error}", getattr(error, "lineno", None)) from error
+    rows = content.values() if isinstance(content, dict) else [None]
+    if not all(isinstance(row, dict) and set(row) == _KEYS for row in rows):
+        raise FileFormatError(path, "does not map columns to unit, quantity and joint")
+    return dict(content)
+
+
+def read_table(path: PathName, expected: Sequence[str] | None = None) -> dict[str, Array]:
+    """Read a table that `write_table` wrote.
+
+    Args:
+        path: The CSV file.
+        expected: The columns it must have, in this order; any that are well-formed if omitted.
+
+    Returns:
+        Column -> values, shape (T,), "time" first.
+
+    Raises:
+        FileFormatError: naming path and line, for a file that cannot be read or is no such table; columns
+            that are missing, unknown, doubled or in another order; a line cut short; a NaN; times that
+            do not rise.
+    """
+    names, rows = _lines(path)
+    _check_header(path, names, expected)
+    table = np.empty((len(rows), len(names)))
+    for i, row in enumerate(rows):
+        table[i] = _numbers(path, i + 2, row, names)
+    falling = np.flatnonzero(np.diff(table[:, 0]) <= 0)
+    if falling.size:
+        at = int(falling[0]) + 1
+        reason = (
+            f"time {float(table[at, 0])!r} does not come after {float(table[at - 1, 0])!r} of the line before"
+        )
+        raise FileFormatError(path, reason, at + 2)
+    return {name: table[:, i].copy() for i, name in enumerate(names)}
+
+
+def _lines(path: PathName) -> tuple[list[str], list[str]]:
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")  # spreadsheets begin a file with a mark of order
+    except OSError as error:
+        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise FileFormatError(path, "is not text in UTF-8") from error
+    lines = text.split("\n")
+    if lines[0].split(",")[0].strip() != TIME:
+        raise FileFormatError(path, f"is no table: its first line does not begin with {TIME!r}", 1)
+    if lines[-1] != "":
+        raise FileFormatError(path, "is truncated: its last line has no end", len(lines))
+    if len(lines) < 3:
+        raise FileFormatError(path, "has no line of numbers", 1)
+    return lines[0].rstrip("\r").split(","), lines[1:-1]
+
+
+def _check_header(path: PathName, names: list[str], expected: Iterable[str] | None) -> None:
+    doubled = [name for i, name in enumerate(names) if name in names[:i]]
+    if doubled:
+        raise FileFormatError(path, f"column {doubled[0]!r} occurs twice", 1)
+    for name in names[1:]:
+        joint, _, quantity = name.rpartition(".")
+        if not joint or quantity not in UNITS:
+            known = ", ".join(UNITS)
+            raise FileFormatError(
+                path, f"unknown column {name!r}, expected <joint>.<quantity>, one of {known}", 1
+            )
+    if expected is None:
+        return
+    wanted = list(expected)
+    missing, unknown = [n for n in wanted if n not in names], [n for n in names if n not in wanted]
+    if unknown:
+        raise FileFormatError(path, f"unknown column {unknown[0]!r}{_known(unknown[0], wanted)}", 1)
+    if missing:
+        raise FileFormatError(path, f"column {missing[0]!r} is missing", 1)
+    if names != wanted:
+        name, place = next((n, w) for n, w in zip(names, wanted, strict=True) if n != w)
+        raise FileFormatError(path, f"columns in another order: {name!r} where {place!r} belongs", 1)
+
+
+def _known(name: str, wanted: list[str]) -> str:
+    """Return what a column may be named that is named wrongly."""
+    parts = [column.rpartition(".") for column in wanted if column != TIME]
+    joint = name.rpartition(".")[0]
+    kinds = ", ".join(quantity for owner, _, quantity in parts if owner == joint)
+    joints = ", ".join(dict.fromkeys(owner for owner, _, _ in parts))
+    return f"; of {joint} there can be {kinds}" if kinds else f"; the joints are {joints}" if joints else ""
+
+
+def _numbers(path: PathName, line: int, row: str, names: list[str]) -> list[float]:
+    cells = row.split(",")
+    if len(cells) != len(names):
+        raise FileFormatError(path, f"{len(cells)} values for {len(names)} columns", line)
+    try:
+        values = [float(cell) for cell in cells]
+    except ValueError:
+        values = [_number(cell) for cell in cells]
+    for name, cell, value in zip(names, cells, values, strict=True):
+        if not math.isfinite(value):
+            raise FileFormatError(path, f"{name} is {cell.strip()!r}, expected a finite number", line)
+    return values
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,312 @@
+"""Tasks as the compiled search takes them: a kernel and tables, made once for each robot and set of tasks."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.batch import kernel
+from pepper_kin.core.clock import CLOCK
+from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
+from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.fast.structure import Structure, known_structures, target_of
+from pepper_kin.ik.problem import SearchBudget, generic_configurations, joints_used, motion_scale
+from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt
+from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model.shapes import read_only
+
+_KERNEL = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+
+
+class SearchBuffers:
+    """Arrays for one search at a time.
+
+    Args:
+        width: Length of a row of input.
+        n: Number of joints.
+        tasks: Number of tasks t.
+        signals: See `interrupt_table`.
+
+    Attributes:
+        given: Input of `solve_rows`, shape (1, width).
+        answers: Its output, shape (1, n + t + EXTRA).
+        row: The row of `given`, shape (width,).
+        answer: The row of `answers`, shape (n + t + EXTRA,).
+        tolerance: Squared tolerances, shape (t,).
+        signals: See `interrupt_table`.
+    """
+
+    def __init__(self, width: int, n: int, tasks: int, signals: np.ndarray) -> None:
+        self.given, self.answers = np.empty((1, width)), np.empty((1, n + tasks + EXTRA))
+        self.row, self.answer, self.tolerance = self.given[0], self.answers[0], np.empty(tasks)
+        self.signals = signals
+        self._key: tuple[SearchBudget, bool, int] | None = None
+        self._options: SearchOptions | None = None
+
+    def options(self, budget: SearchBudget, stop_when_met: bool, dimension: int) -> SearchOptions:
+        """Return the options of a search; those of the last one where nothing has changed."""
+        key = (budget, stop_when_met, dimension)
+        if key != self._key or self._options is None:
+            n = self.answer.size - self.tolerance.size - EXTRA
+            first, advance = unit_points(dimension, n, budget.seed)
+            self._options = SearchOptions(
+                self.tolerance, first, advance, budget.restarts, budget.max_iterations, stop_when_met, CLOCK,
+                budget.deadline, self.signals,
+            )  # fmt: skip
+            self._key = key
+        return self._options
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledTasks:
+    """Machine code and tables for tasks of one structure on one robot.
+
+    Attributes:
+        tables: As `solve_rows` takes them.
+        index: Places of the joints that move a task, shape (k,).
+        bounds: Lower and upper limits of `tables.joints`, and 1 for each: all may move, shape (3, n).
+        target_places: Where each task's target lies in a row of input; None for tasks in Python.
+        width: Length of a row of input.
+        solve: The function `solve_rows`, as it is called fastest.
+        python: The tasks in Python, where there is no machine code for them.
+        spare: Buffers that no search uses.
+    """
+
+    tables: TaskTables
+    index: np.ndarray
+    bounds: Array
+    target_places: tuple[slice | None, ...]
+    width: int
+    solve: Callable[..., None]
+    python: PythonTasks | None
+    _kernels: tuple[Kernel, ...]
+    spare: list[SearchBuffers] = field(default_factory=list)
+
+    def buffers(self) -> SearchBuffers:
+        """Return buffers to use; append them to `spare` afterwards."""
+        try:
+            return self.spare.pop()
+        except IndexError:
+            signals = interrupt_table() if self.python is None else self.python.signals
+            return SearchBuffers(self.width, self.tables.effort.size, len(self.target_places), signals)
+
+    def check(self, buffers: SearchBuffers) -> None:
+        """Raise what a signal, or a task in Python, has raised during a search."""
+        raise_interrupt(buffers.signals)
+        if self.python is not None:
+            self.python.check()
+
+    def bounds_of(self, movable: np.ndarray | None) -> Array:
+        """Return the bounds where only some joints may move, shape (n,); None for all."""
+        if movable is None:
+            return self.bounds
+        bounds = self.bounds.copy()
+        bounds[2] = movable[self.tables.joints]
+        return bounds
+
+    def read(self, tasks: Sequence[Task], row: Array, tolerance: Array) -> bool:
+        """Write weights and targets into a row of input and the squared tolerances.
+
+        Returns whether nothing is left to gain once all tasks are well met.
+        """
+        n, finite = self.tables.effort.size, True
+        for k, (task, targets) in enumerate(zip(tasks, self.target_places, strict=True)):
+            weight, allowed = task.weight, task.tolerance
+            row[n + k] = weight * weight
+            if targets is not None:
+                row[targets] = target_of(task)
+            tolerance[k] = allowed * allowed
+            finite = finite and allowed < np.inf
+        return finite
+
+
+class PythonTasks:
+    """Tasks of a user's own classes: machine code calls the address of their kernel, which runs Python.
+
+    What they raise ends the search and is raised by `check`.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks.
+        index: Places of the joints to differentiate by, shape (k,).
+
+    Attributes:
+        address: Of a C function like that of `task_function`; valid while this object lives.
+        signals: Told to stop when a task raises.
+    """
+
+    def __init__(self, pepper: PepperModel, tasks: Sequence[Task], index: np.ndarray) -> None:
+        self._pepper, self._tasks, self._index = pepper, tuple(tasks), index
+        self._upper = np.triu_indices(index.size)
+        self._raised: BaseException | None = None
+        self.signals = interrupt_table()
+        self._function = _KERNEL(self._call)
+        self.address = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
+
+    def check(self) -> None:
+        """Raise what a task has raised since the last time."""
+        raised, self._raised = self._raised, None
+        if raised is not None:
+            raise raised
+
+    def _call(self, given: int, result: int, _: int) -> None:
+        n, t, k = self._pepper.n, len(self._tasks), self._index.size
+        size = t + 1 + k + k * (k + 1) // 2
+        output = floats_at(result, size)
+        try:
+            if self._raised is None:
+                q = floats_at(given, n).copy()
+                output[:] = self._values(read_only(q))
+                return
+        except BaseException as error:  # an exception cannot pass through machine code
+            self._raised = error
+        self.signals[STOPPED] = 1
+        output[:] = np.inf
+
+    def _values(self, q: Array) -> Array:
+        pepper, residuals, slopes, errors = self._pepper, [], [], []
+        for task in self._tasks:
+            residual = np.asarray(task.residual(pepper, q), dtype=float)
+            slope = np.asarray(task.jacobian(pepper, q), dtype=float)
+            error = float(task.size(residual))
+            if not (np.isfinite(residual).all() and np.isfinite(slope).all() and np.isfinite(error)):
+                raise InvalidValueError(f"residual of {task.label}", "NaN or infinity", "finite numbers")
+            residuals.append(task.strength * residual)
+            slopes.append(task.strength * slope[:, self._index])
+            errors.append(error * error)
+        residual, slope = np.concatenate(residuals), np.concatenate(slopes)
+        cost = 0.5 * float(residual @ residual)
+        return np.concatenate([errors, [cost], slope.T @ residual, (slope.T @ slope)[self._upper]])
+
+
+SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks"))
+"""Packages on which the kernels depend."""
+
+_kept: RobotMemory[tuple[Structure, ...], CompiledTasks] = RobotMemory()
+_lock = threading.Lock()
+
+
+def compiled_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> CompiledTasks:
+    """Return tasks of a robot ready for the search; the first time, compile them or read them from disk.
+
+    Tasks of classes that there is no machine code for are evaluated in Python, and made ready anew each time.
+    """
+    structures = known_structures(tasks)
+    if structures is None:
+        index = np.flatnonzero(joints_used(pepper, tasks)).astype(np.int64)
+        python = PythonTasks(pepper, tasks, index)
+        return _compiled(pepper, index, [None] * len(tasks), python.address, python=python)
+    known = _kept.of(pepper)
+    found = known.get(structures)
+    if found is None:
+        found = _with_machine_code(pepper, structures)
+        with _lock:
+            found = known.setdefault(structures, found)
+    return found
+
+
+def _with_machine_code(pepper: PepperModel, tasks: tuple[Structure, ...]) -> CompiledTasks:
+    index = used_joints(pepper, tasks)
+
+    def step() -> Any:
+        from pepper_kin.ik.fast.expression import task_function
+
+        return task_function(pepper, tasks, index)
+
+    key = f"ik {tasks!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
+    made = compile_function(step, key=key, batch=False)
+    return _compiled(pepper, index, [task.target_size for task in tasks], made.single_address, made)
+
+
+def _compiled(
+    pepper: PepperModel,
+    index: np.ndarray,
+    target_sizes: Sequence[int | None],
+    address: int,
+    made: Kernel | None = None,
+    python: PythonTasks | None = None,
+) -> CompiledTasks:
+    gravity = kernel(pepper, "gravity_torque")
+    places: list[slice | None] = []
+    place = pepper.n + len(target_sizes)
+    for size in target_sizes:
+        places.append(None if size is None else slice(place, place + size))
+        place += size or 0
+    limited = np.isfinite(pepper.effort_limits) & (pepper.effort_limits > 0)
+    joints = np.concatenate([index, np.setdiff1d(np.arange(pepper.n), index)]).astype(np.int64)
+    tables = TaskTables(
+        kernel=address,
+        gravity=gravity.single_address,
+        work_size=max(gravity.work_size, 0 if made is None else made.work_size) + 8,
+        task_joints=index.size,
+        joints=joints,
+        scale=motion_scale(pepper, pepper.neutral())[joints] ** 2,
+        effort=np.where(limited, 1.0 / np.where(limited, pepper.effort_limits, 1.0), 0.0),
+    )
+    return CompiledTasks(
+        tables=tables,
+        index=index,
+        bounds=np.array([pepper.lower_limits[joints], pepper.upper_limits[joints], np.ones(pepper.n)]),
+        target_places=tuple(places),
+        width=place,
+        solve=solve_rows.native,
+        python=python,
+        _kernels=(gravity,) if made is None else (gravity, made),
+    )
+
+
+def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
+    """Return the places of the joints that move any task, ascending.
+
+    A joint moves a frame's task where it is on the way to the frame; whether its column vanishes by some
+    symmetry is left to the search, which then leaves the joint where it is.
+    """
+    from pepper_kin.dynamics import center_of_mass_jacobian
+    from pepper_kin.ik.fast.task_residuals import joints_of_relative
+    from pepper_kin.kinematics import frame_jacobian
+
+    used = np.zeros(pepper.n, dtype=bool)
+    for task in tasks:
+        if task.reference:
+            used |= joints_of_relative(pepper, task)
+        elif not task.frame and task.kind != "CenterOfMass":
+            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
+        else:
+            for q in generic_configurations(pepper):
+                whole = center_of_mass_jacobian(pepper, q)[:2] if not task.frame else None
+                change = frame_jacobian(pepper, q, task.frame) if whole is None else whole
+                used |= np.abs(change).max(axis=0) > 1e-9
+    return np.flatnonzero(used).astype(np.int64)
+
+
+@lru_cache(maxsize=64)
+def unit_points(dimension: int, total: int, seed: int) -> tuple[Array, Array]:
+    """Return x_0 and alpha of the points that restarts are made from, see `SearchOptions`, shape (total,).
+
+    Args:
+        dimension: k: the first k numbers are those of points of the k-dimensional unit cube.
+        total: n >= k; the further numbers are as of n dimensions.
+        seed: Draws x_0.
+    """
+    generator = np.random.default_rng(seed)
+    first = np.concatenate([generator.random(dimension), generator.random(total - dimension)])
+    whole, part = (_golden_ratio(m) ** -(1.0 + np.arange(m)) for m in (total, dimension))
+    return read_only(first), read_only(np.concatenate([part, whole[dimension:]]))
+
+
+def _golden_ratio(dimension: int) -> float:
+    """Return the real root phi of phi^(m+1) = phi + 1."""
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1.0 + ratio) ** (1.0 / (dimension + 1))
+    return ratio

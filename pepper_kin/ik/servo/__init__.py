@@ -1,7 +1,0 @@
-"""Continuous inverse kinematics: one tick at a time, within every limit."""
-
-from pepper_kin.ik.servo.differential import DifferentialStep, differential_step
-from pepper_kin.ik.servo.servo import Servo
-from pepper_kin.ik.servo.state import ServoState, ServoStatus
-
-__all__ = ["DifferentialStep", "Servo", "ServoState", "ServoStatus", "differential_step"]

@@ -1,0 +1,222 @@
+"""A plain multi-start search over the steps of another library: a reference for the compiled one."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.inverse_kinematics.local_solver import CUTS, NEAREST, SMALL_STEP
+from pepper_kin.core.inverse_kinematics.search import REACH
+from pepper_kin.ik.certificate import torque_ratios
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.fast.compiled_tasks import unit_points
+from pepper_kin.ik.problem import Problem, SearchBudget
+from pepper_kin.ik.result import SearchResult, Status
+from pepper_kin.ik.solvers.solver import TaskSolver
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model.shapes import read_only
+
+RESTARTS = 16
+"""Further starts at most, also where the budget allows for more."""
+
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-8, 1e4
+SMALL_GAIN = 1e-6
+
+STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60
+"""Starts and steps for the question whether the joints without limits would reach the target."""
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpaces:
+    """Linear inequalities that a step has to keep: normals dq <= offsets.
+
+    Attributes:
+        normals: Shape (k, n).
+        offsets: Shape (k,).
+    """
+
+    normals: Array
+    offsets: Array
+
+
+class StepSolver(ABC):
+    """Solves the differential quadratic program of one problem, again and again.
+
+    min over dq of |W (J dq + r)|^2 + lambda |diag(d) dq|^2 + eps^2 |q + dq - q_ref|^2
+    subject to  lower <= q + dq <= upper,  |dq_i| <= STEP_BOUND,  normals dq <= offsets
+    """
+
+    @abstractmethod
+    def step(
+        self,
+        q: Array,
+        residuals: Sequence[Array],
+        reference: Array,
+        damping: float,
+        half_spaces: HalfSpaces | None = None,
+    ) -> Array | None:
+        """Return the step dq.
+
+        Args:
+            q: Joint positions within the bounds [rad or m], shape (n,).
+            residuals: The tasks' residuals at q.
+            reference: q_ref [rad or m], shape (n,).
+            damping: lambda.
+            half_spaces: More inequalities, if any.
+
+        Returns:
+            dq [rad or m], shape (n,), zero at joints that may not move; None where the program has no
+            solution.
+        """
+
+
+class Candidate(NamedTuple):
+    """A configuration, judged; the least is the best: free, then met, then held, then near.
+
+    Attributes:
+        touches: Whether anything touches.
+        unmet: Whether a task is not met.
+        overloaded: Whether the motors cannot hold it.
+        distance: From q0 where the tasks are met, else their cost.
+        q: Joint positions, shape (n,) [rad or m].
+    """
+
+    touches: bool
+    unmet: bool
+    overloaded: bool
+    distance: float
+    q: Array
+
+
+class ReferenceSolver(TaskSolver):
+    """Steps of another library's solver from q0 and a few further starts.
+
+    Args:
+        name: The library's name, one of `SOLVERS`.
+        problem: The problem.
+    """
+
+    def __init__(self, name: str, problem: Problem) -> None:
+        self._name, self._problem, self._steps = name, problem, 0
+        self._stepper = make_step_solver(name, problem)
+
+    def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:
+        """Return the best of the descents' ends; where one ends in collision, another keeps clear."""
+        self._steps = restarts = 0
+        best, met_in_collision = self._judged(self._problem.q0, collisions), False
+        for number, start in enumerate(starts(self._problem, budget.seed, min(RESTARTS, budget.restarts))):
+            if (number > 0 and not any(best[:3])) or time.perf_counter() > budget.deadline:
+                break
+            restarts = number
+            for clear in (False, True):
+                end = self._judged(self.descend(start, collisions, budget, clear=clear), collisions)
+                best = min(best, end, key=lambda candidate: candidate[:4])
+                met_in_collision |= end.touches and not end.unmet
+                if not end.touches or not collisions.free(start):
+                    break
+        return SearchResult(
+            read_only(best.q), self._status(best, met_in_collision, budget), self._steps, restarts
+        )
+
+    def descend(self, start: Array, collisions: Collisions, budget: SearchBudget, *, clear: bool) -> Array:
+        """Return where damped steps from a start end; each lowers the cost, else the damping grows."""
+        problem, q, damping = self._problem, self._problem.clip(start), FIRST_DAMPING
+        residuals = problem.residuals(q)
+        cost = problem.cost(q, residuals, problem.q0)
+        cuts = deque(collisions.half_spaces(q, NEAREST) if clear else (), maxlen=CUTS)
+        for _ in range(budget.max_iterations):
+            if problem.is_close(residuals) or damping > MOST_DAMPING or time.perf_counter() > budget.deadline:
+                break
+            self._steps += 1
+            step = self._stepper.step(q, residuals, problem.q0, damping, _half_spaces(cuts, q))
+            if step is None:
+                damping *= 10
+                continue
+            trial = problem.clip(q + step)
+            new_residuals = problem.residuals(trial)
+            new_cost = problem.cost(trial, new_residuals, problem.q0)
+            gain, size = cost - new_cost, float(np.abs(trial - q).max())
+            if clear and gain > 0:
+                cuts.extend(collisions.half_spaces(trial, NEAREST))
+            if gain > 0 and (not clear or collisions.free(trial)):
+                q, residuals, cost, damping = trial, new_residuals, new_cost, max(damping / 3, LEAST_DAMPING)
+                if gain < SMALL_GAIN * cost:
+                    break
+            else:
+                damping *= 4
+            if size < SMALL_STEP:
+                break
+        return q
+
+    def _judged(self, q: Array, collisions: Collisions) -> Candidate:
+        problem = self._problem
+        residuals = problem.residuals(q)
+        met, free = problem.is_met(residuals), collisions.free(q)
+        held = bool(met and torque_ratios(problem.pepper, q).max() <= 1.0)
+        motion = float(np.linalg.norm(problem.scale * (q - problem.q0)))
+        return Candidate(not free, not met, not held, motion if met else problem.task_cost(residuals), q)
+
+    def _status(self, best: Candidate, met_in_collision: bool, budget: SearchBudget) -> Status:
+        """Return how the search ended; LIMITS where the same joints would meet the tasks without limits."""
+        if not best.touches and not best.unmet:
+            return Status.SOLVED
+        if time.perf_counter() > budget.deadline:
+            return Status.TIMED_OUT
+        if met_in_collision:
+            return Status.CLOSEST_COLLISION
+        unlimited = self._problem.without_limits()
+        solver, nothing = ReferenceSolver(self._name, unlimited), Collisions(unlimited.pepper, None)
+        fewer = budget._replace(max_iterations=min(STEPS_WITHOUT_LIMITS, budget.max_iterations))
+        for start in (best.q, *starts(unlimited, budget.seed, STARTS_WITHOUT_LIMITS)):
+            end = solver.descend(start, nothing, fewer, clear=False)
+            if unlimited.is_met(unlimited.residuals(end)):
+                return Status.CLOSEST_LIMITS
+        timed_out = time.perf_counter() > budget.deadline
+        return Status.TIMED_OUT if timed_out else Status.CLOSEST_UNREACHABLE
+
+
+def make_step_solver(name: str, problem: Problem) -> StepSolver:
+    """Return what proposes the steps for a problem; the name is one of `SOLVERS`.
+
+    Raises:
+        InvalidValueError: where the library cannot take the robot; names one that can.
+    """
+    if name == "placo":
+        from pepper_kin.ik.solvers.placo import PlacoSolver
+
+        return PlacoSolver(problem)
+    from pepper_kin.ik.solvers.proxsuite import ProxsuiteSolver
+
+    return ProxsuiteSolver(problem)
+
+
+def starts(problem: Problem, seed: int, count: int) -> Iterator[Array]:
+    """Yield q0 and then `count` points of the joint box, the first ones nearer to q0, shape (n,) [rad or m].
+
+    The points are those of the compiled search; a joint without bounds starts within pi of q0.
+    """
+    yield problem.q0
+    index = np.flatnonzero(problem.movable)
+    first, advance = unit_points(index.size, index.size, seed)
+    q0 = problem.q0[index]
+    low = np.maximum(problem.lower[index], q0 - np.pi)
+    high = np.minimum(problem.upper[index], q0 + np.pi)
+    for k in range(count):
+        q = problem.q0.copy()
+        reach = REACH[k] if k < len(REACH) else 1.0
+        q[index] = q0 + reach * (low + (first + (k + 1.0) * advance) % 1.0 * (high - low) - q0)
+        yield problem.clip(q)
+
+
+def _half_spaces(cuts: deque[Array], q: Array) -> HalfSpaces | None:
+    """Return what a step from q has to keep; where a margin is used up, it may not shrink further."""
+    if not cuts:
+        return None
+    rows = np.array(cuts)
+    return HalfSpaces(-rows[:, :-1], np.maximum(rows[:, :-1] @ q - rows[:, -1], 0.0))

@@ -1,0 +1,72 @@
+"""All machine code at once, where none comes with the package for this processor."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pepper_kin.kernels.compiled import unit_of
+from pepper_kin.kernels.store import cache_folder, can_write, find, prefer_native
+from pepper_kin.kernels.target import host_target
+from pepper_kin.kernels.warm_up import compiled_modules, make_all
+
+
+@dataclass(frozen=True)
+class WarmUp:
+    """What `warm_up` did.
+
+    Attributes:
+        modules: Number of modules with compiled functions.
+        made: How many of them had no machine code.
+        processor: LLVM's name of the processor that it was made for.
+        folder: Where it is kept.
+        seconds: How long it took [s].
+    """
+
+    modules: int
+    made: int
+    processor: str
+    folder: str
+    seconds: float
+
+    def report(self) -> str:
+        """Return one sentence."""
+        if not self.made:
+            return f"Nothing to do: there is machine code of all {self.modules} modules for {self.processor}."
+        return (
+            f"Made machine code of {self.made} of {self.modules} modules for {self.processor} in "
+            f"{self.seconds:.0f} s; it is kept in {self.folder}."
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the attributes as plain values."""
+        return dict(vars(self))
+
+
+def warm_up(
+    native: bool = False, on_progress: Callable[[int, int], None] = lambda done, total: None
+) -> WarmUp:
+    """Make all machine code that is missing, on all cores: of compiled functions and of everyday kernels.
+
+    Args:
+        native: Make it for this very processor even where the package's fits, and use it from now on.
+        on_progress: Called with the number of modules done and of all.
+    """
+    from pepper_kin.jobs.shipping import everyday_calls
+
+    begin = time.perf_counter()
+    if native and can_write():
+        prefer_native()
+    names = compiled_modules()
+    missing = [name for name in names if importlib.import_module(name) and not _is_found(name)]
+    make_all(missing, lambda done: on_progress(done, len(missing)))
+    everyday_calls()
+    seconds = time.perf_counter() - begin
+    return WarmUp(len(names), len(missing), host_target().cpu, str(cache_folder()), seconds)
+
+
+def _is_found(name: str) -> bool:
+    return find(name, unit_of(name).key()) is not None

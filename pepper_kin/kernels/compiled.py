@@ -1,0 +1,333 @@
+"""`compiled`: the one way in which Python functions of this library become machine code.
+
+    @compiled
+    def _square(x: float) -> float:
+        return x * x
+
+    @compiled("float64(float64[::1])")
+    def sum_of_squares(x: Floats1) -> float:
+        total = 0.0
+        for i in range(x.size):
+            total += _square(x[i])
+        return total
+
+A function with a signature can be called from Python; one without is called by compiled functions only.
+Importing a module with such functions imports no compiler: on the first call, the machine code of all
+functions of the module with signatures is looked for in the file that comes with the package, then in the
+cache folder, and else made by Numba (`numba_builder`) and kept.  With NUMBA_DISABLE_JIT=1 the same source
+runs interpreted.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import marshal
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.kernels.compiler import LoadedCode
+from pepper_kin.kernels.signatures import Array, Record, Scalar, Signature, parse_signature, record_of
+from pepper_kin.kernels.sources import file_digest
+from pepper_kin.kernels.store import find, is_recording, obtain
+from pepper_kin.kernels.target import Target
+
+INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+"""Whether compiled functions run as the Python functions that they are, for debugging."""
+
+_PACKAGES = ("pepper_kin",)
+
+
+class CompiledFunction:
+    """A function that runs as machine code.
+
+    Attributes:
+        python: The function itself.
+        signature: Types of its result and arguments; None for a function that only compiled ones call.
+        by_address: Whether `address` is that of a C function with the same scalar arguments.
+        lean: Whether it makes and returns no arrays, so that references need not be counted.
+        inline: Whether its callers always take it in.
+        vector: Whether sums may be taken in another order, and no operand is infinite or NaN.
+        symbol: Its name in the object file.
+    """
+
+    def __init__(
+        self,
+        function: FunctionType,
+        text: str | None,
+        *,
+        by_address: bool,
+        lean: bool,
+        inline: bool,
+        vector: bool,
+    ) -> None:
+        self.python = function
+        self.text = text
+        self.by_address, self.lean, self.inline, self.vector = by_address, lean, inline, vector
+        self.symbol = f"{function.__module__}.{function.__qualname__}".replace(".", "_")
+        self.__doc__, self.__name__, self.__module__ = (
+            function.__doc__,
+            function.__name__,
+            function.__module__,
+        )
+        self.__qualname__, self.__wrapped__ = function.__qualname__, function
+        self._signature: Signature | None = None
+        self._direct: Any = None
+        self._dispatcher: Any = None
+        self._call: Callable[..., Any] = function if INTERPRETED or text is None else self._first_call
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the function."""
+        return self._call(*arguments)
+
+    @property
+    def signature(self) -> Signature | None:
+        """Types of result and arguments."""
+        if self._signature is None and self.text is not None:
+            self._signature = parse_signature(self.text, self.python.__globals__)
+        return self._signature
+
+    @property
+    def native(self) -> Callable[..., Any]:
+        """The function as Python calls it fastest."""
+        if self._call == self._first_call:
+            self.load()
+        return self._call
+
+    @property
+    def address(self) -> int:
+        """Address of a C function that takes the scalars of the signature; valid as long as the process."""
+        if self._direct is None:
+            if INTERPRETED:
+                self._direct = _callback(self)
+            else:
+                self._direct = unit_of(self.__module__).load().address(self.symbol + "_direct")
+        if isinstance(self._direct, int):
+            return self._direct
+        return int(ctypes.cast(self._direct, ctypes.c_void_p).value or 0)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What Numba takes this object for, where a compiled function calls it."""
+        from numba import types
+
+        return types.Dispatcher(self.dispatcher)
+
+    @property
+    def dispatcher(self) -> Any:
+        """Numba's dispatcher of the function, made on first use."""
+        if self._dispatcher is None:
+            from pepper_kin.kernels.numba_builder import make_dispatcher
+
+            self._dispatcher = make_dispatcher(self)
+        return self._dispatcher
+
+    def load(self) -> None:
+        """Get the machine code ready."""
+        from pepper_kin.kernels.calling import builtin_function
+
+        code = unit_of(self.__module__).load()
+        assert self.signature is not None
+        self._call = builtin_function(self, code.address(self.symbol))
+
+    def _first_call(self, *arguments: Any) -> Any:
+        self.load()
+        return self._call(*arguments)
+
+    def __reduce__(self) -> str:
+        return self.__qualname__
+
+    def __repr__(self) -> str:
+        """Name and signature."""
+        return f"<compiled {self.__module__}.{self.__qualname__} {self.text or ''}>"
+
+
+def compiled(
+    function: Any = None,
+    /,
+    *,
+    by_address: bool = False,
+    lean: bool = False,
+    inline: bool = False,
+    vector: bool = False,
+) -> Any:
+    """Decorate a function that runs as machine code.
+
+    Args:
+        function: The function, or its signature as text (see `signatures`).
+        by_address: Offer it as a C function too; all arguments must be scalars (arrays as addresses).
+        lean: It makes no arrays, returns none and assigns no slices: references to arrays are not counted.
+        inline: Its callers always take it in.
+        vector: Products and sums may be contracted, and no operand is infinite or NaN.
+    """
+
+    def decorate(python: FunctionType) -> CompiledFunction:
+        text = function if isinstance(function, str) else None
+        made = CompiledFunction(python, text, by_address=by_address, lean=lean, inline=inline, vector=vector)
+        if text is not None:
+            unit_of(python.__module__).functions.append(made)
+        return made
+
+    if function is None or isinstance(function, str):
+        return decorate
+    return decorate(function)
+
+
+class Unit:
+    """The functions of a module that have signatures; their machine code is one object file."""
+
+    def __init__(self, module: str) -> None:
+        self.module = module
+        self.functions: list[CompiledFunction] = []
+        self._code: LoadedCode | None = None
+        self._lock = threading.RLock()
+
+    def key(self) -> str:
+        """Hash of all that the machine code is made from: sources, constants, signatures, the builder."""
+        digest = hashlib.sha256(_builder_digest())
+        for line in sorted(set(self._ingredients())):
+            digest.update(line.encode() + b"\n")
+        return digest.hexdigest()
+
+    def _ingredients(self) -> Iterator[str]:
+        seen: set[int] = set()
+        waiting: list[CompiledFunction] = list(self.functions)
+        for function in self.functions:
+            yield f"entry {function.symbol} {function.signature} {function.by_address}"
+        while waiting:
+            function = waiting.pop()
+            if id(function) in seen:
+                continue
+            seen.add(id(function))
+            yield f"source {function.__module__} {_source_digest(function.python)}"
+            yield f"options {function.symbol} {function.lean} {function.inline} {function.vector}"
+            for place, value in _named_values(function.python):
+                if isinstance(value, CompiledFunction):
+                    waiting.append(value)
+                elif isinstance(value, FunctionType) and value.__module__.startswith(_PACKAGES):
+                    yield f"source {value.__module__} {_source_digest(value)}"
+                else:
+                    described = _described(value)
+                    if described is not None:
+                        yield f"value {place} {described}"
+
+    def load(self) -> LoadedCode:
+        """Return the machine code, loaded or made."""
+        with self._lock:
+            if self._code is None:
+                key = self.key()
+                part = None if is_recording() else find(self.module, key)
+                if part is None:
+                    from pepper_kin.kernels.warm_up import wait_for
+
+                    wait_for(self)
+                    part = obtain(self.module, key, self.build)
+                self._code = LoadedCode(part.content, part.target)
+            return self._code
+
+    def build(self, target: Target) -> bytes:
+        """Return new object code."""
+        from pepper_kin.kernels.numba_builder import build_unit
+
+        return build_unit(self.functions, target)
+
+
+_units: dict[str, Unit] = {}
+
+
+def unit_of(module: str) -> Unit:
+    """Return the unit of a module."""
+    if module not in _units:
+        _units[module] = Unit(module)
+    return _units[module]
+
+
+def units() -> list[Unit]:
+    """Return the units of all modules imported so far, by name."""
+    return [_units[name] for name in sorted(_units) if _units[name].functions]
+
+
+def _named_values(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """The values of the globals that a function's code names, and of attributes of our modules."""
+    names: set[str] = set()
+    codes: list[CodeType] = [function.__code__]
+    while codes:
+        code = codes.pop()
+        names.update(code.co_names)
+        codes.extend(constant for constant in code.co_consts if isinstance(constant, CodeType))
+    for name in sorted(names):
+        if name not in function.__globals__:
+            continue
+        value = function.__globals__[name]
+        if isinstance(value, ModuleType) and value.__name__.startswith(_PACKAGES):
+            yield name, None
+            for attribute in sorted(names):
+                if hasattr(value, attribute):
+                    yield f"{value.__name__}.{attribute}", getattr(value, attribute)
+        else:
+            yield f"{function.__module__}.{name}", value
+
+
+def _described(value: object) -> str | None:
+    """Text that changes with a constant's value; None for what cannot change machine code."""
+    if value is None or isinstance(value, (bool, int, float, str, tuple, np.number)):
+        return repr(value)
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(repr((value.shape, value.dtype.str)).encode() + value.tobytes()).hexdigest()
+    if isinstance(value, type) and hasattr(value, "_fields"):
+        return repr(record_of(value)) if _is_record(value) else repr(value._fields)
+    described = getattr(value, "described", None)
+    return described if isinstance(described, str) else None
+
+
+def _is_record(kind: type) -> bool:
+    try:
+        record_of(kind)
+    except TypeError:
+        return False
+    return True
+
+
+def _source_digest(function: FunctionType) -> str:
+    """Hash of the file of a function, or of its code where there is none, as in a notebook."""
+    path = getattr(sys.modules.get(function.__module__), "__file__", None)
+    if path and Path(path).is_file():
+        return file_digest(str(path))
+    return hashlib.sha256(marshal.dumps(function.__code__)).hexdigest()
+
+
+def _builder_digest() -> bytes:
+    """Hash of the files here that decide what machine code is made."""
+    here = Path(__file__).parent
+    names = ("numba_builder.py", "compiled.py", "signatures.py", "intrinsics.py", "calling.py")
+    return "".join(file_digest(str(here / name)) for name in names).encode()
+
+
+def _callback(function: CompiledFunction) -> Any:
+    """Return a C function that calls the Python function, where machine code is switched off."""
+    assert function.signature is not None
+    kinds = {"float64": ctypes.c_double}
+    given = [kinds.get(a.name, ctypes.c_int64) for a in function.signature.arguments]  # type: ignore[union-attr]
+    result = function.signature.result
+    returned = kinds.get(result[0].name, ctypes.c_int64) if result else None
+    return ctypes.CFUNCTYPE(returned, *given)(function.python)
+
+
+__all__ = [
+    "INTERPRETED",
+    "Array",
+    "CompiledFunction",
+    "Record",
+    "Scalar",
+    "Unit",
+    "compiled",
+    "unit_of",
+    "units",
+]

@@ -1,0 +1,68 @@
+"""Signals, such as Ctrl-C, during long calls of machine code.
+
+Python runs the handlers of signals between its own instructions, so not while machine code runs.  Machine
+code that may take long asks `interrupted` several times a second; after its return `raise_interrupt` raises
+what the handler raised.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.kernels.compiled import INTERPRETED, compiled
+from pepper_kin.kernels.intrinsics import _emit_call, call_kernel, intrinsic
+from pepper_kin.kernels.signatures import Ints1
+
+PULSE = 0.1
+"""Time between two questions [s]."""
+
+ENSURE, RELEASE, CHECK, FETCH, STOPPED, RAISED = 0, 1, 2, 3, 4, 5
+"""Places in a table: addresses of the interpreter's functions, whether to stop, and the exception (3)."""
+
+_NAMES = ("PyGILState_Ensure", "PyGILState_Release", "PyErr_CheckSignals", "PyErr_Fetch")
+
+
+def _nothing(*_: Any) -> int:
+    return 0
+
+
+_ask = intrinsic(_emit_call("int32"))(_nothing)
+_tell = intrinsic(_emit_call(None, "int32"))(_nothing)
+
+
+def interrupt_table() -> Ints1:
+    """Return a new table for `interrupted`, shape (8,); one for each call that runs at the same time."""
+    table = np.zeros(8, np.int64)
+    if not INTERPRETED:
+        for place, name in enumerate(_NAMES):
+            table[place] = ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value or 0
+    return table
+
+
+@compiled
+def interrupted(table: Ints1) -> bool:
+    """Whether the handler of a signal has raised; the table keeps the exception and is told to stop."""
+    if table[ENSURE] == 0:
+        return False
+    state = _ask(table[ENSURE])
+    raised = _ask(table[CHECK]) != 0
+    if raised:
+        place = table.ctypes.data + 8 * RAISED
+        call_kernel(table[FETCH], place, place + 8, place + 16)
+        table[STOPPED] = 1
+    _tell(table[RELEASE], state)
+    return raised
+
+
+def raise_interrupt(table: Ints1) -> None:
+    """Raise the exception that a table keeps, if any, and make the table ready for the next call."""
+    table[STOPPED] = 0
+    if table[RAISED]:
+        kept = [ctypes.c_void_p(int(word)) for word in table[RAISED:]]
+        table[RAISED:] = 0
+        ctypes.pythonapi.PyErr_Restore(
+            *kept
+        )  # ctypes raises what is set when a function of this kind returns

@@ -1,0 +1,212 @@
+"""What compiled functions do beyond Python: call machine code by address, and see memory as arrays."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.kernels.signatures import Floats1, Ints1
+
+
+class Intrinsic:
+    """A function that is a few LLVM instructions where compiled, and the Python function where interpreted.
+
+    Attributes:
+        python: The Python function.
+        described: Its name, for the key of machine code that uses it.
+    """
+
+    def __init__(self, python: Callable[..., Any], make: Callable[[], Any]) -> None:
+        self.python, self._make, self._made = python, make, None
+        self.described = f"intrinsic {python.__module__}.{python.__qualname__}"
+        self.__doc__, self.__name__, self.__module__ = python.__doc__, python.__name__, python.__module__
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the Python function."""
+        return self.python(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:
+        if self._made is None:
+            from numba.core.registry import cpu_target
+
+            self._made = self._make()
+            cpu_target.typing_context.refresh()
+            cpu_target.target_context.refresh()
+            self._type = cpu_target.typing_context._lookup_global(self._made)
+        return self._type
+
+
+def intrinsic(make: Callable[..., Any]) -> Callable[[Callable[..., Any]], Intrinsic]:
+    """Decorate a Python function whose compiled form `make` writes, as Numba's `intrinsic` takes it."""
+
+    def decorate(python: Callable[..., Any]) -> Intrinsic:
+        def made() -> Any:
+            from numba.extending import intrinsic as numba_intrinsic
+
+            return numba_intrinsic(make)
+
+        return Intrinsic(python, made)
+
+    return decorate
+
+
+def _emit_call(result: str | None, *arguments: str) -> Callable[..., Any]:
+    """Return what writes a call of a C function at an address; all arguments are scalars of these names."""
+
+    def write(typing_context: Any, address: Any, *given: Any) -> Any:
+        from llvmlite import ir
+        from numba import types
+
+        kinds = {"int64": ir.IntType(64), "int32": ir.IntType(32), "float64": ir.DoubleType()}
+        signature = getattr(types, result or "void")(types.intp, *(getattr(types, a) for a in arguments))
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            returned = kinds[result] if result else ir.VoidType()
+            kind = ir.FunctionType(returned, [kinds[a] for a in arguments])
+            called = builder.call(builder.inttoptr(values[0], ir.PointerType(kind)), values[1:])
+            return called if result else context.get_dummy_value()
+
+        return signature, generate
+
+    names = ", ".join(f"a{i}" for i in range(len(arguments)))
+    scope: dict[str, Any] = {"write": write}
+    exec(
+        f"def make(typing_context, address, {names}):\n    return write(typing_context, address, {names})",
+        scope,
+    )
+    made: Callable[..., Any] = scope["make"]
+    return made
+
+
+_THREE = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 3)
+_FOUR = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
+_CLOCK = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int32, ctypes.c_int64)
+_SIX = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 6)
+
+
+@intrinsic(_emit_call(None, "int64", "int64", "int64"))
+def call_kernel(address: int, given: int, result: int, work: int) -> None:
+    """Call `void f(const double*, double*, double*)`, the `single` or `block` of a kernel, at an address."""
+    _THREE(address)(given, result, work)
+
+
+@intrinsic(_emit_call("int64", *["int64"] * 6))
+def call_batch(
+    address: int, inputs: int, in_strides: int, outputs: int, out_strides: int, count: int, work: int
+) -> int:
+    """Call the `batch` of a kernel at an address; see `Kernel`."""
+    return int(_SIX(address)(inputs, in_strides, outputs, out_strides, count, work))
+
+
+@intrinsic(_emit_call("int64", "int64", "int64", "int64", "int64"))
+def call_four(address: int, first: int, second: int, third: int, fourth: int) -> int:
+    """Call `int64 f(int64, int64, int64, int64)` at an address."""
+    return int(_FOUR(address)(first, second, third, fourth))
+
+
+@intrinsic(_emit_call("int32", "int32", "int64"))
+def call_clock(address: int, clock: int, place: int) -> int:
+    """Call `int clock_gettime(clockid_t, struct timespec*)` at an address."""
+    return int(_CLOCK(address)(clock, place))
+
+
+def _emit_array(dtype: str) -> Callable[..., Any]:
+    """Return what writes an array over memory at an address."""
+
+    def make(typing_context: Any, address: Any, count: Any) -> Any:
+        from llvmlite import ir
+        from numba import types
+        from numba.core import cgutils
+
+        kind = types.Array(getattr(types, dtype), 1, "C")
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            word = ir.IntType(64)
+            address, count = values
+            array = context.make_array(kind)(context, builder)
+            array.meminfo = cgutils.get_null_value(array.meminfo.type)
+            array.parent = cgutils.get_null_value(array.parent.type)
+            array.nitems, array.itemsize = count, word(8)
+            array.data = builder.inttoptr(address, context.get_data_type(kind.dtype).as_pointer())
+            array.shape = cgutils.pack_array(builder, [count])
+            array.strides = cgutils.pack_array(builder, [word(8)])
+            return array._getvalue()
+
+        return kind(types.intp, types.intp), generate
+
+    return make
+
+
+@intrinsic(_emit_array("float64"))
+def floats_at(address: int, count: int) -> Floats1:
+    """Return the array of float64 at an address; it does not own the memory."""
+    return np.frombuffer(memoryview((ctypes.c_double * count).from_address(address)), np.float64)
+
+
+@intrinsic(_emit_array("int64"))
+def words_at(address: int, count: int) -> Ints1:
+    """Return the array of int64 at an address; it does not own the memory."""
+    return np.frombuffer(memoryview((ctypes.c_int64 * count).from_address(address)), np.int64)
+
+
+_LANES = 8
+
+
+def _emit_eight_square_distances(typing_context: Any, block: Any, query: Any, n: Any, answer: Any) -> Any:
+    """Write a loop over coordinates with LLVM's vectors; its own vectorizer does not find them."""
+    from llvmlite import ir
+    from numba import types
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, number = ir.IntType(64), ir.DoubleType()
+        vector = ir.VectorType(number, _LANES)
+        block, query, count, answer = arguments
+        states = builder.inttoptr(block, vector.as_pointer())
+        coordinates = builder.inttoptr(query, number.as_pointer())
+        before = builder.block
+        body = builder.append_basic_block("coordinate")
+        after = builder.append_basic_block("done")
+        builder.branch(body)
+        builder.position_at_end(body)
+        i, total = builder.phi(word), builder.phi(vector)
+        i.add_incoming(word(0), before)
+        total.add_incoming(ir.Constant(vector, [0.0] * _LANES), before)
+        coordinate = builder.load(builder.gep(coordinates, [i]))
+        lane = builder.insert_element(ir.Constant(vector, ir.Undefined), coordinate, ir.IntType(32)(0))
+        zeros = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [0] * _LANES)
+        spread = builder.shuffle_vector(lane, ir.Constant(vector, ir.Undefined), zeros)
+        difference = builder.fsub(builder.load(builder.gep(states, [i]), align=8), spread)
+        square = builder.fmul(difference, difference, flags=["contract"])
+        summed = builder.fadd(total, square, flags=["contract"])
+        following = builder.add(i, word(1))
+        i.add_incoming(following, body)
+        total.add_incoming(summed, body)
+        builder.cbranch(builder.icmp_signed("<", following, count), body, after)
+        builder.position_at_end(after)
+        builder.store(summed, builder.inttoptr(answer, vector.as_pointer()), align=8)
+        reduce = builder.module.declare_intrinsic(
+            f"llvm.vector.reduce.fmin.v{_LANES}f64", (), ir.FunctionType(number, [vector])
+        )
+        return builder.call(reduce, [summed], fastmath=["nnan", "nsz"])
+
+    return types.float64(types.intp, types.intp, types.intp, types.intp), generate
+
+
+@intrinsic(_emit_eight_square_distances)
+def eight_square_distances(block: int, query: int, n: int, answer: int) -> float:
+    """Write the squares of the distances of eight states from one; return the least.
+
+    Args:
+        block: Address of the eight states, coordinate by coordinate, shape (n, 8).
+        query: Address of the one, shape (n,).
+        n: Number of coordinates, 1 or more.
+        answer: Address of room for eight numbers.
+    """
+    states, one = floats_at(block, _LANES * n).reshape(n, _LANES), floats_at(query, n)
+    squares = floats_at(answer, _LANES)
+    squares[:] = ((states - one[:, None]) ** 2).sum(axis=0)
+    return float(squares.min())

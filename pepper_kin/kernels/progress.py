@@ -1,0 +1,79 @@
+"""A word to those who wait while machine code is made."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+_logger = logging.getLogger(__name__)
+
+PATIENCE = 2.0
+"""Waiting so long without a word is fine [s]."""
+
+_WIDTH = 30
+
+_lock = threading.Lock()
+_made: list[str] = []
+_spent = 0.0
+_told = False
+_expected = 0
+
+
+def expect(count: int) -> None:
+    """Tell how many parts will be made in all, as far as is known."""
+    global _expected
+    _expected = count
+
+
+@contextlib.contextmanager
+def making(name: str) -> Iterator[None]:
+    """Tell that something is being made, once this has taken long in all.
+
+    On a terminal a bar moves in one line; elsewhere one message of this module's logger says that it has
+    begun.
+
+    Args:
+        name: What is made.
+    """
+    global _spent
+    begin = time.perf_counter()
+    with _lock:
+        timer = threading.Timer(max(PATIENCE - _spent, 0.0), _tell, (name,))
+        timer.daemon = True
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        with _lock:
+            _spent += time.perf_counter() - begin
+            _made.append(name)
+            if _told:
+                _draw("")
+
+
+def _tell(name: str) -> None:
+    global _told
+    with _lock:
+        if not _told:
+            _told = True
+            _logger.warning(
+                "machine code for this processor is made, once; the next run finds it on disk "
+                "(`pepper-kin warm-up` makes all of it, on all cores)"
+            )
+        _draw(name)
+
+
+def _draw(name: str) -> None:
+    if not sys.stderr.isatty():
+        return
+    expected = max(_expected, len(_made) + bool(name))
+    filled = "#" * (_WIDTH * len(_made) // expected)
+    sys.stderr.write(f"\r[{filled:<{_WIDTH}}] {len(_made)} of {expected} {name[:40]:<40}")
+    if len(_made) == expected:
+        sys.stderr.write("\r" + " " * (_WIDTH + 60) + "\r")
+    sys.stderr.flush()

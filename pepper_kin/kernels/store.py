@@ -1,0 +1,291 @@
+"""Where machine code is kept: in the file that comes with the package, and in a cache folder.
+
+A part is found by a key: the hash of all that its code is made from.  What was made from something else has
+another key, so stale code is never read; it is just not found.  Three places are asked in turn:
+
+1. The package's file, `data/x86-64-v3.code`, made for a baseline processor (`shipping`).
+2. The cache folder, for code made for this very processor.
+3. Its maker; the result is then kept in the cache folder.
+
+After `pepper-kin warm-up --native` the package's file is left out.
+
+A file of the cache is written under a temporary name and renamed, which is atomic: readers and other
+writers see a whole file or none.  A checksum finds damage; what is damaged counts as missing and is written
+anew.  A folder that cannot be written means that code stays in memory, not an error.  Where several
+processes need a part that nobody has made, one makes it and the others wait.
+
+The files hold machine code that is run without further questions.  The folder is made readable by its owner
+only; do not point `PEPPER_KIN_CACHE` to a place where others can write.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from pepper_kin.kernels.progress import making
+from pepper_kin.kernels.shipping import baseline_target, shipped_part
+from pepper_kin.kernels.target import Target, host_target
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+CACHE_VARIABLE = "PEPPER_KIN_CACHE"
+"""Environment variable that names the folder; the platform's cache folder if it is not set."""
+
+NATIVE = "native"
+_SUFFIX = ".code"
+_LOCK = ".lock"
+_DIGEST_SIZE = hashlib.sha256().digest_size
+_logger = logging.getLogger(__name__)
+
+
+class Part(NamedTuple):
+    """Machine code as it is kept.
+
+    Attributes:
+        content: What the maker returned.
+        target: The processor that it is for.
+        made: Whether it was made just now.
+    """
+
+    content: bytes
+    target: Target
+    made: bool
+
+
+def obtain(
+    name: str, key: str, make: Callable[[Target], bytes], *, target: Target | None = None, keep: bool = True
+) -> Part:
+    """Return a part from the package's file, from the cache or from its maker.
+
+    Args:
+        name: What it is, for messages ("planners.rrt_connect").
+        key: Hash of all that it is made from, but the processor.
+        make: Makes it for a processor.
+        target: The processor; None for this one, or the baseline that the package's file is for.
+        keep: Whether to read and write files at all.
+    """
+    recording = _recording if target is None and keep else None
+    wanted = target or (host_target() if recording is None else baseline_target())
+    if not keep:
+        return Part(make(wanted), wanted, True)
+    if target is None and recording is None:
+        found = find(name, key)
+        if found is not None:
+            return found
+    part = _kept_or_made(name, _for_target(key, wanted), wanted, make)
+    if recording is not None:
+        recording.setdefault(key, (name, part.content))
+    return part
+
+
+def find(name: str, key: str) -> Part | None:
+    """Return a part from the package's file or from the cache folder, or None."""
+    if not prefers_native():
+        shipped = shipped_part(name, key)
+        if shipped is not None:
+            return Part(*shipped, False)
+    content = read_part(_for_target(key, host_target()))
+    return None if content is None else Part(content, host_target(), False)
+
+
+def make_ahead(name: str, key: str, make: Callable[[Target], bytes]) -> bool:
+    """Make a part for this processor and keep it, unless it is kept or another process is making it.
+
+    Returns:
+        Whether it is kept now.
+    """
+    own_key = _for_target(key, host_target())
+    with only_maker(own_key, wait=False) as mine:
+        if mine and not is_kept(key):
+            write_part(own_key, make(host_target()))
+    return is_kept(key)
+
+
+def is_recording() -> bool:
+    """Whether `recorded` is under way."""
+    return _recording is not None
+
+
+def can_write() -> bool:
+    """Whether the cache folder can be written."""
+    try:
+        cache_folder().mkdir(parents=True, exist_ok=True, mode=0o700)
+        with tempfile.TemporaryFile(dir=cache_folder()):
+            return True
+    except OSError:
+        return False
+
+
+def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Target], bytes]) -> Part:
+    content = read_part(own_key)
+    if content is not None:
+        return Part(content, wanted, False)
+    with only_maker(own_key):
+        content = read_part(own_key)  # somebody may have made it while this one waited
+        if content is not None:
+            return Part(content, wanted, False)
+        with making(name):
+            content = make(wanted)
+        write_part(own_key, content)
+    return Part(content, wanted, True)
+
+
+@contextlib.contextmanager
+def recorded() -> Iterator[dict[str, tuple[str, bytes]]]:
+    """Make everything for the baseline processor, and keep what is asked for: key -> name and content."""
+    global _recording
+    _recording = {}
+    try:
+        yield _recording
+    finally:
+        _recording = None
+
+
+_recording: dict[str, tuple[str, bytes]] | None = None
+
+
+@cache
+def prefers_native() -> bool:
+    """Whether code for this very processor has been made on purpose (`pepper-kin warm-up --native`)."""
+    return (cache_folder() / NATIVE).exists()
+
+
+def prefer_native() -> None:
+    """Let later processes use code for this very processor in place of the package's."""
+    cache_folder().mkdir(parents=True, exist_ok=True, mode=0o700)
+    (cache_folder() / NATIVE).touch()
+    prefers_native.cache_clear()
+
+
+def is_kept(key: str) -> bool:
+    """Whether the cache folder has a part for this processor."""
+    return (cache_folder() / f"{_for_target(key, host_target())}{_SUFFIX}").exists()
+
+
+def cache_folder() -> Path:
+    """The folder in which machine code is kept; it need not exist."""
+    chosen = os.environ.get(CACHE_VARIABLE)
+    if chosen:
+        return Path(chosen).expanduser()
+    if sys.platform == "darwin":
+        base = Path("~/Library/Caches")
+    elif sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or "~/AppData/Local")
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    try:
+        return base.expanduser() / "pepper_kin"
+    except RuntimeError:  # no home folder
+        return Path(tempfile.gettempdir()) / f"pepper_kin-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
+
+
+def read_part(key: str) -> bytes | None:
+    """The part kept under a key, or None if there is none or its file is damaged."""
+    path = cache_folder() / f"{key}{_SUFFIX}"
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    checksum, content = data[:_DIGEST_SIZE], data[_DIGEST_SIZE:]
+    if hashlib.sha256(key.encode() + content).digest() != checksum:
+        _logger.warning("the machine code in %s is damaged; it is made again", path)
+        return None
+    return content
+
+
+def write_part(key: str, content: bytes) -> bool:
+    """Keep a part under a key.
+
+    Returns:
+        Whether it could be written.
+    """
+    folder = cache_folder()
+    temporary: str | None = None
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        handle, temporary = tempfile.mkstemp(prefix=f"{key[:16]}-", suffix=".tmp", dir=folder)
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(key.encode() + content).digest() + content)
+        os.replace(temporary, folder / f"{key}{_SUFFIX}")
+    except OSError as error:
+        _logger.info("machine code not kept in %s: %s", folder, error)
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def only_maker(key: str, *, wait: bool = True) -> Iterator[bool]:
+    """Let one process at a time make a part, and look for it again first.
+
+    The lock spares work; correctness does not rest on it.  Where files cannot be locked, or the file of the
+    one that makes it is removed meanwhile, two make the same.
+
+    Args:
+        key: Of the part.
+        wait: Whether to wait for another process; if not, the value is False where another one makes it.
+    """
+    path = cache_folder() / f"{key}{_LOCK}"
+    mine = True
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            file = stack.enter_context(path.open("a"))
+            if fcntl is not None:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+                except BlockingIOError:
+                    mine = False
+        try:
+            yield mine
+        finally:
+            if mine:
+                with contextlib.suppress(OSError):
+                    path.unlink(missing_ok=True)
+
+
+def clear_cache() -> int:
+    """Remove all kept machine code, and what interrupted writers left behind.
+
+    Returns:
+        Number of files removed.
+    """
+    removed = 0
+    folder = cache_folder()
+    for pattern in (f"*{_SUFFIX}", f"*{_LOCK}", "*.tmp", "*.kernel", NATIVE):
+        for path in folder.glob(pattern):
+            with contextlib.suppress(OSError):
+                path.unlink()
+                removed += 1
+    return removed
+
+
+def _for_target(key: str, target: Target) -> str:
+    return hashlib.sha256(f"{key} {target!r} {_versions()}".encode()).hexdigest()
+
+
+def _versions() -> str:
+    """Versions of what makes machine code here; looked up without importing Numba."""
+    from importlib.metadata import version
+
+    global _known
+    if _known is None:
+        _known = f"llvmlite {version('llvmlite')} numba {version('numba')}"
+    return _known
+
+
+_known: str | None = None

@@ -1,0 +1,29 @@
+"""Arrays that nobody can write to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+
+def read_only(array: ArrayLike) -> NDArray[np.float64]:
+    """Copy an array of floats and forbid writing to the copy."""
+    copy = np.array(array, dtype=float)
+    copy.setflags(write=False)
+    return copy
+
+
+def kept_read_only(array: ArrayLike) -> NDArray[np.float64]:
+    """Return an array itself where it is of floats, its own and not to be written to, else such a copy."""
+    if (
+        type(array) is np.ndarray
+        and array.dtype == np.float64
+        and array.base is None
+        and not array.flags.writeable
+    ):
+        return array
+    return read_only(array)

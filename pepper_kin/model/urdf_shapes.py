@@ -1,0 +1,142 @@
+"""The shapes of a URDF text."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pepper_kin.exceptions import ModelError
+from pepper_kin.model.expanded_urdf import urdf_folder
+from pepper_kin.model.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    Geometry,
+    Mesh,
+    Shape,
+    Sphere,
+    rotation_to_axis,
+    transform,
+)
+from pepper_kin.model.urdf_document import attribute_of, number_of, numbers_of
+
+
+def read_shapes(
+    root: ET.Element, package_dirs: Sequence[Path]
+) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
+    """Return the visual and the collision shapes.
+
+    Args:
+        root: The robot's element.
+        package_dirs: Folders that hold packages, for `package://` file names.
+
+    Raises:
+        ModelError: naming the shape that is malformed.
+    """
+    materials = {
+        str(m.get("name")): _color(m) for m in root.findall("material") if m.find("color") is not None
+    }
+    visuals = _shapes(root, "visual", materials, package_dirs)
+    collisions = _shapes(root, "collision", materials, package_dirs)
+    return tuple(visuals), tuple(_merge_capsules(collisions))
+
+
+def _color(material: ET.Element) -> tuple[float, float, float, float]:
+    color = material.find("color")
+    text = None if color is None else color.get("rgba")
+    red, green, blue, opacity = numbers_of(text, 4, (0.8, 0.8, 0.8, 1.0), "a colour")
+    return (red, green, blue, opacity)
+
+
+def _shapes(
+    root: ET.Element,
+    kind: str,
+    materials: dict[str, tuple[float, float, float, float]],
+    package_dirs: Sequence[Path],
+) -> list[Shape]:
+    shapes = []
+    for link in root.findall("link"):
+        link_name = link.get("name", "")
+        for index, element in enumerate(link.findall(kind)):
+            name = element.get("name") or f"{link_name}_{kind}_{index}"
+            geometry = element.find("geometry")
+            if geometry is None or len(geometry) == 0:
+                raise ModelError(f"URDF: {kind} {name} of link {link_name} has no geometry")
+            origin = element.find("origin")
+            pose = np.eye(4)
+            if origin is not None:
+                what = f"origin of {kind} {name}"
+                pose = transform(
+                    numbers_of(origin.get("xyz"), 3, (0, 0, 0), what),
+                    numbers_of(origin.get("rpy"), 3, (0, 0, 0), what),
+                )
+            color = (0.8, 0.8, 0.8, 1.0)
+            material = element.find("material")
+            if material is not None:
+                named = materials.get(material.get("name", ""), color)
+                color = _color(material) if material.find("color") is not None else named
+            shapes.append(Shape(name, link_name, _geometry(geometry[0], name, package_dirs), pose, color))
+    return shapes
+
+
+def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> Geometry:
+    if element.tag == "box":
+        x, y, z = numbers_of(element.get("size"), 3, (0, 0, 0), f"box {name}")
+        return Box((x, y, z))
+    radius = number_of(element, "radius", 0.0, name)
+    if element.tag == "sphere":
+        return Sphere(radius)
+    if element.tag in ("cylinder", "capsule"):
+        length = number_of(element, "length", 0.0, name)
+        return Cylinder(radius, length) if element.tag == "cylinder" else Capsule(radius, length)
+    if element.tag == "mesh":
+        x, y, z = numbers_of(element.get("scale"), 3, (1.0, 1.0, 1.0), f"scale of mesh {name}")
+        path = resolve_mesh(attribute_of(element, "filename", name), package_dirs)
+        return Mesh(path, (x, y, z))
+    raise ModelError(f"URDF: shape {name} has an unknown geometry <{element.tag}>")
+
+
+def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
+    """Turn a `package://`, `file://` or plain file name into a path (which may not exist).
+
+    Packages and relative file names are sought in the folders, the first first.
+    """
+    if filename.startswith("package://"):
+        rest = filename.removeprefix("package://")
+        for folder in package_dirs:
+            if (folder / rest).exists():
+                return folder / rest
+        own = "pepper_kin/urdf/"
+        if rest.startswith(own):
+            return urdf_folder() / rest.removeprefix(own)
+        return Path(rest)
+    path = Path(filename.removeprefix("file://"))
+    found = (folder / path for folder in package_dirs if (folder / path).exists())
+    return path if path.is_absolute() else next(found, path)
+
+
+def _merge_capsules(shapes: list[Shape]) -> list[Shape]:
+    """Join NAME_shaft (cylinder), NAME_start and NAME_end (spheres of its radius) to the capsule NAME."""
+    by_name = {shape.name: shape for shape in shapes}
+    merged: list[Shape] = []
+    taken: set[str] = set()
+    for shape in shapes:
+        stem = shape.name.removesuffix("_shaft")
+        ends = [by_name.get(f"{stem}_{end}") for end in ("start", "end")]
+        shaft = shape.geometry
+        if stem == shape.name or not isinstance(shaft, Cylinder) or any(e is None for e in ends):
+            merged.append(shape)
+            continue
+        a, b = (e.transform_shape_to_link[:3, 3] for e in ends if e is not None)
+        if any(e is not None and e.geometry != Sphere(shaft.radius) for e in ends):
+            merged.append(shape)
+            continue
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation_to_axis(b - a), (a + b) / 2
+        capsule = Capsule(shaft.radius, float(np.linalg.norm(b - a)))
+        merged.append(Shape(stem, shape.link, capsule, pose, shape.color))
+        taken.update((f"{stem}_start", f"{stem}_end"))
+    return [shape for shape in merged if shape.name not in taken]

@@ -1,0 +1,85 @@
+"""Rows that keep the robot on its wheels: zero-moment point and capture point inside their triangle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin.dynamics import WHEEL_CONTACTS, center_of_mass, center_of_mass_jacobian, total_mass
+from pepper_kin.dynamics.center_of_mass import share_of_moving
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.servo.half_spaces import VelocityRows
+
+BASE = "base_footprint"
+
+
+class BalanceRows:
+    """Two rows for each edge of the wheels' triangle.
+
+    With p a point of the edge, i its inward normal, m the margin, omega^2 = g / c_z:
+
+        zero-moment point z of the acceleration (v' - v) / dt:   i . (z - p) >= m,
+        capture point x = c + J_c v' (dt + 1 / omega):           i . (x - p) >= m.
+
+    The first keeps this tick from tipping, the second keeps a motion of the centre of mass c that can be
+    stopped before the edge (Pratt et al., Capture point: a step toward humanoid push recovery, 2006).  Both
+    are linear in the next velocity v': the first times the floor's vertical force.
+
+    Args:
+        pepper: The robot, with the frame `base_footprint`.
+        margin: m [m].
+
+    Raises:
+        UnknownNameError: for a robot without that frame.
+    """
+
+    def __init__(self, pepper: PepperModel, margin: float) -> None:
+        pepper.frame_id(BASE)
+        corners = np.array(WHEEL_CONTACTS)
+        edges = np.roll(corners, -1, axis=0) - corners
+        self._pepper, self._margin, self._corners = pepper, margin, corners
+        self._inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+
+    def rows(self, q: Array, v: Array, dt: float) -> VelocityRows:
+        """Return the six rows at q, shape (n,) [rad or m], after velocity v, shape (n,) [rad/s or m/s]."""
+        pose = frame_pose(self._pepper, q, BASE)
+        points = self._corners @ pose[:2, :2].T + pose[:2, 3]
+        inward = self._inward @ pose[:2, :2].T
+        reach = np.einsum("ij,ij->i", inward, points) + self._margin
+        center = center_of_mass(self._pepper, q)
+        tilt, tilt_rate, lift, lift_rate = self._floor(q, v, center)
+        # h = i . tilt - reach f_z, linear in the acceleration.
+        slope = (inward @ tilt_rate - np.outer(reach, lift_rate)) / dt
+        now = inward @ tilt - reach * lift
+        fall = np.sqrt(float(np.linalg.norm(self._pepper.inner_model.gravity.linear)) / center[2])
+        drift = inward @ self._center_rate(q, pose, center)[:2] * (dt + 1.0 / fall)
+        matrix = np.concatenate([slope / lift, drift])
+        least = np.concatenate([(slope @ v - now) / lift, reach - inward @ center[:2]])
+        # A robot that stands outside may only come back: it is not thrown.
+        least[len(reach) :] = np.minimum(least[len(reach) :], 0.0)
+        return VelocityRows(matrix, least, ("balance",) * len(least))
+
+    def _center_rate(self, q: Array, pose: Array, center: Array) -> Array:
+        """Return the Jacobian of the centre of mass as seen from the base, shape (3, n)."""
+        base = frame_jacobian(self._pepper, q, BASE)
+        carried = base[:3] + np.cross(base[3:], center - pose[:3, 3], axisa=0, axisc=0)
+        return center_of_mass_jacobian(self._pepper, q) - carried
+
+    def _floor(self, q: Array, v: Array, center: Array) -> tuple[Array, Array, float, Array]:
+        """Return (-n_y, n_x) and f_z of the floor without acceleration, and their derivatives by it."""
+        import pinocchio
+
+        pepper, model, data = self._pepper, self._pepper.inner_model, self._pepper.pinocchio_data
+        share, still = share_of_moving(pepper)
+        v_full = pepper.rate_to_full(v)
+        pinocchio.dccrba(model, data, pepper.to_full(q), v_full)
+        momentum = np.array(data.Ag) @ pepper.full_map
+        bias = np.array(data.dAg) @ v_full
+        lever = pinocchio.skew((center - still) / share if share > 0 else center)
+        weight = total_mass(pepper) * np.asarray(model.gravity.linear)
+        moment = bias[3:] + lever @ bias[:3] - np.cross(center, weight)
+        moment_rate = momentum[3:] + lever @ momentum[:3]
+        tilt = np.array([-moment[1], moment[0]])
+        tilt_rate = np.array([-moment_rate[1], moment_rate[0]])
+        return tilt, tilt_rate, float(bias[2] - weight[2]), momentum[2]

@@ -1,0 +1,101 @@
+"""The commands of a servo: targets and twists, each with the tick at which it was given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.servo.demand import Demand, Pace, rate_demand, task_demand
+
+# A target that moves faster than this has jumped [m/s or rad/s]; one that comes later has rested [s].
+FASTEST_DRIFT = 2.0
+LONGEST_PAUSE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Twist:
+    """A commanded velocity of a hand.
+
+    Attributes:
+        frame: The hand's frame.
+        label: The hand, in words.
+        linear: Velocity of the palm [m/s], shape (3,).
+        angular: Angular velocity [rad/s], shape (3,); None leaves the orientation free.
+        in_hand_axes: Whether both are given in the hand's axes; else in the world's.
+        tick: When it was given.
+    """
+
+    frame: str
+    label: str
+    linear: Array
+    angular: Array | None
+    in_hand_axes: bool
+    tick: int
+
+    def demand(self, pepper: PepperModel, q: Array, v: Array, pace: Pace) -> Demand:
+        """Return what it asks for at q, shape (n,) [rad or m], after velocity v, shape (n,)."""
+        jacobian = frame_jacobian(pepper, q, self.frame)
+        parts = [self.linear] if self.angular is None else [self.linear, self.angular]
+        if self.in_hand_axes:
+            rotation = frame_pose(pepper, q, self.frame)[:3, :3]
+            parts = [rotation @ part for part in parts]
+        rate = np.concatenate(parts)
+        return rate_demand(jacobian[: rate.size], rate, v, 1.0, self.label, pace)
+
+
+@dataclass(eq=False)
+class Targets:
+    """Target tasks that may be replaced from tick to tick, and how fast they move.
+
+    With r_old, r_new the residuals of the old and the new target at one configuration, given dt apart, the
+    target's own motion changes the residual at the rate (r_new - r_old) / dt.  A servo that adds it follows a
+    moving target without lagging behind.  Jumps, pauses and other kinds of tasks count as rest.
+
+    Attributes:
+        tasks: The tasks, groups taken apart.
+        tick: When they were given.
+    """
+
+    tasks: tuple[Task, ...] = ()
+    tick: int = 0
+    _drifts: tuple[Array | None, ...] = field(default=(), repr=False)
+    _residuals: tuple[Array | None, ...] = field(default=(), repr=False)
+    _lasting: int = field(default=0, repr=False)
+
+    def replace(self, pepper: PepperModel, q: Array, tasks: Sequence[Task], tick: int, dt: float) -> None:
+        """Take new tasks at configuration q, shape (n,) [rad or m]."""
+        ticks = tick - self.tick
+        alike = [(type(t), t.frame, t.label) for t in tasks] == [
+            (type(t), t.frame, t.label) for t in self.tasks
+        ]
+        if ticks == 0 and alike:
+            # Given twice within a tick: the last one counts, the motion seen so far stays.
+            self.tasks, self._residuals = tuple(tasks), tuple(task.residual(pepper, q) for task in tasks)
+            return
+        moving = alike and 0 < ticks * dt <= LONGEST_PAUSE
+        residuals = tuple(task.residual(pepper, q) for task in tasks)
+        self._residuals = residuals
+        self._drifts = tuple(
+            _drift(now - old.residual(pepper, q), ticks * dt) if moving else None
+            for old, now in zip(self.tasks if moving else tasks, residuals, strict=True)
+        )
+        self.tasks, self.tick, self._lasting = tuple(tasks), tick, ticks
+
+    def demands(self, pepper: PepperModel, q: Array, v: Array, tick: int, pace: Pace) -> list[Demand]:
+        """Return what the tasks ask for; a target that has not come again as expected counts as resting."""
+        moving = tick - self.tick < self._lasting
+        known = self._residuals if tick == self.tick else (None,) * len(self.tasks)
+        return [
+            task_demand(pepper, task, q, v, drift if moving else None, pace, residual)
+            for task, drift, residual in zip(self.tasks, self._drifts, known, strict=True)
+        ]
+
+
+def _drift(change: Array, time: float) -> Array | None:
+    drift: Array = change / time
+    return drift if float(np.sqrt(drift @ drift)) <= FASTEST_DRIFT else None

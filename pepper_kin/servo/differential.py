@@ -1,0 +1,139 @@
+"""The differential inverse kinematics as one plain function."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.collision import Scene
+from pepper_kin.core.braking import stopping_speed
+from pepper_kin.exceptions import InvalidValueError, LimitError
+from pepper_kin.ik.problem import flatten_tasks, motion_scale
+from pepper_kin.ik.tasks import Task, TaskGroup
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive
+from pepper_kin.model.shapes import read_only
+from pepper_kin.servo.balance_rows import BalanceRows
+from pepper_kin.servo.clearance_guard import ClearanceGuard
+from pepper_kin.servo.demand import Demand, Pace, task_demand
+from pepper_kin.servo.motion_limits import MotionLimits, motion_limits
+from pepper_kin.servo.servo import GAIN, GAIN_PER_TICK, checked_configuration
+from pepper_kin.servo.stepper import Stepper, Tick
+
+# A velocity that exceeds its bounds by less is rounding [rad/s or m/s].
+SLACK = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DifferentialStep:
+    """The answer of `differential_step`.
+
+    Attributes:
+        v: Velocity to move at for dt [rad/s or m/s], shape (n,), read-only.
+        q: q + dt v [rad or m], shape (n,), read-only.
+        scale: Share of the speed that singularities leave, of the task that suffers most.
+        limited_by: What v touches, in words.
+        gave_way: What had to give way to braking, in words; joint limits never do.
+        blocked: Whether v only brakes, because nothing else is known to be able to stop clear.
+    """
+
+    v: Array
+    q: Array
+    scale: float
+    limited_by: tuple[str, ...]
+    gave_way: tuple[str, ...]
+    blocked: bool
+
+
+def differential_step(
+    pepper: PepperModel,
+    q: ArrayLike,
+    v: ArrayLike,
+    dt: float,
+    tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
+    *,
+    scene: Scene | None = None,
+    clearance: float = 0.005,
+    gain: float | None = None,
+    locked: str | Iterable[str] = (),
+    balance: float | None = None,
+    singularity: float = 0.05,
+    approach: float = 4.0,
+) -> DifferentialStep:
+    """Return the joint velocity that moves best towards the tasks during one tick, within every limit.
+
+    With v' the next velocity, r and J residuals and Jacobians of the tasks, s their rate of approach,
+
+        min  sum_i w_i^2 |J_i v' + s_i r_i|^2 + small terms
+        |v'| <= v_max,  |v' - v| <= a_max dt,  and v' so low that every joint can brake before its limit
+        dd/dt >= -approach (d - clearance) for all near pairs;  balance.
+
+    The hardest brake always fulfils the first line; rows of the second that it breaks give way and are named.
+    `Servo` does the same from tick to tick, with the solver kept warm; use it for loops.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions within the limits [rad or m], shape (n,).
+        v: Velocity of the last tick, from which q can still brake [rad/s or m/s], shape (n,).
+        dt: Length of the tick [s].
+        tasks: What to move towards.
+        scene: The world; `Scene()` for the robot itself only, None checks no collisions.
+        clearance: Distance kept [m].
+        gain: Greatest share of an error removed per second [1/s]; None: 30, or less for a long dt.
+        locked: Joints and groups that keep still.
+        balance: Distance that zero-moment and capture point keep inside the wheels' triangle [m]; None for
+            no balance.
+        singularity: Slope under which motion slows down [m/rad].
+        approach: Share of the distance to an obstacle that may be used up per second [1/s].
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, infinity or a number that is not allowed.
+        LimitError: for a q outside the limits, a v beyond them, or so fast that the brake comes too late.
+        UnknownNameError: for a frame, joint or group that the robot lacks.
+    """
+    state, last = checked_configuration(pepper, q, "q"), as_joint_vectors(pepper, v, "v")
+    dt = check_positive("dt", dt, "[s]")
+    if last.shape != state.shape:
+        raise InvalidValueError("v", f"shape {last.shape}", f"shape ({pepper.n},)")
+    gain = min(GAIN, GAIN_PER_TICK / dt) if gain is None else check_positive("gain", gain, "[1/s]")
+    limits, dearness = motion_limits(pepper, locked), motion_scale(pepper, state)
+    _check_can_brake(pepper, state, last, limits, dt)
+    pace = Pace(min(gain, 1 / dt), check_positive("singularity", singularity, "[m]"), dt, limits, dearness)
+    free, rate = check_positive("clearance", clearance, "[m]"), check_positive("approach", approach, "[1/s]")
+    guard = None if scene is None else ClearanceGuard(pepper, scene, free, rate)
+    rows = None if balance is None else BalanceRows(pepper, float(as_finite(balance, "balance", ())))
+    demands = [task_demand(pepper, task, state, last, None, pace) for task in flatten_tasks(pepper, tasks)]
+    tick = Stepper(pepper, limits, dt, state, dearness, guard, rows).step(state, last, demands)
+    return _answer(state, dt, tick, demands)
+
+
+def _answer(q: Array, dt: float, tick: Tick, demands: list[Demand]) -> DifferentialStep:
+    lost = tuple(f"singularity of {demand.label}" for demand in demands if demand.scale < 1)
+    return DifferentialStep(
+        v=read_only(tick.v),
+        q=read_only(q + dt * tick.v),
+        scale=min(demand.scale for demand in demands),
+        limited_by=tick.limited_by + lost,
+        gave_way=tick.gave_way,
+        blocked=tick.blocked,
+    )
+
+
+def _check_can_brake(pepper: PepperModel, q: Array, v: Array, limits: MotionLimits, dt: float) -> None:
+    """Refuse a velocity beyond its limit, or from which even braking at once would leave the joint limits."""
+    reach = limits.acceleration * dt
+    high, low = limits.velocity.copy(), -limits.velocity
+    for i, a in enumerate(limits.acceleration):
+        high[i] = min(high[i], stopping_speed(max(limits.upper[i] - q[i], 0.0), a, dt) + reach[i])
+        low[i] = max(low[i], -stopping_speed(max(q[i] - limits.lower[i], 0.0), a, dt) - reach[i])
+    excess = np.maximum(v - high, low - v)
+    if excess.max() > SLACK:
+        worst = int(np.argmax(excess))
+        unit = f"{pepper.joint_units[worst]}/s"
+        raise LimitError(
+            "v", pepper.joint_names[worst], v[worst], float(low[worst]), float(high[worst]), unit
+        )

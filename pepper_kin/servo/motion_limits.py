@@ -1,0 +1,90 @@
+"""How far, how fast and how suddenly each joint may move under a servo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pepper_kin.core.braking import JointLimits
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+
+# The command stays this far inside the robot's limits, so that rounding cannot leave them: relative for
+# velocity and acceleration, in rad or m for positions.
+INSIDE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Limits of every joint; where the description gives none, infinite.
+
+    Attributes:
+        lower: Lower position limits [rad or m], shape (n,).
+        upper: Upper position limits, shape (n,).
+        velocity: Greatest speeds [rad/s or m/s], shape (n,).
+        acceleration: Greatest changes of velocity per second [rad/s^2 or m/s^2], shape (n,).
+        movable: Which joints may move, shape (n,).
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    movable: np.ndarray
+
+    @cached_property
+    def table(self) -> JointLimits:
+        """The same for compiled functions."""
+        return JointLimits(self.lower, self.upper, self.velocity, self.acceleration, self.movable)
+
+
+def motion_limits(
+    pepper: PepperModel, locked: str | Iterable[str] = (), speed: float = 1.0, urgency: float = 1.0
+) -> MotionLimits:
+    """Return a robot's limits, or a share of them.
+
+    Args:
+        pepper: The robot.
+        locked: Joints and groups that keep still.
+        speed: Share of the velocity limits, above 0 and up to 1.
+        urgency: Share of the acceleration limits, above 0 and up to 1.
+
+    Raises:
+        UnknownNameError: for an unknown joint or group.
+        InvalidValueError: for a share that is none, or where all joints are locked.
+    """
+    movable = ~_places(pepper, locked)
+    if not movable.any():
+        raise InvalidValueError("locked", "every joint", "at least one joint left to move")
+    velocity = np.where(pepper.velocity_limits > 0, pepper.velocity_limits, np.inf)
+    acceleration = np.where(pepper.acceleration_limits > 0, pepper.acceleration_limits, np.inf)
+    return MotionLimits(
+        lower=read_only(pepper.lower_limits + INSIDE),
+        upper=read_only(pepper.upper_limits - INSIDE),
+        velocity=read_only(velocity * _share("speed", speed) * (1 - INSIDE)),
+        acceleration=read_only(acceleration * _share("urgency", urgency) * (1 - INSIDE)),
+        movable=movable,
+    )
+
+
+def _places(pepper: PepperModel, names: str | Iterable[str]) -> np.ndarray:
+    found = np.zeros(pepper.n, dtype=bool)
+    for name in [names] if isinstance(names, str) else names:
+        joints = pepper.joint_group(name) if name in pepper.group_names else (name,)
+        found[[pepper.joint_index(joint) for joint in joints]] = True
+    return found
+
+
+def _share(quantity: str, value: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not 0 < number <= 1:
+        raise InvalidValueError(quantity, value, "a share above 0 and up to 1")
+    return number

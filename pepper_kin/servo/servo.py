@@ -1,0 +1,251 @@
+"""A loop that follows moving targets and twists, tick by tick."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.problem import flatten_tasks, motion_scale
+from pepper_kin.ik.tasks import Task, TaskGroup
+from pepper_kin.ik.tasks.hands import hand_frame
+from pepper_kin.ik.tasks.task import Array
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
+from pepper_kin.model.joint_vectors import check_within_limits as check_limits
+from pepper_kin.model.shapes import read_only
+from pepper_kin.servo.balance_rows import BalanceRows
+from pepper_kin.servo.clearance_guard import ClearanceGuard
+from pepper_kin.servo.commands import Targets, Twist
+from pepper_kin.servo.demand import Demand, Pace, rate_demand
+from pepper_kin.servo.motion_limits import motion_limits
+from pepper_kin.servo.state import ServoState, ServoStatus
+from pepper_kin.servo.stepper import Stepper, Tick
+
+# Share of an error that is removed per second: at most this, and at most this share of it in one tick.
+GAIN = 30.0
+GAIN_PER_TICK = 0.3
+
+# After a tick that had to brake, approaches to obstacles are slowed; how they recover from tick to tick.
+CAUTION = 0.5
+RECOVERY = 1.05
+
+
+class Servo:
+    """Follows hands, gaze and postures that move while it runs.
+
+    At every tick the differential inverse kinematics finds the joint velocity that moves best towards the
+    targets; see `differential_step`.  Limits of position, velocity and acceleration hold at every tick, also
+    while it stops: no joint is ever so fast that it could not brake before its limit.  Time is counted in
+    ticks; the caller calls `step` once every 1 / rate seconds and sends `q` to the robot.
+
+        servo = Servo(pepper, pepper.posture("Stand"))
+        servo.set_target([HandPosition("left", (0.3, 0.2, 0.9)), LookAt((0.3, 0.2, 0.9))])
+        state = servo.step()
+
+    The same calls give the same numbers.  A servo belongs to one thread.
+
+    Args:
+        pepper: The robot.
+        q0: Joint positions at rest, where it starts and what it prefers [rad or m], shape (n,).
+        rate: Ticks per second [Hz].
+        scene: The world; `Scene()` keeps the robot clear of itself only, None checks no collisions.
+        clearance: Distance kept to the scene and between parts of the robot [m]; pairs that are nearer at the
+            start may only part.
+        timeout: A command that is older stops counting, and the robot brakes [s]; infinite for never.
+        gain: Greatest share of an error removed per second [1/s]; None: 30, or less at low rates.
+        locked: Joints and groups that keep still.
+        balance: Distance that zero-moment point and capture point keep inside the wheels' triangle [m]; None
+            leaves balance out.
+        speed: Share of the velocity limits to use, up to 1.
+        urgency: Share of the acceleration limits to use, up to 1.
+        singularity: Hand (or gaze) motion slows down where a radian of joint motion moves it by less than
+            this [m or rad].
+        approach: Share of the distance to an obstacle that may be used up per second [1/s].
+
+    Raises:
+        InvalidValueError: for a number that is not allowed, or a q0 of wrong shape, or with NaN.
+        LimitError: for a q0 outside the joint limits.
+        UnknownNameError: for an unknown joint or group.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        q0: ArrayLike,
+        rate: float = 100.0,
+        scene: Scene | None = None,
+        *,
+        clearance: float = 0.005,
+        timeout: float = 0.5,
+        gain: float | None = None,
+        locked: str | Iterable[str] = (),
+        balance: float | None = None,
+        speed: float = 1.0,
+        urgency: float = 1.0,
+        singularity: float = 0.05,
+        approach: float = 4.0,
+    ) -> None:
+        self.pepper = pepper
+        self._q = read_only(checked_configuration(pepper, q0, "q0"))
+        self.rate = check_positive("rate", rate, "[Hz]")
+        dt = self._dt = 1.0 / self.rate
+        self.timeout = math.inf if timeout == math.inf else check_positive("timeout", timeout, "[s]")
+        self._clearance = check_positive("clearance", clearance, "[m]")
+        self._approach = check_positive("approach", approach, "[1/s]")
+        gain = min(GAIN, GAIN_PER_TICK * self.rate) if gain is None else check_positive("gain", gain, "[1/s]")
+        limits = motion_limits(pepper, locked, speed, urgency)
+        dearness = motion_scale(pepper, self._q)
+        self._pace = Pace(
+            min(gain, self.rate), check_positive("singularity", singularity, "[m]"), dt, limits, dearness
+        )
+        guard = self._guard(scene) if scene is not None else None
+        margin = None if balance is None else float(as_finite(balance, "balance", ()))
+        rows = None if margin is None else BalanceRows(pepper, margin)
+        self._stepper = Stepper(pepper, limits, dt, self._q, dearness, guard, rows)
+        self._v = read_only(np.zeros(pepper.n))
+        # What is compiled should be so before the first tick.
+        still = rate_demand(np.eye(6, pepper.n), np.zeros(6), self._v, 1.0, "", self._pace)
+        self._stepper.step(self._q, self._v, [still])
+        self._tick, self._caution = 0, 1.0
+        self._targets = Targets()
+        self._twists: dict[str, Twist] = {}
+
+    @property
+    def q(self) -> Array:
+        """Joint positions now [rad or m], shape (n,), read-only."""
+        return self._q
+
+    @property
+    def v(self) -> Array:
+        """Velocities of the last tick [rad/s or m/s], shape (n,), read-only."""
+        return self._v
+
+    @property
+    def time(self) -> float:
+        """Ticks done / rate [s]."""
+        return self._tick * self._dt
+
+    def set_target(self, tasks: Task | TaskGroup | Iterable[Task | TaskGroup]) -> None:
+        """Replace the target tasks.
+
+        Targets given again and again, such as a point that moves, are followed without lag: the servo sees
+        their velocity from one call to the next.
+
+        Args:
+            tasks: Tasks such as `HandPosition` or `LookAt`, any number of them.
+
+        Raises:
+            InvalidValueError: for no task, something that is none, or several targets in one task.
+            UnknownNameError: for a frame or joint that the robot lacks.
+        """
+        flat = flatten_tasks(self.pepper, tasks)
+        self._targets.replace(self.pepper, self._q, flat, self._tick, self._dt)
+
+    def set_twist(
+        self, hand: str, linear: ArrayLike, angular: ArrayLike | None = None, axes: str = "world"
+    ) -> None:
+        """Command a velocity of a hand, in place of the last one.
+
+        Args:
+            hand: "left" or "right".
+            linear: Velocity of the palm [m/s], shape (3,).
+            angular: Angular velocity [rad/s], shape (3,); None leaves the orientation free.
+            axes: Axes of both, "world" or "hand".
+
+        Raises:
+            UnknownNameError: for another hand.
+            InvalidValueError: for other axes, a wrong shape, NaN or infinity.
+        """
+        frame = hand_frame(hand)
+        self.pepper.frame_id(frame)
+        self._twists[hand] = Twist(
+            frame=frame,
+            label=f"{hand} hand",
+            linear=read_only(as_finite(linear, "linear", (3,))),
+            angular=None if angular is None else read_only(as_finite(angular, "angular", (3,))),
+            in_hand_axes=check_choice("axes", axes, ("world", "hand")) == "hand",
+            tick=self._tick,
+        )
+
+    def set_scene(self, scene: Scene | None) -> None:
+        """Replace the world, which may have moved; None looks at no collisions any more."""
+        self._stepper.guard = self._guard(scene) if scene is not None else None
+
+    def stop(self) -> None:
+        """Forget all commands: the next ticks brake."""
+        self._targets, self._twists = Targets(), {}
+
+    def step(self) -> ServoState:
+        """Do one tick and return where the robot should be after it."""
+        demands = self._demands()
+        tick = self._stepper.step(self._q, self._v, demands, self._caution)
+        self._caution = (
+            max(self._caution * CAUTION, 0.05) if tick.blocked else min(self._caution * RECOVERY, 1)
+        )
+        self._v = read_only(tick.v)
+        self._q = read_only(self._q + self._dt * tick.v)
+        self._tick += 1
+        return self._state(tick, demands)
+
+    def _guard(self, scene: Scene) -> ClearanceGuard:
+        if not isinstance(scene, Scene):
+            raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None for no collisions")
+        return ClearanceGuard(self.pepper, scene, self._clearance, self._approach)
+
+    def _fresh(self, given: int) -> bool:
+        # Half a tick of slack: a timeout of whole ticks does not depend on rounding.
+        return (self._tick - given + 0.5) * self._dt < self.timeout
+
+    def _demands(self) -> list[Demand]:
+        if self._targets.tasks and not self._fresh(self._targets.tick):
+            self._targets = Targets()
+        self._twists = {hand: twist for hand, twist in self._twists.items() if self._fresh(twist.tick)}
+        demands = self._targets.demands(self.pepper, self._q, self._v, self._tick, self._pace)
+        return demands + [
+            twist.demand(self.pepper, self._q, self._v, self._pace) for twist in self._twists.values()
+        ]
+
+    def _state(self, tick: Tick, demands: list[Demand]) -> ServoState:
+        tasks, scale = self._targets.tasks, min((demand.scale for demand in demands), default=1.0)
+        errors = tuple(demand.error for demand in demands[: len(tasks)])
+        lost = tuple(f"singularity of {demand.label}" for demand in demands if demand.scale < 1)
+        limited = tick.limited_by + lost
+        if not demands:
+            status = ServoStatus.STOPPING if tick.v.any() else ServoStatus.RESTING
+        elif tick.blocked:
+            status = ServoStatus.BLOCKED
+        elif tasks and not self._twists and all(e <= t.tolerance for e, t in zip(errors, tasks, strict=True)):
+            status = ServoStatus.ARRIVED
+        else:
+            status = ServoStatus.LIMITED if limited or tick.gave_way else ServoStatus.FOLLOWING
+        return ServoState(
+            tick=self._tick,
+            time=self.time,
+            q=self._q,
+            v=self._v,
+            status=status,
+            scale=scale,
+            limited_by=limited,
+            gave_way=tick.gave_way,
+            errors=errors,
+            clearance=tick.clearance,
+        )
+
+
+def checked_configuration(pepper: PepperModel, q: ArrayLike, quantity: str) -> Array:
+    """Return one configuration within the joint limits, shape (n,).
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN or infinity.
+        LimitError: naming the worst joint outside its limits.
+    """
+    state = as_joint_vectors(pepper, q, quantity)
+    if state.ndim != 1:
+        raise InvalidValueError(quantity, f"shape {state.shape}", f"one configuration, shape ({pepper.n},)")
+    check_limits(pepper, state, quantity)
+    return state

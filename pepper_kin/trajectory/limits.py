@@ -1,0 +1,109 @@
+"""Limits of a motion, and the torques, edge moments and frame speeds of many states that they look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.batch import kernel
+from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
+from pepper_kin.core.timing.tables import StateEffects
+from pepper_kin.kernels import Kernel
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
+from pepper_kin.trajectory.payload import AtFrames, payload_torque, payload_wrench
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What a trajectory may use; inf where there is no limit.
+
+    Attributes:
+        velocity: [rad/s or m/s], shape (n,).
+        acceleration: [rad/s^2 or m/s^2], shape (n,).
+        torque: [N m or N], shape (n,); None to leave torque out.
+        balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
+            balance out.
+        payload: Masses held, by frame [kg]; they act on torque and balance.
+        speed: Greatest speeds of frames' origins [m/s].
+    """
+
+    velocity: Array
+    acceleration: Array
+    torque: Array | None
+    balance: float | None = None
+    payload: AtFrames = ()
+    speed: AtFrames = ()
+
+
+@lru_cache(maxsize=32)
+def _moment_of_wrench(pepper: PepperModel, margin: float) -> Array:
+    polygon = support_polygon(pepper)
+    return np.zeros((6, 0)) if polygon is None else moment_matrix(polygon, margin)
+
+
+class LimitedQuantities:
+    """What limits besides those of joint velocity and acceleration look at.
+
+    States are arrays of finite numbers, shape (T, n).
+
+    Attributes:
+        torque_limit: Shape (n,), or (0,) where torque is not limited.
+        edges: Number of edges of the support polygon, or 0 where balance is not limited.
+        frames: Number of frames whose speed is limited.
+    """
+
+    def __init__(self, pepper: PepperModel, limits: Limits) -> None:
+        self._pepper, self._limits = pepper, limits
+        torque = limits.torque is not None and bool(np.isfinite(limits.torque).any())
+        self.torque_limit = np.array(limits.torque, dtype=float) if torque else np.zeros(0)
+        self._polygon = support_polygon(pepper) if limits.balance is not None else None
+        self.edges = 0 if self._polygon is None else len(self._polygon)
+        self.frames = len(limits.speed)
+        self._moment_of_wrench: Array | None = None
+        if self.edges and limits.balance is not None and not moves_base(pepper):
+            self._moment_of_wrench = _moment_of_wrench(pepper, limits.balance)
+
+    def of(self, q: Array, v: Array, a: Array) -> StateEffects:
+        """Return all of them; arguments have shape (T, n)."""
+        return StateEffects(self.torque(q, v, a), self.moments(q, v, a), self.speed(q, v))
+
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """Return torques, shape (T, n or 0)."""
+        if not self.torque_limit.size:
+            return np.zeros((len(q), 0))
+        torque = _evaluated(kernel(self._pepper, "inverse_dynamics"), q, v, a)
+        held = self._limits.payload
+        return torque + payload_torque(self._pepper, held, q, v, a) if held else torque
+
+    def moments(self, q: Array, v: Array, a: Array) -> Array:
+        """Return edge moments, shape (T, edges)."""
+        if self._polygon is None or self._limits.balance is None:
+            return np.zeros((len(q), 0))
+        held = self._limits.payload
+        if self._moment_of_wrench is None:
+            moments = edge_moments(self._pepper, self._polygon, q, v, a, self._limits.balance, held)
+            return np.ascontiguousarray(moments)
+        wrench = _evaluated(kernel(self._pepper, "base_wrench"), q, v, a)
+        if held:
+            wrench = wrench + payload_wrench(self._pepper, held, q, v, a)
+        found = np.empty((len(q), self.edges))
+        matrix_product(wrench, self._moment_of_wrench, found)
+        return found
+
+    def speed(self, q: Array, v: Array) -> Array:
+        """Return speeds of frames over their limits, shape (T, frames)."""
+        shares = np.empty((len(q), self.frames))
+        for k, (frame, limit) in enumerate(self._limits.speed):
+            velocity = _evaluated(kernel(self._pepper, "frame_velocity", frame), q, v)
+            linear_speed_share(velocity, limit, k, shares)
+        return shares
+
+
+def _evaluated(of: Kernel, *states: Array) -> Array:
+    return evaluate(of, *(np.ascontiguousarray(state, dtype=float) for state in states))

@@ -1,0 +1,145 @@
+"""The fastest motion along a path that keeps all limits, by the compiled core."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.timing.constraints import fill_rows, tighten_joints, tighten_states
+from pepper_kin.core.timing.parameterization import (
+    NO_PROFILE,
+    NO_REST,
+    all_instants,
+    evaluate_motion,
+    instant_count,
+    instants_near_limits,
+    optimal_profile,
+    profile_duration,
+)
+from pepper_kin.core.timing.reachability import fastest_profile
+from pepper_kin.core.timing.tables import Instants, StateEffects
+from pepper_kin.trajectory.timing_problem import TimingProblem
+from pepper_kin.trajectory.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+CHECK_STEP = 0.001  # [s]
+_TRIALS = 9  # solutions with tightened limits where time cannot be stretched
+_MORE, _LEAST = 1.1, 2e-6  # stretch a little further than needed
+_MARGINS = (1e-3, 1e-5)  # shares of limits left unused there, to be tried in turn
+_TOLERANCE = 1e-9  # of a limit, for rounding
+
+
+def fastest_motion(problem: TimingProblem) -> Trajectory:
+    """Return the fastest motion along a path from rest to rest that keeps limits.
+
+    Velocity and acceleration keep their limits at every instant, the others at both ends of every interval
+    and at every multiple of 1 ms.  Where a limit is exceeded between grid points, that interval's is
+    tightened by the excess before the passes are run again; what is left is removed by stretching time (see
+    `pepper_kin.core.timing.parameterization`).  Of the multiples of 1 ms, those are examined that lie on
+    intervals where a limit is near.
+
+    Raises:
+        InfeasibleError: where there is none, saying why.
+    """
+    status, failed, stretch = optimal_profile(
+        problem.grid, problem.effects, problem.limits, problem.rows, problem.space
+    )
+    if status == NO_PROFILE:
+        raise problem.infeasible(failed)
+    if status != NO_REST:
+        stretch = _stretched(problem, problem.space.best, stretch)
+        if np.isfinite(stretch):
+            return problem.trajectory(problem.space.best, stretch)
+    return _motion_without_rest(problem)
+
+
+def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
+    """Return how much slower than x says torques and balance ask to be; inf if that is of no use."""
+    limit, edges = problem.limits.torque, problem.quantities.edges
+    if limit.size:
+        stretch = _kept(problem, x, stretch, limit, 0)
+    if edges:
+        stretch = _kept(problem, x, stretch, np.zeros(edges), limit.size)
+    return stretch
+
+
+def _kept(problem: TimingProblem, x: Array, stretch: float, limit: Array, begin: int) -> float:
+    """Look at torques, or edge moments (with limits of 0), at every multiple of 1 ms where they are near."""
+    grid, n = problem.grid, problem.grid.at.shape[2]
+    duration = profile_duration(grid, x)
+    while np.isfinite(stretch):
+        instants = _room_for(duration, stretch)
+        count = instants_near_limits(grid, problem.rows, limit, begin, x, stretch, CHECK_STEP, instants)
+        if not count:
+            break
+        state, none = np.empty((3, count, n)), np.empty((count, 0))
+        evaluate_motion(grid, x, instants, stretch, state)
+        if limit[0]:
+            asked, bound = StateEffects(problem.quantities.torque(*state), none, none), limit
+        else:
+            asked, bound = StateEffects(none, problem.quantities.moments(*state), none), np.empty(0)
+        interval = instants.interval[:count]
+        more = tighten_states(grid, bound, problem.rows, n + begin, interval, asked, False)
+        if more <= 1.0 + _TOLERANCE:
+            break
+        stretch *= 1.0 + _MORE * (more - 1.0) + _LEAST  # the instants looked at next are others
+    return stretch
+
+
+def _room_for(duration: float, stretch: float) -> Instants:
+    count = instant_count(duration, stretch, CHECK_STEP)
+    return Instants(np.empty(count, np.int64), np.empty(count))
+
+
+def _motion_without_rest(problem: TimingProblem) -> Trajectory:
+    """Search for a motion past postures that the robot could not hold: there, slower is not easier.
+
+    Raises:
+        InfeasibleError: where none is found.
+    """
+    for margin in _MARGINS:
+        found, failed = _swing(problem, margin)
+        if found is not None:
+            return found
+    raise problem.infeasible(failed)
+
+
+def _swing(problem: TimingProblem, margin: float) -> tuple[Trajectory | None, int | None]:
+    """Return a motion with a share of the limits left unused, or the grid point where the search ended."""
+    grid, limits, rows, space = problem.grid, problem.limits, problem.rows, problem.space
+    begin_moments = grid.at.shape[2] + limits.torque.size
+    fill_rows(grid, problem.effects, limits, rows)
+    rows.low[...] += margin * np.where(np.isfinite(rows.low), np.abs(rows.low), 0.0)
+    rows.high[...] -= margin * np.where(np.isfinite(rows.high), np.abs(rows.high), 0.0)
+    rows.low[:, begin_moments:] += margin
+    rows.x_most[...] *= 1.0 - 2 * margin
+    slower = 1.0
+    for trial in range(_TRIALS):
+        failed = fastest_profile(grid, rows, space)
+        if failed >= 0:
+            return None, failed
+        x, before = space.x, rows.x_most.copy()
+        slower = tighten_joints(grid, limits, rows, x, 0.0, space.changed)
+        slower = max(slower, _tightened_by_states(problem, x, 1.0, True))
+        if slower <= 1.0 + _TOLERANCE:
+            return problem.trajectory(x), None
+        # The speed inside an interval depends on both ends, of which the bound may act at one only: by
+        # lowering it as much as the excess, half of that may be left.  So lower it more each time.
+        rows.x_most[...] *= (rows.x_most / before) ** trial
+    # What is left of the excess is small: a motion that is slower by so little may still keep all limits.
+    stretch = slower * (1.0 + _LEAST)
+    if np.isfinite(stretch) and _tightened_by_states(problem, space.x, stretch, False) <= 1.0 + _TOLERANCE:
+        return problem.trajectory(space.x, stretch), None
+    return None, None
+
+
+def _tightened_by_states(problem: TimingProblem, x: Array, stretch: float, tighten: bool) -> float:
+    """Return how much slower torques, balance and frames at every multiple of 1 ms ask to be."""
+    grid, n = problem.grid, problem.grid.at.shape[2]
+    instants = _room_for(profile_duration(grid, x), stretch)
+    count = all_instants(grid, x, stretch, CHECK_STEP, instants)
+    state = np.empty((3, count, n))
+    evaluate_motion(grid, x, instants, stretch, state)
+    asked, limit = problem.quantities.of(*state), problem.limits.torque
+    return float(tighten_states(grid, limit, problem.rows, n, instants.interval, asked, tighten))

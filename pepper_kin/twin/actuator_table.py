@@ -1,0 +1,60 @@
+"""Parameters of actuators as the compiled actuator model takes them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.simulation.actuator_model import ActuatorTable
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.twin.actuators import POSITION, TORQUE, ActuatorParameters
+
+Array = NDArray[np.float64]
+
+_FAR = 1e12  # [rad or m] stands for infinity in a joint's range, so that 0 times it is 0
+
+
+def actuator_table(pepper: PepperModel, actuators: ActuatorParameters) -> ActuatorTable:
+    """Return the parameters of a robot's joints, each of shape (n,).
+
+    Args:
+        pepper: The robot.
+        actuators: Of its joints; those of k robots, one after the other, give the shape (k n,).
+    """
+    strength = np.array(actuators.strength)
+    robots = strength.size // pepper.n
+    servo = np.where(actuators.in_mode(TORQUE), 0.0, strength)
+    with np.errstate(invalid="ignore"):
+        stall = np.where(strength > 0, strength * actuators.stall_torque, 0.0)
+        limit = np.where(strength > 0, strength * actuators.torque_limit, 0.0)
+        line = np.where(np.isfinite(actuators.no_load_speed), stall / actuators.no_load_speed, 0.0)
+    return ActuatorTable(
+        kp=np.where(actuators.in_mode(POSITION), strength * actuators.stiffness, 0.0),
+        kd=servo * actuators.damping,
+        strength=strength,
+        feedforward=servo,
+        limit=limit,
+        stall=stall,
+        line=line,
+        viscous=np.array(actuators.viscous_friction),
+        coulomb=np.array(actuators.coulomb_friction),
+        rotor=np.array(actuators.rotor_inertia),
+        upper=np.tile(np.minimum(pepper.upper_limits, _FAR), robots),
+        lower=np.tile(np.maximum(pepper.lower_limits, -_FAR), robots),
+        stop_stiffness=np.array(actuators.stop_stiffness),
+        stop_damping=np.array(actuators.stop_damping),
+        resolution=np.array(actuators.encoder_resolution),
+    )
+
+
+def check_joints(pepper: PepperModel, actuators: ActuatorParameters) -> None:
+    """Refuse actuators of other joints.
+
+    Raises:
+        InvalidValueError: naming both.
+    """
+    if actuators.joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the actuators", ", ".join(actuators.joint_names), ", ".join(pepper.joint_names)
+        )

@@ -1,0 +1,171 @@
+"""Robots of one kind as the compiled time loop takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.simulation.actuator_model import ActuatorTable
+from pepper_kin.core.simulation.contact_step import no_world
+from pepper_kin.core.simulation.implicit_step import RobotTables, StepWorkspace
+from pepper_kin.core.simulation.rollout import Inputs, Log, Span, rollout
+from pepper_kin.kernels.threads import run_in_pieces
+from pepper_kin.model import PepperModel
+from pepper_kin.twin.step_kernel import Variant, mass_places, parameters, step_kernels
+
+Array = NDArray[np.float64]
+
+_WEIGHT = 512  # rows that a robot counts as when work is shared among threads
+
+
+class Rollout(NamedTuple):
+    """What robots did.
+
+    Attributes:
+        position: At the start and every so many steps [rad or m], shape (N, rows, n).  Where a robot has
+            stopped, the next row is the state that diverged, and the rest is of no use; there is one such row
+            too many where the steps do not divide evenly.
+        velocity: The same [rad/s or m/s].
+        torque: The same [N m or N]; the first row is of no use.
+        good: Number of good steps of each robot, shape (N,).
+        last_position: Of the last good state [rad or m], shape (N, n).
+        last_velocity: The same [rad/s or m/s], shape (N, n).
+        last_torque: In the last step [N m or N], shape (N, n); of no use where a robot has stopped.
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    good: NDArray[np.int64]
+    last_position: Array
+    last_velocity: Array
+    last_torque: Array
+
+
+class Simulator:
+    """N robots of one kind, each with its own parameters.
+
+    Args:
+        pepper: The robot.
+        timestep: h [s].
+        actuators: Parameters of the joints, each of shape (N, n).
+        gravity: Whether servos add what holds the present posture of the robot as it is described.
+        scale: Factors of the mass that moves with each joint, shape (N, n); none if omitted.
+        payload: Frame -> point mass at its origin [kg], shape (N,) each.
+
+    Attributes:
+        robots: N.
+        tables: The robots for compiled code.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        timestep: float,
+        actuators: ActuatorTable,
+        *,
+        gravity: bool,
+        scale: Array | None = None,
+        payload: Mapping[str, Array] | None = None,
+    ) -> None:
+        self.robots, self._n = actuators.kp.shape
+        loads = dict(payload or {})
+        variant = Variant(has_motor(actuators), scale is not None, tuple(loads))
+        # Machine code lives no longer than its kernel.
+        self._kernels = step_kernels(pepper, variant, self.robots)
+        self._lanes = 1 if self.robots == 1 else self._kernels[0].lanes
+        step, solve = (k.single_address if self._lanes == 1 else k.block_address for k in self._kernels)
+        if not gravity:
+            actuators = actuators._replace(feedforward=np.zeros_like(actuators.kp))
+        constant = [getattr(actuators, name) for name in parameters(variant)]
+        constant.append(np.full((self.robots, 1), timestep))
+        constant += [scale] if scale is not None else []
+        constant += [np.stack(list(loads.values()), axis=-1)] if loads else []
+        self.tables = RobotTables(
+            float(timestep),
+            self._lanes,
+            step,
+            solve,
+            np.ascontiguousarray(np.stack([self._blocks(values) for values in actuators], axis=1)),
+            self._blocks(np.concatenate(constant, axis=1)),
+            np.array(mass_places(pepper), dtype=np.int64).T.copy(),
+        )
+
+    def run(
+        self, q: Array, v: Array, inputs: Inputs, steps: int, *, every: int = 1, threads: int = 1
+    ) -> Rollout:
+        """Advance all robots.
+
+        Args:
+            q: Positions at the start [rad or m], shape (N, n).
+            v: Velocities, shape (N, n).
+            inputs: Inputs of the robots, shape (N, T, n) each, or (1, T, n) for all robots.
+            steps: Number of steps T.
+            every: Steps between rows of the result.
+            threads: Number of threads; the result does not depend on it.
+
+        Returns:
+            The states.
+        """
+        shape = (self.robots, 1 - (-steps // every), self._n)
+        position, velocity, torque = (np.empty(shape) for _ in range(3))
+        position[:, 0], velocity[:, 0] = q, v
+        log = Log(position, velocity, torque, np.full(self.robots, steps, dtype=np.int64))
+        state = np.stack([self._blocks(x) for x in (q, v, np.full_like(q, np.nan))])
+        spread = Inputs(*(self._spread(x) for x in inputs))
+        weight, world = self._lanes * _WEIGHT, no_world(self._n)
+
+        def work(start: int, stop: int) -> None:
+            span = Span(steps, every, start // weight, -(-stop // weight))
+            rollout(span, self.tables, self.workspace(), spread, state, log, world)
+
+        run_in_pieces(state.shape[1] * weight, threads, weight, work)
+        return Rollout(position, velocity, torque, log.good, *(self._robots(x) for x in state))
+
+    def workspace(self) -> StepWorkspace:
+        """Return the arrays of one thread."""
+        m, entries = self._n * self._lanes, self.tables.places.shape[1] * self._lanes
+        return StepWorkspace(
+            given=_aligned(6 * m + self.tables.constant.shape[1]),
+            result=_aligned(5 * m + entries + self._lanes),
+            work=_aligned(max(kernel.work_size for kernel in self._kernels)),
+            ask=_aligned(2 * m + entries),
+            answer=_aligned(m),
+            rows=np.empty((5, m)),
+            flags=np.zeros((2, self._lanes), dtype=np.bool_),
+        )
+
+    def _spread(self, values: Array) -> Array:
+        """Return values for all robots in the order of elements; others as they are."""
+        shared = values.shape[0] == 1
+        return np.ascontiguousarray(np.repeat(values, self._lanes, axis=2) if shared else values, dtype=float)
+
+    def _blocks(self, values: Any) -> Array:
+        """Return values of robots, (N, k), in blocks of lanes, (blocks, k W); the last robot fills up."""
+        lanes, k = self._lanes, values.shape[1]
+        blocks = -(-self.robots // lanes)
+        rows = np.minimum(np.arange(blocks * lanes), self.robots - 1)
+        return np.ascontiguousarray(
+            values[rows].reshape(blocks, lanes, k).transpose(0, 2, 1).reshape(blocks, k * lanes), dtype=float
+        )
+
+    def _robots(self, blocks: Array) -> Array:
+        """Return values of robots from blocks."""
+        count, k = blocks.shape[0], blocks.shape[1] // self._lanes
+        return blocks.reshape(count, k, self._lanes).transpose(0, 2, 1).reshape(-1, k)[: self.robots].copy()
+
+
+def has_motor(actuators: ActuatorTable) -> bool:
+    """Return whether any joint has more than a servo with a torque limit and stops."""
+    more = (actuators.viscous, actuators.coulomb, actuators.rotor, actuators.resolution, actuators.line)
+    return any(values.any() for values in more) or bool((actuators.stall < actuators.limit).any())
+
+
+def _aligned(size: int) -> Array:
+    """Return an array at a multiple of 64 bytes."""
+    room = np.empty(size + 8)
+    start = (-(room.ctypes.data // 8)) % 8
+    return room[start : start + size]

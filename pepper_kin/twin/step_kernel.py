@@ -1,0 +1,315 @@
+"""The equation of motion of one step as kernels: its terms, and its solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from types import FunctionType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pepper_kin.core.simulation.actuator_model import (
+    CREEP,
+    encoder_reading,
+    friction_segment,
+    speed_torque_line,
+)
+from pepper_kin.core.simulation.implicit_step import RUNAWAY
+from pepper_kin.kernels import Kernel, compile_function, host_target, source_digest
+from pepper_kin.kernels.compiled import CompiledFunction
+from pepper_kin.model import PepperModel, robot_digest
+from pepper_kin.symbolic.bodies import Inertia
+from pepper_kin.symbolic.composite import coupled_entries, first_moments, mass_entries
+from pepper_kin.symbolic.factorization import factorize
+from pepper_kin.symbolic.functions import make_function
+from pepper_kin.symbolic.inverse_dynamics import full_torques
+from pepper_kin.symbolic.memory import remembered
+from pepper_kin.symbolic.scalars import Graph, Scalar, Value
+from pepper_kin.symbolic.states import State, gather, make_state
+from pepper_kin.symbolic.tree import Tree, read_tree
+from pepper_kin.symbolic.vectors import add, add_matrices, outer, scale
+
+if TYPE_CHECKING:
+    import casadi
+
+SOURCES = tuple(
+    f"pepper_kin.{name}"
+    for name in ("twin.step_kernel", "core.simulation.actuator_model", "symbolic", "model")
+)
+"""Modules on which the kernels depend."""
+
+_PACKAGE_VECTOR_BYTES = 32
+
+Place = tuple[int, int]
+
+STEP_INPUTS = (
+    "position",
+    "velocity",
+    "position_reference",
+    "velocity_reference",
+    "feedforward_torque",
+    "load",
+)
+"""Names of the step's inputs that change from step to step, n values each; `feedforward_torque` times the
+strength."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What the step of a robot has to take into account.
+
+    Attributes:
+        motor: Rotors, friction, torque-speed lines and encoders; without them, servos with torque limits.
+        scaled: Whether the mass that moves with each joint has a factor.
+        payload_frames: Frames with a point mass.
+    """
+
+    motor: bool = False
+    scaled: bool = False
+    payload_frames: tuple[str, ...] = ()
+
+
+def parameters(variant: Variant) -> tuple[str, ...]:
+    """Return the names of the parameters of `ActuatorTable` that the step takes, n values each."""
+    servo = ("kp", "kd", "feedforward", "limit", "upper", "lower")
+    motor = ("stall", "line", "viscous", "coulomb", "rotor", "resolution")
+    return servo + motor if variant.motor else servo
+
+
+@remembered
+def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
+    """Return one step of the twin on the first guess of segments; see `pepper_kin.twin.Integrator`.
+
+    Inputs are those of `STEP_INPUTS`, then `parameters`, the timestep `h`, and, where the variant has them,
+    `scale` (n) and `payload`.  Outputs:
+
+    * `next`: position, velocity and torque at the end of the step (3 n).
+    * `servo`: what the actuators want at w = 0, and `bias`: b (n each).
+    * `mass`: the entries of M at `mass_places`.
+    * `violation`: not above 0 where the guess was right: no motor clipped, no stop touched, no joint stuck,
+      freed or turned round, nothing absurd.
+
+    Args:
+        pepper: The robot.
+        variant: What the step has to take into account.
+
+    Raises:
+        UnknownNameError: for a frame that the robot lacks.
+        ModelError: naming joints that move no mass.
+    """
+    import casadi
+
+    n = pepper.n
+    names = (*STEP_INPUTS, *parameters(variant))
+    x = {name: casadi.SX.sym(name, n) for name in names}
+    h = casadi.SX.sym("h")
+    more = [casadi.SX.sym("scale", n)] if variant.scaled else []
+    if variant.payload_frames:
+        more.append(casadi.SX.sym("payload", len(variant.payload_frames)))
+    q, v = x["position"], x["velocity"]
+    friction, stick, reading = 0, 0, q
+    if variant.motor:
+        friction, stick = _traced(friction_segment)(x["coulomb"], v)
+        reading = _traced(encoder_reading)(x["resolution"], q)
+    servo = x["kp"] * (x["position_reference"] - reading) + x["kd"] * x["velocity_reference"]
+    servo += x["feedforward_torque"]
+    gain = h * x["kp"] + x["kd"]
+    slope = gain + (x["viscous"] + stick if variant.motor else 0)
+    extra = h * slope + (x["rotor"] if variant.motor else 0)
+    force = servo - friction - slope * v + x["load"]
+    a, bias, gravity, mass = _terms(pepper, variant)(q, v, force, extra, x["feedforward"], *more)
+    servo += x["feedforward"] * gravity
+    w = v + h * a
+    following = q + h * w
+    torque = servo - gain * w
+    violation = _violation(x, variant, following, w, torque)
+    inputs = [*x.values(), h, *more]
+    outputs = [casadi.vertcat(following, w, torque), servo, bias, mass, violation]
+    return casadi.Function("twin_step", inputs, outputs)
+
+
+def _traced(function: CompiledFunction) -> Callable[..., Any]:
+    """Return a formula of the actuator model as a function of symbols."""
+    import casadi
+
+    meanings = {
+        "select": casadi.if_else,
+        "floor": casadi.floor,
+        "copysign": casadi.copysign,
+        "abs": casadi.fabs,
+    }
+    return FunctionType(function.python.__code__, {**function.python.__globals__, **meanings})
+
+
+def _violation(x: dict[str, Any], variant: Variant, q: Any, w: Any, torque: Any) -> Any:
+    """Return by how much a step leaves the segments that it was taken on, NaN included."""
+    import casadi
+
+    old, v, limit = x["position"], x["velocity"], x["limit"]
+    excess = [
+        casadi.fmax(q, old) - x["upper"],
+        x["lower"] - casadi.fmin(q, old),
+        casadi.fabs(w) - RUNAWAY,
+    ]
+    if variant.motor:
+        lower, upper = _traced(speed_torque_line)(x["stall"], x["line"], w)
+        excess.append(torque - casadi.fmin(limit, upper))
+        excess.append(casadi.fmax(-limit, lower) - torque)
+        kept = casadi.fabs(w) - CREEP
+        turned = CREEP - casadi.copysign(1, v) * w
+        excess.append(x["coulomb"] * casadi.if_else(casadi.fabs(v) <= CREEP, kept, turned))
+    else:
+        excess.append(casadi.fabs(torque) - limit)
+    worst = excess[0][0]
+    for values in excess:
+        for value in casadi.vertsplit(values):
+            worst = casadi.fmax(worst, value)
+    return worst + _not_a_number(w)
+
+
+def _not_a_number(w: Any) -> Any:
+    """Return zero for finite values, else NaN, in a way that no simplification takes for zero."""
+    import casadi
+
+    total = casadi.sum1(w)
+    return casadi.if_else(casadi.fabs(total) < np.inf, 0, np.nan)
+
+
+@remembered
+def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
+    """Return the function (q, v, force, extra, share) -> a, bias, gravity, mass.
+
+    a solves (M(q) + diag(extra)) a = force + share * g(q) - b(q, v); bias is b = C v + g, gravity is g of the
+    robot as it is described, and mass holds the entries of M at `mass_places`.  Further inputs are `scale`
+    (n) and `payload`, where the variant has them.
+    """
+    tree, n = read_tree(pepper, compact=not variant.scaled), pepper.n
+    graph = Graph()
+    inputs = {name: graph.inputs(n) for name in ("q", "v", "force", "extra", "share")}
+    state = make_state(tree, inputs["q"], inputs["v"])
+    nominal = gather(tree.full_map, _gravity(state))
+    if variant.scaled:
+        inputs["scale"] = graph.inputs(n)
+        tree = _scaled(tree, inputs["scale"])
+    if variant.payload_frames:
+        inputs["payload"] = graph.inputs(len(variant.payload_frames))
+        tree = _loaded(tree, variant.payload_frames, inputs["payload"])
+    state = replace(state, tree=tree)
+    bias = gather(tree.full_map, full_torques(state))
+    mass = coupled_entries(state, mass_entries(state))
+    right = [
+        force + share * gravity - b
+        for force, share, gravity, b in zip(inputs["force"], inputs["share"], nominal, bias, strict=True)
+    ]
+    outputs = {
+        "a": _solve(mass, inputs["extra"], right, pepper.joint_names),
+        "bias": bias,
+        "gravity": nominal,
+        "mass": [mass[place] for place in sorted(mass)],
+    }
+    rows = {name: [[value] for value in values] for name, values in outputs.items()}
+    return make_function("twin_terms", graph, inputs, rows)
+
+
+@remembered
+def solve_function(pepper: PepperModel) -> casadi.Function:
+    """Return the function (mass, extra, right) -> a, the solution of (M + diag(extra)) a = right.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of mass (the entries at `mass_places`), extra and right (n each); output a (n).
+    """
+    places, graph = mass_places(pepper), Graph()
+    inputs = {
+        "mass": graph.inputs(len(places)),
+        "extra": graph.inputs(pepper.n),
+        "right": graph.inputs(pepper.n),
+    }
+    entries: dict[Place, Value] = dict(zip(places, inputs["mass"], strict=True))
+    a = _solve(entries, inputs["extra"], inputs["right"], pepper.joint_names)
+    return make_function("twin_solve", graph, inputs, {"a": [[value] for value in a]})
+
+
+@remembered
+def mass_places(pepper: PepperModel) -> tuple[Place, ...]:
+    """Return the places (row, column) of the lower half of M that are not always zero, in order."""
+    tree = read_tree(pepper, compact=True)
+    state = make_state(tree, Graph().inputs(pepper.n))
+    return tuple(sorted(coupled_entries(state, mass_entries(state))))
+
+
+def step_kernels(pepper: PepperModel, variant: Variant, robots: int) -> tuple[Kernel, Kernel]:
+    """Return `step_function` and `solve_function` as machine code, from disk if it is there.
+
+    Both have the same number of lanes.  Many robots are worth the widest vectors of the processor; for one,
+    the width that comes with the package will do.
+    """
+    width = host_target().vector_bytes if robots > 1 else _PACKAGE_VECTOR_BYTES
+
+    def compiled(function: Callable[[], casadi.Function], what: str) -> Kernel:
+        return compile_function(function, key=_key(pepper, what), vector_bytes=width, batch=False)
+
+    step = compiled(lambda: step_function(pepper, variant), f"twin step {variant}")
+    return step, compiled(lambda: solve_function(pepper), "twin solve")
+
+
+def _solve(
+    mass: dict[Place, Value], extra: Sequence[Value], right: Sequence[Value], names: Sequence[str]
+) -> list[Value]:
+    entries = dict(mass)
+    for j, value in enumerate(extra):
+        entries[j, j] = entries.get((j, j), 0.0) + value
+    return factorize(entries, names).solve(right)
+
+
+def _gravity(state: State) -> list[Value]:
+    """Return g of all coordinates of `pinocchio_model`; see `pepper_kin.symbolic.gravity_torque`."""
+    tree = state.tree
+    moments, masses, _ = first_moments(state)
+    pulls: list[Sequence[Value]] = []
+    tau: list[Value] = []
+    for body, turn, (x, y, _), mass in zip(tree.bodies, state.turns, moments, masses, strict=True):
+        pull = turn.inward(pulls[body.parent] if body.parent >= 0 else tree.gravity)
+        pulls.append(pull)
+        tau.append(-mass * pull[2] if body.slides else y * pull[0] - x * pull[1])
+    return tau
+
+
+def _scaled(tree: Tree, factors: Sequence[Scalar]) -> Tree:
+    """Return the tree with every body's mass multiplied by the factor of the joint that moves it."""
+    bodies = []
+    for i, body in enumerate(tree.bodies):
+        factor = factors[int(abs(tree.full_map[i]).argmax())]
+        inertia = Inertia(
+            factor * body.inertia.mass,  # type: ignore[arg-type]
+            scale(factor, body.inertia.first),
+            tuple(scale(factor, row) for row in body.inertia.second),
+        )
+        bodies.append(replace(body, inertia=inertia))
+    return replace(tree, bodies=tuple(bodies))
+
+
+def _loaded(tree: Tree, frames: Sequence[str], masses: Sequence[Scalar]) -> Tree:
+    """Return the tree with a point mass at the origin of each frame."""
+    bodies = list(tree.bodies)
+    for frame, mass in zip(frames, masses, strict=True):
+        body, _, place = tree.anchor(frame)
+        if body < 0:
+            continue  # on the floor it moves with nothing
+        old = bodies[body].inertia
+        lever = scale(mass, place)
+        inertia = Inertia(
+            old.mass + mass,  # type: ignore[arg-type]
+            add(old.first, lever),
+            add_matrices(old.second, outer(lever, place)),
+        )
+        bodies[body] = replace(bodies[body], inertia=inertia)
+    return replace(tree, bodies=tuple(bodies))
+
+
+def _key(pepper: PepperModel, what: str) -> str:
+    """Name what the code depends on: the robot, the quantity and the source of the expressions."""
+    return f"{what} of {robot_digest(pepper)} by {source_digest(*SOURCES)} {RUNAWAY} {CREEP}"

@@ -1,0 +1,55 @@
+"""Contacts of a world's last step, and how they were solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.model.shapes import read_only
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class WorldContact:
+    """A point where two things touched, or could have, during the last step.  Arrays are read-only.
+
+    Attributes:
+        names: Links of the robot or objects; what moves more freely comes first.
+        point: In the world [m], shape (3,).
+        normal: Unit vector from the second to the first, shape (3,).
+        gap: Between the surfaces before the step [m], below zero where they overlap.
+        force: On the first, during the step [N], shape (3,); on the second it is the opposite.
+    """
+
+    names: tuple[str, str]
+    point: Array
+    normal: Array
+    gap: float
+    force: Array
+
+    def __post_init__(self) -> None:
+        for name in ("point", "normal", "force"):
+            if getattr(self, name).flags.writeable:
+                object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+@dataclass(frozen=True, eq=False)
+class StepSolution:
+    """Velocities after a step, and the impulses that made them.
+
+    Attributes:
+        velocity: u, shape (N,).
+        impulses: Normal, first and second tangent of each point [N s], shape (3 k,).
+        solver: Who found them.
+        problems: Convex problems solved.
+        lift: Normal velocity by which slips deviate from Coulomb's law [m/s].
+    """
+
+    velocity: Array
+    impulses: Array
+    solver: str
+    problems: int
+    lift: float

@@ -1,0 +1,94 @@
+"""The contact problem solved as a quadratic program for impulses, by proxsuite."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ACCURACY = 1e-9
+"""Residuals asked of ProxQP, in units in which an impulse of 1 changes its own edge's velocity by 1 m/s."""
+ITERATIONS = 200
+
+
+class ImpulseProblem(NamedTuple):
+    """A convex problem of k points and N velocities; see `core.simulation.contact_solver.ContactProblem`.
+
+    Attributes:
+        jacobian: Rows normal, first and second tangent of each point, shape (3 k, N).
+        response: J M^-1, shape (3 k, N).
+        free: Velocities without contact, shape (N,).
+        soft: R of each point's edges, shape (k,).
+        drop: With the slips' share, shape (k,).
+        friction: mu, shape (k,).
+    """
+
+    jacobian: Array
+    response: Array
+    free: Array
+    soft: Array
+    drop: Array
+    friction: Array
+
+
+class ImpulseProgram:
+    """Minimise f^T (A + R) f / 2 + f^T b over f >= 0, an impulse along each edge of the friction pyramids.
+
+    With D the edges of all points (normal + mu tangent, normal - mu tangent, the same for the other tangent)
+    in terms of their normals and tangents: A = D J M^-1 J^T D^T, b = D J u_free + drop.  Rows are scaled by
+    the root of their diagonal.  One ProxQP object is kept for each number of points and started where it
+    ended.
+
+    Bambade et al., ProxQP: an efficient and versatile quadratic programming solver for real-time robotics
+    applications and beyond (2023).
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[int, Any] = {}
+
+    def solve(self, problem: ImpulseProblem) -> Array | None:
+        """Return the impulses (normal, first, second tangent) of all points, shape (3 k,); None for none."""
+        from proxsuite import proxqp
+
+        count = len(problem.drop)
+        edges = _edges(problem.friction)
+        rows, response = _edge_rows(edges, problem.jacobian), _edge_rows(edges, problem.response)
+        hessian = response @ rows.T
+        hessian[np.diag_indices(4 * count)] += np.repeat(problem.soft, 4)
+        scale = 1.0 / np.sqrt(hessian.diagonal())
+        hessian = scale[:, None] * (0.5 * (hessian + hessian.T)) * scale
+        gradient = scale * (rows @ problem.free + np.repeat(problem.drop, 4))
+        solver = self._kept.get(count)
+        if solver is None:
+            none, ever = np.zeros(4 * count), np.full(4 * count, 1e20)
+            solver = self._kept[count] = proxqp.dense.QP(4 * count, 0, 0, True)
+            solver.settings.eps_abs = ACCURACY
+            solver.settings.eps_rel = 0.0
+            solver.settings.max_iter = ITERATIONS
+            solver.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+            solver.init(hessian, gradient, None, None, None, None, None, none, ever)
+        else:
+            solver.update(H=hessian, g=gradient, update_preconditioner=False)
+        solver.solve()
+        solved = solver.results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
+        forces = scale * np.maximum(solver.results.x, 0.0)
+        if not (solved and np.isfinite(forces).all()):
+            self._kept.pop(count)  # the next start is a cold one
+            return None
+        return np.einsum("ke,kei->ki", forces.reshape(count, 4), edges).ravel()
+
+
+def _edges(friction: Array) -> Array:
+    """Return the edges of each point's pyramid as (normal, first, second tangent), shape (k, 4, 3)."""
+    edges = np.zeros((len(friction), 4, 3))
+    edges[:, :, 0] = 1.0
+    edges[:, 0, 1], edges[:, 1, 1] = friction, -friction
+    edges[:, 2, 2], edges[:, 3, 2] = friction, -friction
+    return edges
+
+
+def _edge_rows(edges: Array, rows: Array) -> Array:
+    return np.einsum("kei,kin->ken", edges, rows.reshape(len(edges), 3, -1)).reshape(4 * len(edges), -1)

@@ -1,0 +1,143 @@
+"""Random states in machine code: in a box, near an edge, and where a path through them is short enough."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pepper_kin.kernels.compiled import INTERPRETED, compiled
+
+from .search_space import SearchSpace
+from .vectors import FloatArray
+
+_WORD = 2**64 - 1
+_GAMMA = np.uint64(0x9E3779B97F4A7C15)
+_FIRST = np.uint64(0xBF58476D1CE4E5B9)
+_SECOND = np.uint64(0x94D049BB133111EB)
+
+_LARGEST, _HALVINGS = 0.5, 10.0  # of the shifts off a path: from half its length down to a two-thousandth
+
+if INTERPRETED:
+    np.seterr(over="ignore")  # numbers of 64 bits wrap around, as they do in machine code
+
+
+@compiled("float64(uint64, int64)")
+def uniform(key: np.uint64, number: int) -> float:
+    """Return the random number in [0, 1) of a place in the stream of a key.
+
+    Source: G. L. Steele, D. Lea and C. H. Flood, Fast splittable pseudorandom number generators, OOPSLA 2014
+    (SplitMix64), whose state is a counter: any number of the stream can be had without those before it.
+    """
+    z = key + np.uint64(number + 1) * _GAMMA
+    z = (z ^ (z >> np.uint64(30))) * _FIRST
+    z = (z ^ (z >> np.uint64(27))) * _SECOND
+    z = z ^ (z >> np.uint64(31))
+    return np.int64(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+def stream_key(seed: int, stream: int) -> np.uint64:
+    """Return the key of one of several streams of a seed, so that neighboring seeds share no numbers."""
+    value = _mixed(stream + 1)
+    while True:  # a seed may have any number of 64-bit words
+        value = _mixed(value + (seed & _WORD))
+        seed >>= 64
+        if not seed:
+            return np.uint64(value)
+
+
+def _mixed(value: int) -> int:
+    """Spread every bit of a number over all 64 bits of another."""
+    value = (value + int(_GAMMA)) & _WORD
+    value = (value ^ (value >> 30)) * int(_FIRST) & _WORD
+    value = (value ^ (value >> 27)) * int(_SECOND) & _WORD
+    return value ^ (value >> 31)
+
+
+@compiled
+def _normal(key: np.uint64, place: int) -> float:
+    """Return a normally distributed number made of two of the stream.
+
+    Source: G. E. P. Box and M. E. Muller, A note on the generation of random normal deviates, 1958.
+    """
+    radius = math.sqrt(-2.0 * math.log(1.0 - uniform(key, place)))
+    return radius * math.cos(2.0 * math.pi * uniform(key, place + 1))
+
+
+@compiled
+def random_state(space: SearchSpace, key: np.uint64, place: int, sample: FloatArray) -> int:
+    """Write an even sample of the box; return how many numbers were drawn."""
+    for i in range(sample.size):
+        sample[i] = space.lower[i] + uniform(key, place + i) * space.extent[i]
+    return sample.size
+
+
+@compiled
+def near_edge(
+    space: SearchSpace,
+    key: np.uint64,
+    place: int,
+    a: FloatArray,
+    b: FloatArray,
+    length: float,
+    sample: FloatArray,
+) -> int:
+    """Write a sample near an edge from a to b, at a distance of any order of magnitude; return numbers drawn.
+
+    It is clipped to the box.
+    """
+    n, lower = sample.size, space.lower
+    fraction = uniform(key, place)
+    shift = length * _LARGEST * 2.0 ** (-_HALVINGS * uniform(key, place + 1)) / math.sqrt(n)
+    for i in range(n):
+        value = a[i] + fraction * (b[i] - a[i]) + shift * _normal(key, place + 2 + 2 * i) / space.weights[i]
+        sample[i] = min(max(value, lower[i]), lower[i] + space.extent[i])
+    return 2 * n + 2
+
+
+@compiled
+def within_ellipsoid(
+    space: SearchSpace,
+    key: np.uint64,
+    place: int,
+    start: FloatArray,
+    goal: FloatArray,
+    length: float,
+    axis: FloatArray,
+    sample: FloatArray,
+) -> bool:
+    """Write an even sample of the states through which a path from start to goal is no longer than a length.
+
+    They form an ellipsoid whose foci are start and goal.  A sample of the unit ball is stretched along the
+    first axis, which a Householder reflection then turns into the direction of the goal.  2 n + 1 numbers are
+    drawn; `axis` is room, shape (n,).
+
+    Source: J. D. Gammell, S. S. Srinivasa and T. D. Barfoot, Informed RRT*, IROS 2014.
+
+    Returns:
+        Whether the sample is inside the box.
+    """
+    n, weights, lower = sample.size, space.weights, space.lower
+    apart = square = 0.0
+    for i in range(n):
+        axis[i] = (goal[i] - start[i]) * weights[i]
+        apart += axis[i] * axis[i]
+        sample[i] = _normal(key, place + 2 * i)
+        square += sample[i] * sample[i]
+    apart = math.sqrt(apart)
+    radius = uniform(key, place + 2 * n) ** (1.0 / n) / math.sqrt(square)
+    across = 0.5 * math.sqrt(max(length * length - apart * apart, 0.0))
+    for i in range(n):
+        sample[i] *= radius * (0.5 * length if i == 0 else across)
+        axis[i] = axis[i] / apart if apart > 0.0 else (1.0 if i == 0 else 0.0)
+    axis[0] -= 1.0  # the normal of the mirror that takes the first axis to the direction
+    normal = along = 0.0
+    for i in range(n):
+        normal += axis[i] * axis[i]
+        along += axis[i] * sample[i]
+    inside = True
+    for i in range(n):
+        mirrored = sample[i] - (2.0 * along / normal * axis[i] if normal > 0.0 else 0.0)
+        sample[i] = 0.5 * (start[i] + goal[i]) + mirrored / weights[i]
+        inside = inside and lower[i] <= sample[i] <= lower[i] + space.extent[i]
+    return inside

@@ -1,0 +1,165 @@
+"""The space that compiled planners search: a box, a metric, and the validity of motions in it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from pepper_kin.core.clock import CLOCK
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
+
+from .vectors import FloatArray
+
+if TYPE_CHECKING:
+    from .motion_validator import CompiledMotionValidator
+    from .problem import Problem
+
+STATES, CALLS, STOP = 0, 1, 2
+"""First places of a planner's counters: states looked at, calls of the validity function, a sign to stop."""
+
+_FIRST_STEPS = 8  # of an edge that is checked coarsely first
+
+
+class SearchSpace(NamedTuple):
+    """The box, the metric and the validity function of a problem, as machine code takes them.
+
+    Attributes:
+        validity: Address of the validity function, see `CompiledMotionValidator`.
+        memory: Its memory.
+        clock: Address of `clock_gettime`.
+        resolution: Greatest step of an edge [length unit of the metric].
+        reach: Greatest length of an extension [length unit of the metric].
+        lower: Lower bounds, shape (n,).
+        extent: Upper bounds less lower bounds, shape (n,).
+        weights: Of the metric, shape (n,).
+    """
+
+    validity: int
+    memory: Floats1
+    clock: int
+    resolution: float
+    reach: float
+    lower: Floats1
+    extent: Floats1
+    weights: Floats1
+
+
+def space_of(
+    problem: Problem, code: CompiledMotionValidator, resolution: float, reach: float = math.inf
+) -> SearchSpace:
+    """Return the space of a problem, with fresh memory for the validity function.
+
+    Args:
+        problem: The problem.
+        code: Its validity as a C function.
+        resolution: Greatest distance between checked states of an edge [length unit of the metric].
+        reach: Greatest length of an extension [length unit of the metric].
+    """
+    return SearchSpace(
+        validity=code.address,
+        memory=code.fresh_memory(),
+        clock=CLOCK,
+        resolution=float(resolution),
+        reach=float(reach),
+        lower=problem.lower.copy(),
+        extent=problem.upper - problem.lower,
+        weights=problem.metric.weights.copy(),
+    )
+
+
+@compiled
+def distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
+    """Return the distance of two states, shapes (n,)."""
+    total = 0.0
+    for i in range(a.size):
+        difference = (b[i] - a[i]) * weights[i]
+        total += difference * difference
+    return math.sqrt(total)
+
+
+@compiled
+def distance_to_nearest(state: FloatArray, goals: FloatArray, weights: FloatArray) -> float:
+    """Return the distance of a state, shape (n,), from the nearest of some others, shape (k, n)."""
+    least = math.inf
+    for g in range(goals.shape[0]):
+        least = min(least, distance(state, goals[g], weights))
+    return least
+
+
+@compiled
+def step_count(length: float, resolution: float) -> int:
+    """Return the number of steps of an edge, none longer than the resolution; at least one."""
+    return max(1, math.ceil(length / resolution))
+
+
+@compiled("int64(SearchSpace, float64[::1], float64[::1], int64, int64[::1])")
+def last_valid_step(space: SearchSpace, a: Floats1, b: Floats1, steps: int, counters: Ints1) -> int:
+    """Return how many of the states a + (b - a) j / steps, j = 1 .. steps, are valid from the first on.
+
+    Args:
+        space: The space.
+        a: Start of the edge, shape (n,).
+        b: End of the edge, shape (n,).
+        steps: Number of states.
+        counters: Of the planner, see `STATES`.
+    """
+    count = call_four(space.validity, a.ctypes.data, b.ctypes.data, steps, space.memory.ctypes.data)
+    counters[STATES] += min(count + 1, steps)
+    counters[CALLS] += 1
+    return count
+
+
+@compiled("boolean(SearchSpace, float64[::1], float64[::1], int64, float64[:, ::1], int64[::1], boolean)")
+def edge_valid(
+    space: SearchSpace,
+    a: Floats1,
+    b: Floats1,
+    steps: int,
+    rows: Floats2,
+    counters: Ints1,
+    with_start: bool,
+) -> bool:
+    """Return whether all states of an edge but its start are valid: coarsely first, then halfway between.
+
+    The number of steps is rounded up to a multiple of a power of two; no state is checked twice.
+
+    Args:
+        space: The space.
+        a: Start of the edge, shape (n,), taken to be valid unless `with_start`.
+        b: End of the edge, shape (n,).
+        steps: Least number of states.
+        rows: Room, shape (2, n) or more; a and b must not lie in its first two rows.
+        counters: Of the planner, see `STATES`.
+        with_start: Whether the start is checked too, up to its rounding, together with the first states.
+    """
+    doublings = 0
+    while (steps >> doublings) > _FIRST_STEPS:
+        doublings += 1
+    count = (steps + (1 << doublings) - 1) >> doublings
+    if with_start:
+        for i in range(a.size):
+            rows[0, i] = a[i] - (b[i] - a[i]) / count
+        if last_valid_step(space, rows[0], b, count + 1, counters) <= count:
+            return False
+    elif last_valid_step(space, a, b, count, counters) < count:
+        return False
+    for _ in range(doublings):
+        back = 0.5 / count
+        for i in range(a.size):
+            shift = back * (b[i] - a[i])
+            rows[0, i] = a[i] - shift
+            rows[1, i] = b[i] - shift
+        if last_valid_step(space, rows[0], rows[1], count, counters) < count:
+            return False
+        count *= 2
+    return True
+
+
+@compiled
+def is_free(
+    space: SearchSpace, a: FloatArray, b: FloatArray, length: float, rows: FloatArray, counters: Ints1
+) -> bool:
+    """Return whether an edge of a length from a valid state is valid; see `edge_valid`."""
+    return edge_valid(space, a, b, step_count(length, space.resolution), rows, counters, False)

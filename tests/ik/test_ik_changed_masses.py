@@ -1,0 +1,106 @@
+"""IK of a robot whose masses were changed: never with what was compiled for the robot as it was."""
+
+import json
+import pickle
+import subprocess
+import sys
+import uuid
+
+import numpy as np
+import pinocchio
+import pytest
+
+import pepper_kin as pk
+
+POINT = (0.045, 0.02)
+TASK = pk.ik.CenterOfMass(POINT, tolerance=1e-4)
+PROGRAM = """
+import json, sys
+import pepper_kin as pk
+
+answers = []
+for change in sys.argv[2:]:
+    pepper = pk.load_robot(pk.load_pepper().urdf + f"<!-- {sys.argv[1]} -->")
+    if change == "changed":
+        model = pepper.pinocchio_model
+        model.inertias[model.getJointId("LWristYaw")].mass += 3.0
+    result = pk.ik.solve(pepper, pk.ik.CenterOfMass((0.045, 0.02), tolerance=1e-4))
+    answers.append((result.success, result.q.tolist()))
+print(json.dumps(answers))
+"""
+
+
+def new_pepper(heavy):
+    pepper = pickle.loads(pickle.dumps(pk.load_pepper()))
+    if heavy:
+        make_heavy(pepper)
+    return pepper
+
+
+def make_heavy(pepper):
+    model = pepper.pinocchio_model
+    model.inertias[model.getJointId("LWristYaw")].mass += 3.0
+
+
+def center(q, heavy):
+    """Centre of mass over the floor by Pinocchio alone, of the robot put free into space."""
+    model = pinocchio.buildModelFromXML(pk.load_pepper().urdf, pinocchio.JointModelFreeFlyer())
+    if heavy:
+        model.inertias[model.getJointId("LWristYaw")].mass += 3.0
+    full = pinocchio.neutral(model)
+    for name, value in zip(pk.load_pepper().joint_names, q, strict=True):
+        full[model.idx_qs[model.getJointId(name)]] = value
+    return pinocchio.centerOfMass(model, model.createData(), full)[:2]
+
+
+@pytest.mark.parametrize("order", [("plain", "changed", "plain"), ("changed", "plain", "changed")])
+def test_in_processes_of_their_own(order):
+    """A robot that no cache knows: one kind first, then the other; then both from disk."""
+    name = str(uuid.uuid4())
+    for _ in range(2):
+        command = [sys.executable, "-c", PROGRAM, name, *order]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        for change, (success, q) in zip(order, json.loads(done.stdout), strict=True):
+            assert success
+            np.testing.assert_allclose(center(q, change == "changed"), POINT, atol=2e-4)
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_one_robot_changed_between_two_calls(first):
+    pepper = new_pepper(first)
+    result = pk.ik.solve(pepper, TASK)
+    assert result.success, result.report()
+    np.testing.assert_allclose(center(result.q, first), POINT, atol=2e-4)
+    model = pepper.pinocchio_model
+    model.inertias[model.getJointId("LWristYaw")].mass += -3.0 if first else 3.0
+    again = pk.ik.solve(pepper, TASK)
+    assert again.success, again.report()
+    np.testing.assert_allclose(center(again.q, not first), POINT, atol=2e-4)
+    assert np.abs(again.q - result.q).max() > 1e-3
+    batch = pk.ik.solve_batch(pepper, pk.ik.CenterOfMass(np.array([POINT, POINT]), tolerance=1e-4))
+    assert batch.solved.all()
+    np.testing.assert_allclose(center(batch.q[1], not first), POINT, atol=2e-4)
+
+
+@pytest.mark.parametrize("solver", ["placo", "proxsuite"])
+def test_reference_solvers(solver):
+    pepper = new_pepper(False)
+    for heavy in (False, True):
+        if heavy:
+            make_heavy(pepper)
+        result = pk.ik.solve(pepper, TASK, solver=solver)
+        assert result.success, result.report()
+        np.testing.assert_allclose(center(result.q, heavy), POINT, atol=2e-4)
+
+
+def test_placement_of_the_base():
+    pepper = new_pepper(True)
+    robot = pk.base_placement.moving_base.moving_base(pepper).robot
+    q = pepper.posture("Stand")
+    expected = pk.dynamics.center_of_mass(pepper, q)
+    whole = np.array(
+        [q[pepper.joint_index(n)] if n in pepper.joint_names else 0.0 for n in robot.joint_names]
+    )
+    np.testing.assert_allclose(pk.dynamics.center_of_mass(robot, whole), expected, atol=1e-9)
+    np.testing.assert_allclose(expected[:2], center(q, True), atol=1e-9)

@@ -1,0 +1,198 @@
+"""Tasks of a user's own classes, which the compiled search calls back, and what ends a search early."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import Status
+from pepper_kin.ik.fast import KINDS, structures_of
+
+PEPPER = pk.load_pepper()
+POINT = (0.4, 0.25, 0.9)
+
+
+class Reach(pk.ik.Task):
+    """The left hand at a point, by Python alone."""
+
+    frame, label, weight, tolerance, unit, count = None, "own reach", 1.0, 1e-3, "m", None
+
+    def __init__(self, point=POINT, pause=0.0):
+        self.point, self.pause, self.calls = np.array(point), pause, 0
+
+    def check(self, pepper):
+        pass
+
+    def residual(self, pepper, q):
+        self.calls += 1
+        time.sleep(self.pause)
+        return pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:3, 3] - self.point
+
+    def jacobian(self, pepper, q):
+        return pk.kinematics.frame_jacobian(pepper, q, "LArm_effector")[:3]
+
+    def size(self, residual):
+        return float(np.linalg.norm(residual))
+
+    def shortfall(self, pepper, q):
+        return "short"
+
+    attained = shortfall
+
+
+@pytest.mark.parametrize("solver", ["fast", "placo", "proxsuite"])
+def test_own_tasks_are_solved_by_every_solver(solver):
+    result = pk.ik.solve(PEPPER, [Reach(), pk.ik.LookAt((1.0, 0.2, 1.0))], solver=solver)
+    assert result.success, result.report()
+    hand = pk.kinematics.frame_pose(PEPPER, result.q, "LArm_effector")[:3, 3]
+    assert math.dist(hand, POINT) <= 1e-3
+
+
+def test_own_tasks_lead_where_the_library_s_do():
+    own, ours = (pk.ik.solve(PEPPER, task) for task in (Reach(), pk.ik.HandPosition("left", POINT)))
+    np.testing.assert_allclose(own.q, ours.q, atol=1e-9)
+    assert (own.iterations, own.restarts) == (ours.iterations, ours.restarts)
+    far = pk.ik.solve(PEPPER, Reach((2.0, 0.0, 1.0)), restarts=4)
+    assert far.status is Status.CLOSEST_UNREACHABLE
+
+
+def test_own_tasks_in_batches_solutions_and_scenes():
+    starts = np.random.default_rng(0).uniform(PEPPER.lower_limits, PEPPER.upper_limits, (3, PEPPER.n))
+    found = pk.ik.solve_batch(PEPPER, Reach(), starts)
+    assert found.solved.all()
+    assert len(pk.ik.solutions(PEPPER, Reach(), starts=8)) >= 2
+    scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
+    result = pk.ik.solve(PEPPER, Reach(), scene=scene)
+    assert result.success
+    assert not result.in_collision
+
+
+def test_what_a_task_raises_is_raised():
+    class Faulty(Reach):
+        def residual(self, pepper, q):
+            if self.calls > 20:
+                raise LookupError("no such thing")
+            return super().residual(pepper, q)
+
+    task = Faulty((2.0, 0.0, 1.0))
+    with pytest.raises(LookupError, match="no such thing"):
+        pk.ik.solve(PEPPER, task)
+    assert task.calls < 30, "the search went on"
+    assert pk.ik.solve(PEPPER, Reach()).success
+
+
+def test_a_task_that_is_not_a_number_is_refused():
+    class Undefined(Reach):
+        def size(self, residual):
+            return math.nan if self.calls > 5 else super().size(residual)
+
+    with pytest.raises(InvalidValueError, match="residual of own reach"):
+        pk.ik.solve(PEPPER, Undefined())
+
+
+def test_a_class_derived_from_one_of_the_library_s_keeps_its_own_residual():
+    class Higher(pk.ik.FramePosition):
+        def residual(self, pepper, q):
+            return super().residual(pepper, q) - (0.0, 0.0, 0.1)
+
+    result = pk.ik.solve(PEPPER, Higher("LArm_effector", POINT))
+    hand = pk.kinematics.frame_pose(PEPPER, result.q, "LArm_effector")[:3, 3]
+    np.testing.assert_allclose(hand, np.add(POINT, (0.0, 0.0, 0.1)), atol=1e-3)
+
+
+def test_kinds_with_machine_code_are_named():
+    with pytest.raises(InvalidValueError, match="Reach") as caught:
+        structures_of([Reach()])
+    assert all(kind in str(caught.value) for kind in KINDS)
+
+
+@pytest.mark.parametrize("task", [Reach((2.0, 0.0, 1.0), 1e-3), pk.ik.HandPosition("left", (2.0, 0.0, 1.0))])
+def test_a_timeout_is_kept(task):
+    both = [task, pk.ik.HandPosition("right", (0.1, -2.0, 1.0)), pk.ik.LookAt((-1.0, 0.0, 1.0))]
+    pk.ik.solve(PEPPER, both, restarts=0, timeout=0.2)
+    begin = time.perf_counter()
+    result = pk.ik.solve(PEPPER, both, restarts=10**6, max_iterations=10**4, timeout=0.2)
+    assert time.perf_counter() - begin < 0.6
+    assert result.status in (Status.TIMED_OUT, Status.CLOSEST_UNREACHABLE)
+    if isinstance(task, Reach):
+        assert result.status is Status.TIMED_OUT
+
+
+def test_a_verdict_that_fails_is_raised(monkeypatch):
+    from pepper_kin.collision.fast import FastChecker
+
+    def fail(self, q):
+        raise MemoryError("no verdict")
+
+    monkeypatch.setattr(FastChecker, "in_collision", fail)
+    scene = pk.Scene().add_box("block", size=(2.0, 2.0, 2.0), position=(0.0, 0.0, 0.9))
+    with pytest.raises(MemoryError, match="no verdict"):
+        pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), scene=scene)
+
+
+def _search_for_ever(tasks):
+    while True:
+        pk.ik.solve(PEPPER, tasks, restarts=10**6, max_iterations=10**4)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_interrupts_are_heard(own):
+    """The handler of a signal, here that of an alarm, raises within a second."""
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        pytest.skip("needs signals")
+    hand = Reach((2.0, 0.0, 1.0), 1e-3) if own else pk.ik.HandPosition("left", (0.1, 2.0, 1.0))
+    # A tolerance that nothing meets, near a target that is reached: no descents agree, the search goes on.
+    near = pk.ik.HandPosition("right", (0.35, -0.25, 0.9), tolerance=1e-300)
+    pk.ik.solve(PEPPER, [hand, near], restarts=0)
+
+    def handler(number, frame):
+        raise TimeoutError("alarm")
+
+    before = signal.signal(signal.SIGALRM, handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    begin = time.perf_counter()
+    try:
+        with pytest.raises(TimeoutError, match="alarm"):
+            _search_for_ever([hand, near] if own else near)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert time.perf_counter() - begin < 1.3
+    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT)).success
+
+
+def test_the_same_source_runs_interpreted():
+    code = (
+        "import pepper_kin as pk, numpy as np\n"
+        "p = pk.load_pepper()\n"
+        "r = pk.ik.solve(p, pk.ik.HandPosition('left', (0.4, 0.25, 0.9)), restarts=1)\n"
+        "print(r.success, *r.q)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+    )  # fmt: skip
+    success, *q = done.stdout.split()
+    assert success == "True"
+    compiled = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), restarts=1)
+    np.testing.assert_allclose(np.array(q, dtype=float), compiled.q, atol=1e-9)
+
+
+def test_a_first_answer_loads_no_compiler():
+    code = (
+        "import sys, pepper_kin as pk\n"
+        "p = pk.load_pepper()\n"
+        "pk.ik.solve(p, pk.ik.HandPosition('left', (0.4, 0.25, 0.9)))\n"
+        "print(sorted({'casadi', 'numba', 'scipy', 'placo'} & set(sys.modules)))"
+    )
+    pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

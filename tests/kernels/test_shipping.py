@@ -1,0 +1,129 @@
+"""The machine code that comes with the package: it fits the sources; what does not fit is refused."""
+
+import json
+import logging
+import os
+import subprocess
+import sys
+
+import pytest
+
+from pepper_kin.jobs import shipping as job
+from pepper_kin.kernels import shipping
+from pepper_kin.kernels.target import make_target
+
+KEY, OTHER = "a" * 64, "b" * 64
+PARTS = {KEY: ("pepper_kin.core.one", b"first part " * 50), OTHER: ("a kernel", b"second part " * 50)}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A file of our own in place of the package's."""
+    path = tmp_path / "code"
+    shipping.write_shipped(PARTS, path)
+    monkeypatch.setattr(shipping, "shipped_path", lambda: path)
+    forget()
+    yield path
+    forget()
+
+
+def forget():
+    shipping._index.cache_clear()
+    shipping._tell.cache_clear()
+
+
+def ask(caplog, name="pepper_kin.core.one", key=KEY):
+    with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
+        return shipping.shipped_part(name, key)
+
+
+def test_the_file_fits_the_sources():
+    assert job.stale_names() == []
+    assert shipping.shipped_path().stat().st_size <= job.LARGEST
+
+
+def test_parts_come_back_as_they_were(place, caplog):
+    assert ask(caplog)[0] == PARTS[KEY][1]
+    assert ask(caplog, "a kernel", OTHER)[0] == PARTS[OTHER][1]
+    assert ask(caplog, "a kernel", "c" * 64) is None
+    assert not caplog.records
+
+
+def test_code_of_other_sources_is_not_found_and_told_once(place, caplog):
+    for _ in range(2):
+        assert ask(caplog, key="c" * 64) is None
+    (record,) = caplog.records
+    assert "made from other sources of pepper_kin.core.one" in record.getMessage()
+
+
+@pytest.mark.parametrize("where", [40, -10, -90], ids=["index", "last part", "first part"])
+def test_a_flipped_bit_is_found(place, caplog, where):
+    data = bytearray(place.read_bytes())
+    data[where] ^= 4
+    place.write_bytes(bytes(data))
+    found = [ask(caplog), ask(caplog, "pepper_kin.core.two", OTHER)]
+    assert found.count(None) >= 1
+    assert all(part is None or part[0] in (PARTS[KEY][1], PARTS[OTHER][1]) for part in found)
+    (record,) = caplog.records
+    assert "damaged" in record.getMessage()
+
+
+def test_another_format_is_refused(place, caplog, monkeypatch):
+    monkeypatch.setattr(shipping, "FORMAT", shipping.FORMAT + 1)
+    assert ask(caplog) is None
+    assert "has format 1, not 2" in caplog.text
+
+
+def test_a_missing_file_is_told(place, caplog):
+    place.unlink()
+    assert ask(caplog) is None
+    assert "cannot be read" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("target", "reason"),
+    [
+        (
+            make_target("x86_64-unknown-linux-gnu", "x86-64-v2", "+sse4.2,+popcnt,+cx16,+sahf"),
+            "has no avx, avx2",
+        ),
+        (make_target("aarch64-unknown-linux-gnu", "generic", "+neon"), "which"),
+    ],
+)
+def test_another_processor_gets_none(place, caplog, monkeypatch, target, reason):
+    monkeypatch.setattr(shipping, "host_target", lambda: target)
+    assert ask(caplog) is None
+    assert reason in caplog.text
+
+
+def test_the_index_names_every_compiled_module():
+    from pepper_kin.kernels.warm_up import compiled_modules
+
+    assert set(compiled_modules()) <= set(shipping.shipped_keys().values())
+
+
+README_LIKE = """
+import json, sys
+import pepper_kin as pk
+pepper = pk.load_pepper()
+point = (0.38, 0.22, 0.82)
+tasks = [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)]
+scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene)
+trajectory = pk.retime(pepper, plan, balance=0.01)
+run = pk.Twin(pepper, timestep=0.001).execute(trajectory)
+print(json.dumps({"numba": "numba" in sys.modules, "ok": bool(trajectory.check(pepper, scene=scene).ok)}))
+"""
+
+
+def test_a_first_run_compiles_nothing_and_writes_nothing(tmp_path):
+    """Also where neither home nor cache folder can be written."""
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    variables = {**os.environ, "PEPPER_KIN_CACHE": str(blocked / "cache"), "HOME": str(blocked / "home")}
+    done = subprocess.run(
+        [sys.executable, "-c", README_LIKE], env=variables, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"numba": False, "ok": True}
+    assert done.stderr == ""

@@ -1,0 +1,278 @@
+from __future__ import annotations
+
+import re
+import time
+
+import numpy as np
+import pytest
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.planners import (
+    Deadline,
+    Path,
+    Problem,
+    Roadmap,
+    Status,
+    informed_rrt_star,
+    rrt_connect,
+    rrt_star,
+    shortcut,
+)
+from pepper_kin.planners.sampling import near_edge, stream_key, within_ellipsoid
+from pepper_kin.planners.search_space import SearchSpace
+
+
+def box(lower, extent, weights) -> SearchSpace:  # type: ignore[no-untyped-def]
+    return SearchSpace(0, np.zeros(1), 0, 1.0, 1.0, lower, extent, weights)
+
+
+def box_problem(toy, resolution: float = 0.004, **options) -> tuple[Problem, float]:  # type: ignore[no-untyped-def]
+    """A wide wall from below: the shortest path touches its two upper corners, so its length is known."""
+    world = toy.world([[0.3, -1.0]], [[0.7, 0.8]])
+    code = toy.code(world, resolution / 2.0)
+    problem = Problem([0, 0], [1, 1], [0.1, 0.2], [0.9, 0.3], code, resolution=resolution, **options)
+    corners = np.array([[0.1, 0.2], [0.3, 0.8], [0.7, 0.8], [0.9, 0.3]])
+    corners[1:3] += np.array([[-1, 1], [1, 1]]) * resolution / 2.0
+    return problem, float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+
+
+def ball_problem(toy, n: int, resolution: float = 0.01) -> tuple[Problem, float]:  # type: ignore[no-untyped-def]
+    """A ball in the way: the shortest path is two tangents and an arc of a great circle."""
+    radius, far = 0.3, 0.4
+    world = toy.world(centers=np.full((1, n), 0.5), radii=np.array([radius]))
+    start, goal = np.full((2, n), 0.5)
+    start[0], goal[0] = 0.5 - far, 0.5 + far
+    problem = Problem(
+        np.zeros(n), np.ones(n), start, goal, toy.code(world, resolution / 2.0), resolution=resolution
+    )
+    grown = radius + resolution / 2.0
+    arc = grown * (np.pi - 2.0 * np.arccos(grown / far))
+    return problem, float(2.0 * np.sqrt(far**2 - grown**2) + arc)
+
+
+def test_shortest_path_around_a_box_is_found(toy) -> None:  # type: ignore[no-untyped-def]
+    problem, shortest = box_problem(toy)
+    for seed in range(3):
+        result = rrt_star(problem, seed=seed, max_iterations=6000, timeout=60.0)
+        assert result.success
+        without_margin = np.hypot(0.2, 0.6) + 0.4 + np.hypot(0.2, 0.5)
+        assert without_margin < result.cost < shortest * (1 + 2e-3)
+        assert np.all(toy.world([[0.3, -1.0]], [[0.7, 0.8]]).free(result.path.resample(1e-4).points))
+
+
+def test_gap_to_the_shortest_path_closes_with_iterations(toy) -> None:  # type: ignore[no-untyped-def]
+    """The median over seeds falls with each fourfold number of samples, and by far overall."""
+    problem, shortest = ball_problem(toy, 2, 0.002)
+    gaps = []
+    for iterations in (100, 400, 1600, 6400):
+        costs = [rrt_star(problem, seed=s, max_iterations=iterations, timeout=60.0).cost for s in range(7)]
+        gaps.append(np.median(costs) / shortest - 1.0)
+    assert np.all(np.diff(gaps) < 0.0)
+    assert gaps[-1] < 0.001
+    assert gaps[-1] < 0.25 * gaps[0]
+
+
+@pytest.mark.parametrize(("n", "gap"), [(2, 0.001), (3, 0.005), (5, 0.01), (9, 0.015)])
+def test_shortest_path_around_a_ball(n: int, gap: float, toy) -> None:  # type: ignore[no-untyped-def]
+    problem, shortest = ball_problem(toy, n)
+    results = [rrt_star(problem, seed=s, max_iterations=4000, timeout=60.0) for s in range(7)]
+    costs = [result.cost for result in results]
+    assert min(costs) > shortest * (1 - 2e-3)
+    assert np.median(costs) < shortest * (1 + gap)
+    for result in results:
+        assert np.linalg.norm(result.path.resample(1e-3).points - 0.5, axis=1).min() > 0.3
+
+
+def test_other_way_around_is_found(toy) -> None:  # type: ignore[no-untyped-def]
+    """The path given goes the long way; short-cuts cannot leave it, the improvement can."""
+    world = toy.world([[0.2, 0.15]], [[0.8, 0.9]])
+    problem = Problem([0, 0], [1, 1], [0.1, 0.5], [0.9, 0.5], toy.code(world, 0.002), resolution=0.004)
+    over = Path([[0.1, 0.5], [0.1, 0.95], [0.9, 0.95], [0.9, 0.5]])
+    upper = 2 * np.hypot(0.1, 0.4) + 0.6
+    lower = 2 * np.hypot(0.1, 0.35) + 0.6
+    short = shortcut(problem, over, iterations=400, timeout=60.0)
+    assert short.length > 0.995 * upper
+    result = informed_rrt_star(problem, short, max_iterations=6000, timeout=60.0)
+    assert result.cost < 1.01 * lower
+    assert world.path_free(result.path.points)
+
+
+def test_never_longer_and_history_tells_how(toy) -> None:  # type: ignore[no-untyped-def]
+    problem, _ = box_problem(toy)
+    first = rrt_connect(problem, seed=1)
+    costs = [first.cost]
+    for iterations in (0, 10, 100, 1000):
+        result = informed_rrt_star(problem, first.path, seed=2, max_iterations=iterations, timeout=60.0)
+        costs.append(result.cost)
+        assert result.iterations == iterations
+        assert result.history[0].cost == pytest.approx(first.cost)
+        assert result.history[-1].cost == pytest.approx(result.cost)
+        for entries in (
+            np.diff([h.time for h in result.history]),
+            -np.diff([h.cost for h in result.history]),
+        ):
+            assert np.all(entries >= 0.0)
+        assert np.array_equal(result.path.points[[0, -1]], first.path.points[[0, -1]])
+    assert np.all(np.diff(costs) <= 1e-12)
+    assert costs[-1] < 0.95 * costs[0]
+
+
+def test_same_seed_same_path(toy) -> None:  # type: ignore[no-untyped-def]
+    problem, _ = box_problem(toy)
+    first, again, other = (rrt_star(problem, seed=s, max_iterations=1500, timeout=60.0) for s in (3, 3, 4))
+    assert np.array_equal(first.path.points, again.path.points)
+    assert [h.iteration for h in first.history] == [h.iteration for h in again.history]
+    assert not np.array_equal(first.path.points, other.path.points)
+
+
+def test_callable_gives_the_same_as_toy(toy) -> None:  # type: ignore[no-untyped-def]
+    problem, _ = box_problem(toy)
+    code = problem.validity
+    called = Problem([0, 0], [1, 1], [0.1, 0.2], [0.9, 0.3], lambda x: code(x), resolution=0.004)
+    path = rrt_connect(problem).path
+    results = [informed_rrt_star(p, path, max_iterations=300, timeout=60.0) for p in (problem, called)]
+    assert np.array_equal(results[0].path.points, results[1].path.points)
+    assert results[0].states_checked <= results[1].states_checked  # in batches
+
+
+def test_callable_that_fails_is_heard() -> None:
+    def broken(states: np.ndarray) -> np.ndarray:
+        if len(states) > 30:
+            raise ZeroDivisionError("in the oracle")
+        return np.ones(len(states), dtype=bool)
+
+    problem = Problem([0, 0], [1, 1], [0, 0], [1, 1], broken)
+    with pytest.raises(ZeroDivisionError, match="in the oracle"):
+        informed_rrt_star(problem, Path([[0, 0], [1, 0], [1, 1]]), timeout=60.0)
+
+
+def test_nearest_of_several_goals_wins_in_the_end(toy) -> None:  # type: ignore[no-untyped-def]
+    """The first path ends at a goal far away; the shortest leads to another one, around the wall."""
+    problem, _ = box_problem(toy)
+    goals = [[0.05, 0.95], [0.72, 0.75], [0.75, 0.0]]
+    several = Problem([0, 0], [1, 1], [0.1, 0.2], goals, problem.validity, resolution=0.004)
+    start = Path([[0.1, 0.2], [0.2, 0.9], [0.75, 0.9], [0.75, 0.0]])
+    result = informed_rrt_star(several, start, max_iterations=3000, timeout=60.0)
+    assert result.goal_index == 0
+    assert result.cost == pytest.approx(np.hypot(0.05, 0.75), rel=1e-6)
+
+
+def test_target_and_straight_line_end_it_early(toy) -> None:  # type: ignore[no-untyped-def]
+    problem, shortest = box_problem(toy)
+    result = rrt_star(problem, target=1.05 * shortest, timeout=60.0)
+    assert result.cost <= 1.05 * shortest
+    assert result.time < 30.0
+    sight = Problem([0, 0], [1, 1], [0.1, 0.2], [0.2, 0.9], problem.validity, resolution=0.004)
+    seen = rrt_star(sight, timeout=60.0)
+    assert seen.cost == pytest.approx(np.hypot(0.1, 0.7))
+    assert seen.time < 30.0
+
+
+def test_time_budget_is_used_and_kept(toy) -> None:  # type: ignore[no-untyped-def]
+    problem, _ = box_problem(toy)
+    rrt_star(problem, max_iterations=1)
+    for timeout in (0.05, 0.3):
+        begun, spent = time.perf_counter(), time.thread_time()
+        result = rrt_star(problem, timeout=timeout)
+        passed, spent = time.perf_counter() - begun, time.thread_time() - spent
+        assert result.success
+        assert timeout <= result.time <= passed
+        assert spent < 2.0 * timeout + 1.0  # of its own; by the clock others may keep it waiting for longer
+
+
+def test_without_a_path_the_status_tells_why(closed_wall, toy) -> None:  # type: ignore[no-untyped-def]
+    code = toy.code(closed_wall, 0.007)
+    for start, goal, status in (
+        ([0.1, 0.1], [0.9, 0.1], Status.OUT_OF_ITERATIONS),
+        ([0.5, 0.1], [0.9, 0.1], Status.START_INVALID),
+        ([0.1, 0.1], [0.5, 0.1], Status.GOAL_INVALID),
+    ):
+        result = rrt_star(Problem([0, 0], [1, 1], start, goal, code), max_iterations=200, timeout=60.0)
+        assert result.status is status
+        assert result.path is None
+        assert result.history == ()
+
+
+def test_weighted_ellipsoid_is_filled_evenly() -> None:
+    """All samples are inside; the share within the concentric half-size ellipsoid is 2^-n."""
+    n, count, weights = 3, 8000, np.array([1.0, 2.0, 0.5])
+    start, goal, length = np.array([0.1, 0.2, 0.3]), np.array([0.5, 0.6, 0.9]), 1.3
+    key, sample, axis = stream_key(0, 9), np.empty(n), np.empty(n)
+    samples = np.empty((count, n))
+    for k in range(count):
+        inside = within_ellipsoid(
+            box(np.full(n, -9.0), np.full(n, 18.0), weights), key, k * 10, start, goal, length, axis, sample
+        )
+        assert inside
+        samples[k] = sample
+    by_way = sum(np.linalg.norm((samples - focus) * weights, axis=1) for focus in (start, goal))
+    assert by_way.max() <= length * (1 + 1e-12)
+    apart = np.linalg.norm((goal - start) * weights)
+    along = (goal - start) * weights / apart
+    shifted = (samples - 0.5 * (start + goal)) * weights
+    onto = shifted @ along
+    across = np.linalg.norm(shifted - onto[:, None] * along, axis=1)
+    size = np.hypot(onto / (0.5 * length), across / (0.5 * np.sqrt(length**2 - apart**2)))
+    share = np.mean(size < 0.5)
+    assert share == pytest.approx(2.0**-n, abs=4 * np.sqrt(0.125 * 0.875 / count))
+    assert np.all(np.abs(shifted.mean(axis=0)) < 4 * shifted.std(axis=0) / np.sqrt(count))
+    assert not within_ellipsoid(
+        box(np.full(n, 5.0), np.ones(n), weights), key, 0, start, goal, length, axis, sample
+    )
+
+
+def test_samples_near_a_path_stay_in_the_box() -> None:
+    key, sample = stream_key(1, 9), np.empty(2)
+    a, b = np.array([0.0, 0.5]), np.array([1.0, 0.5])
+    samples = []
+    for k in range(2000):
+        near_edge(box(np.zeros(2), np.ones(2), np.ones(2)), key, 10 * k, a, b, 1.0, sample)
+        samples.append(sample.copy())
+    aside = np.abs(np.array(samples)[:, 1] - 0.5)
+    assert np.min(samples) >= 0.0
+    assert np.max(samples) <= 1.0
+    assert 0.1 < np.mean(aside < 0.002) < 0.5  # all orders of magnitude are drawn
+    assert 0.1 < np.mean(aside > 0.05) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (dict(target=np.nan), "target: got nan, expected a finite length of 0 or more"),
+        (dict(target=-1.0), "target: got -1.0"),
+        (dict(timeout=0.0), "timeout: got 0.0, expected a number of seconds above 0"),
+        (dict(seed=-1), "seed: got -1, expected an integer >= 0"),
+        (dict(max_iterations=0.5), "max_iterations: got 0.5, expected an integer >= 0"),
+        (dict(resolution=0.0), "resolution: got 0.0, expected a finite number above 0"),
+    ],
+)
+def test_misuse_is_named(options: dict, message: str, toy) -> None:  # type: ignore[no-untyped-def]
+    problem, _ = box_problem(toy)
+    path = rrt_connect(problem).path
+    for call in (lambda: informed_rrt_star(problem, path, **options), lambda: rrt_star(problem, **options)):
+        with pytest.raises(InvalidValueError, match=re.escape(message)):
+            call()
+    with pytest.raises(InvalidValueError, match="path: got 3 coordinates, expected 2 coordinates"):
+        informed_rrt_star(problem, Path([[0, 0, 0]]))
+
+
+def test_long_runs_go_on_where_python_has_listened(toy, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    """Machine code returns now and then, for interrupts from the keyboard; that changes nothing."""
+    problem, _ = box_problem(toy)
+    whole = rrt_star(problem, seed=3, max_iterations=1500, timeout=60.0)
+    pieces = []
+    monkeypatch.setattr("pepper_kin.planners.deadline._SLICE", 2e-4)
+    piece = Deadline.time_slice.fget
+    monkeypatch.setattr(Deadline, "time_slice", property(lambda self: pieces.append(1) or piece(self)))
+    parts = rrt_star(problem, seed=3, max_iterations=1500, timeout=60.0)
+    assert len(pieces) > 10
+    assert np.array_equal(whole.path.points, parts.path.points)
+    assert [h.iteration for h in whole.history] == [h.iteration for h in parts.history]
+
+
+def test_failing_callable_ends_a_growing_roadmap() -> None:
+    def broken(states: np.ndarray) -> np.ndarray:
+        raise ZeroDivisionError("in the oracle")
+
+    with pytest.raises(ZeroDivisionError, match="in the oracle"):
+        Roadmap(Problem([0, 0], [1, 1], [0, 0], [1, 1], broken)).grow(10, timeout=60.0)
