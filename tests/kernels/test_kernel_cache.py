@@ -1,5 +1,6 @@
 """Kernels kept on disk: found again, never trusted when damaged, safe with several writers."""
 
+import errno
 import logging
 import os
 import stat
@@ -133,6 +134,19 @@ def test_folder_that_cannot_be_made_means_no_cache(tmp_path, monkeypatch, caplog
             np.testing.assert_allclose(kernel(POINTS), wanted(), rtol=1e-14, atol=1e-14)
     assert "machine code not kept in" in caplog.text
     assert blocked.read_text() == "not a folder"
+
+
+def test_a_full_disk_leaves_code_in_memory(folder, monkeypatch, caplog):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch, caplog.at_level(logging.INFO, "pepper_kin.kernels"):
+        patch.setattr("pepper_kin.kernels.store.os.replace", full)
+        kernel = compile_function(make_function())
+    np.testing.assert_allclose(kernel(POINTS), wanted(), rtol=1e-14, atol=1e-14)
+    assert "No space left on device" in caplog.text
+    assert files(folder) == []
+    assert not compile_function(make_function()).from_cache
 
 
 def test_cache_can_be_left_alone(folder):

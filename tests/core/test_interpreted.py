@@ -1,0 +1,68 @@
+"""With machine code switched off the same source runs as plain Python and gives the same answers."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+PROGRAM = """
+import json, sys
+import numpy as np
+import pepper_kin as pk
+from pepper_kin.core.quadratic_program import solve_program
+
+pepper = pk.load_pepper()
+rng = np.random.default_rng(0)
+answers = {}
+target = (0.3, 0.25, 0.9)
+found = pk.ik.solve(pepper, [pk.ik.HandPosition("left", target)], restarts=0)
+answers["inverse kinematics"] = found.q.tolist()
+q = rng.uniform(pepper.lower_limits, pepper.upper_limits, (3, pepper.n))
+scene = pk.Scene().add_box("box", (0.2, 0.2, 0.2), (0.5, 0.0, 0.6))
+answers["collision"] = pk.collision.in_collision(pepper, q, scene).tolist()
+near = pk.collision.near_pairs(pepper, pepper.posture("Stand"), 0.03)
+answers["near pairs"] = near.distances.tolist()
+path = np.stack([pepper.posture("Stand"), pepper.joint_vector({"HeadYaw": 0.3})])
+trajectory = pk.retime(pepper, path)
+answers["timing"] = [trajectory.duration, *trajectory(0.1)[0].tolist()]
+twin = pk.Twin(pepper, timestep=0.002)
+twin.reset(path[0])
+states = [twin.step(path[1]) for _ in range(3)]
+answers["simulation"] = states[-1].position.tolist()
+servo = pk.ik.Servo(pepper, path[0])
+servo.set_target([pk.ik.HandPosition("right", (0.3, -0.2, 0.9))])
+answers["servo"] = servo.step().q.tolist()
+low, rows, least = -np.ones(3), np.ones((1, 3)), np.array([0.2])
+x = solve_program(np.diag([1.0, 2.0, 3.0]), np.array([-4.0, 1.0, 0.5]), low, -low, rows, least)
+answers["quadratic program"] = x.tolist()
+print(json.dumps({"answers": answers, "numba": "numba" in sys.modules}))
+"""
+
+
+@pytest.fixture(scope="module")
+def both():
+    """Answers of the compiled and of the interpreted run."""
+    runs = []
+    for disabled in ("0", "1"):
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM],
+            env={**os.environ, "NUMBA_DISABLE_JIT": disabled},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        runs.append(json.loads(done.stdout)["answers"])
+    return runs
+
+
+@pytest.mark.parametrize(
+    "algorithm",
+    ["inverse kinematics", "collision", "near pairs", "timing", "simulation", "servo", "quadratic program"],
+)
+def test_the_same_source_gives_the_same_answers(both, algorithm):
+    compiled, interpreted = (run[algorithm] for run in both)
+    np.testing.assert_allclose(interpreted, compiled, rtol=1e-7, atol=1e-9)
