@@ -163,9 +163,8 @@ def compile_function(
             function's serialised expression is the key.
         cache: Whether to read and write the cache on disk.
         target: Processor to compile for: the one this runs on, or one with fewer instructions.
-        vector_bytes: Width of the vectors of lanes, for callers that need a certain number of lanes: a
-        multiple of
-            16; that of the processor if left out.
+        vector_bytes: Width of the vectors of lanes [bytes], for callers that need a certain number of lanes.
+            The processor's own if left out.
         batch: Whether the kernel can be called with arrays; without, only compiled code calls it, by address.
 
     Raises:
