@@ -209,7 +209,7 @@ def batch_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ..
         if not error < 1e-9:
             raise SystemExit(f"{name}: results differ by {error:.1e}")
         del found, expected
-        kernel = pk.batch.kernel(pepper, *quantity)
+        kernel = pk.batch.kernel(pepper, *quantity, wide=True)
         out = kernel(*many)
         times = median_times(
             settings.repeats,
@@ -239,8 +239,8 @@ def kernel_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, .
         ("inverse_dynamics", (), 3), ("forward_dynamics", (), 3), ("mass_matrix", (), 1),
         ("frame_jacobian", (FRAME,), 1), ("frame_poses", (links,), 1),
     ):  # fmt: skip
-        double = pk.batch.kernel(pepper, quantity, *args)
-        single = pk.batch.kernel(pepper, quantity, *args, dtype="float32")
+        double = pk.batch.kernel(pepper, quantity, *args, wide=True)
+        single = pk.batch.kernel(pepper, quantity, *args, dtype="float32", wide=True)
         wide, short = states[:inputs], narrow[:inputs]
         out, out32 = double(*wide), single(*short)
         one, two, half = median_times(

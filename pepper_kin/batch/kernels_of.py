@@ -6,17 +6,21 @@ import threading
 from typing import TYPE_CHECKING
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.kernels import Kernel, compile_function, host_target, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
 if TYPE_CHECKING:
     import casadi
 
+_PACKAGE_VECTOR_BYTES = 32
+
 _kept: RobotMemory[tuple[object, ...], Kernel] = RobotMemory()
 _lock = threading.Lock()
 
 
-def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "float64") -> Kernel:
+def kernel(
+    pepper: PepperModel, quantity: str, *args: object, dtype: str = "float64", wide: bool = False
+) -> Kernel:
     """Return the compiled kernel of a quantity: of `symbolic.function(pepper, quantity, *args)`.
 
     The first use compiles it (a fraction of a second for most, some seconds for derivatives) and keeps the
@@ -27,6 +31,8 @@ def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "floa
         quantity: A name of `symbolic.QUANTITIES`, such as "inverse_dynamics".
         *args: What that quantity takes besides the robot, such as a frame's name.
         dtype: "float64" or "float32".
+        wide: Whether to use the widest vectors of the processor, which is worth it for tens of thousands of
+            states; else those of 32 bytes that come with the package for everyday quantities.
 
     Returns:
         The kernel: call it with arrays of shape (N, n), `threads=` and `out=`.
@@ -37,7 +43,8 @@ def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "floa
     """
     if not isinstance(pepper, PepperModel):
         raise InvalidValueError("pepper", repr(pepper)[:80], "a PepperModel, as load_pepper gives")
-    key = (quantity, *args, dtype)
+    width = host_target().vector_bytes if wide else _PACKAGE_VECTOR_BYTES
+    key = (quantity, *args, dtype, width)
     with _lock:
         try:
             known = _kept.of(pepper)
@@ -47,7 +54,10 @@ def kernel(pepper: PepperModel, quantity: str, *args: object, dtype: str = "floa
             raise InvalidValueError(f"arguments of {quantity}", repr(args)[:80], allowed) from None
     if found is None:
         found = compile_function(
-            lambda: _expression(pepper, quantity, args), dtype=dtype, key=_disk_key(pepper, quantity, args)
+            lambda: _expression(pepper, quantity, args),
+            dtype=dtype,
+            key=_disk_key(pepper, quantity, args),
+            vector_bytes=width,
         )
         with _lock:
             found = known.setdefault(key, found)

@@ -17,6 +17,9 @@ from pepper_kin.model.joint_vectors import as_joint_vectors
 KERNEL_FROM = 24
 """Number of states from which on a kernel is used: below, its call costs as much as the states."""
 
+WIDE_FROM = 10_000
+"""Number of states from which on code for the widest vectors of the processor is worth making."""
+
 Array = NDArray[np.float64]
 
 
@@ -129,7 +132,7 @@ def _by_kernel(
     quantities: dict[str, ArrayLike],
 ) -> tuple[Array, ...]:
     name, *args = quantity
-    compiled = kernel(pepper, str(name), *args)
+    compiled = kernel(pepper, str(name), *args, wide=math.prod(batch) >= WIDE_FROM)
     flat = [
         a if a.ndim == 1 else np.broadcast_to(a, (*batch, pepper.n)).reshape(-1, pepper.n) for a in arrays
     ]

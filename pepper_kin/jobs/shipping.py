@@ -59,6 +59,7 @@ def everyday_calls() -> None:
     for frame in ("LArm_effector", "RArm_effector"):
         kinematics.frame_pose(pepper, q, frame)
         kinematics.frame_jacobian(pepper, q, frame)
+    kinematics.frame_poses(pepper, q, tuple(dict.fromkeys(shape.link for shape in pepper.visual_shapes)))
     for quantity in BATCHES:
         kernel(pepper, quantity)
     collision.in_collision(pepper, q, scene)
