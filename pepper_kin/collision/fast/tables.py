@@ -39,12 +39,21 @@ def _packed(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Array, A
 def _cells(table: DependentRange, width: float, margin: float) -> Array:
     """Return the numbers of all cells of a table, each a little wider than it is, for rounding."""
     x, low, high = table.positions, table.lower, table.upper
-    rows = []
-    for cell in range(CELLS):
-        begin = -np.inf if cell == 0 else x[0] + cell * width - 1e-9
-        end = np.inf if cell == CELLS - 1 else x[0] + (cell + 1) * width + 1e-9
-        first = max(int(np.searchsorted(x, begin, side="right")) - 1, 0)
-        last = min(int(np.searchsorted(x, end, side="left")), len(x) - 1)
-        inside = slice(first, last + 1)
-        rows.append([low[inside].min(), high[inside].max(), low[inside].max(), high[inside].min()])
-    return (np.array(rows) + margin * np.array([1.0, -1.0, 1.0, -1.0])).ravel()
+    edges = x[0] + np.arange(CELLS + 1) * width
+    begin, end = edges[:-1] - 1e-9, edges[1:] + 1e-9
+    begin[0], end[-1] = -np.inf, np.inf
+    first = np.maximum(np.searchsorted(x, begin, side="right") - 1, 0)
+    last = np.minimum(np.searchsorted(x, end, side="left"), len(x) - 1)
+    spans = np.stack([first, last + 1], axis=1).ravel()
+
+    def over_spans(function: np.ufunc, values: Array) -> Array:
+        return np.asarray(function.reduceat(np.append(values, values[-1]), spans)[::2])
+
+    least, greatest = np.minimum, np.maximum
+    rows = [
+        over_spans(least, low),
+        over_spans(greatest, high),
+        over_spans(greatest, low),
+        over_spans(least, high),
+    ]
+    return (np.stack(rows, axis=1) + margin * np.array([1.0, -1.0, 1.0, -1.0])).ravel()
