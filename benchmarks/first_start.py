@@ -22,6 +22,7 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
+HIDDEN = ("PYTHONPATH", "VIRTUAL_ENV", "PYTHONDONTWRITEBYTECODE")
 START = "import pepper_kin as pk; pepper = pk.load_pepper()"
 IK = "tasks = [pk.ik.HandPosition('left', (0.38, 0.22, 0.82)), pk.ik.LookAt((0.38, 0.22, 0.82))]"
 SCENE = "scene = pk.Scene().add_box('table', size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))"
@@ -86,7 +87,7 @@ def steps(repository: str, python: str, place: Path) -> list[tuple[str, list[str
 
 def environment(place: Path) -> dict[str, str]:
     """Return the variables of the processes: no machine code of earlier runs is found."""
-    kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    kept = {name: value for name, value in os.environ.items() if name not in HIDDEN}
     return {
         **kept,
         "PEPPER_KIN_CACHE": str(place / "kernels"),
