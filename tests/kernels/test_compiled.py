@@ -177,7 +177,6 @@ def test_the_key_changes_with_sources_constants_and_signatures():
     assert unit.key() != key
     weigh.text, weigh._signature = text, None
     assert unit.key() == key
-    global np_like
     scope = {"compiled": compiled, "FACTOR": 2.0, "__name__": __name__}
     exec("def f(x):\n    return FACTOR * x", scope)
     described = dict(unit_ingredients(scope["f"]))
