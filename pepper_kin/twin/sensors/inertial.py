@@ -8,13 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.kinematics import frame_acceleration, frame_velocity
+from pepper_kin.model import PepperModel
 from pepper_kin.twin.sensors.reading import SensedState
-from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.sensor import ErringSensor, LinearSensor
+from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
 
 
-class Accelerometer(Sensor):
+class _InertialSensor(LinearSensor):
+    """Three numbers along the axes of a frame, cut off at the sensor's range."""
+
+    shape = (3,)
+
+    def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
+        super().__init__(pepper, specification, seed)
+        self.clipped = (-specification.maximum, specification.maximum)
+
+
+class Accelerometer(_InertialSensor):
     """The specific force at a frame, R^T (a - g): 9.81 m/s^2 upward at rest, nothing in free fall."""
 
     def truth(self, state: SensedState) -> Array:
@@ -25,12 +37,8 @@ class Accelerometer(Sensor):
         rotation = state.pose(frame)[:3, :3]
         return np.asarray(rotation.T @ (acceleration - gravity))
 
-    def limited(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return the value cut off at the sensor's range, axis by axis."""
-        return np.clip(value, -self.specification.maximum, self.specification.maximum)
 
-
-class Gyroscope(Sensor):
+class Gyroscope(_InertialSensor):
     """The angular velocity of a frame."""
 
     def truth(self, state: SensedState) -> Array:
@@ -39,16 +47,14 @@ class Gyroscope(Sensor):
         rotation = state.pose(frame)[:3, :3]
         return np.asarray(rotation.T @ frame_velocity(self.pepper, state.q, state.v, frame)[3:])
 
-    def limited(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return the value cut off at the sensor's range, axis by axis."""
-        return np.clip(value, -self.specification.maximum, self.specification.maximum)
 
-
-class Orientation(Sensor):
+class Orientation(ErringSensor):
     """The orientation of a frame in the world, as a unit quaternion x, y, z, w with w >= 0.
 
     Bias and noise turn it by a small rotation vector in the frame's own axes [rad].
     """
+
+    shape = (4,)
 
     def truth(self, state: SensedState) -> Array:
         """Return the quaternion x, y, z, w, shape (4,)."""

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.twin.sensors.noise import within_range
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.robot_rays import RobotRays
-from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.sensor import LinearSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
@@ -23,7 +20,7 @@ _BLANK = 8
 _ANGLES = 61
 
 
-class _RangeSensor(Sensor):
+class _RangeSensor(LinearSensor):
     """Rays from a frame; -inf stands for too near, inf for too far or nothing."""
 
     def __init__(
@@ -32,16 +29,13 @@ class _RangeSensor(Sensor):
         super().__init__(pepper, specification, seed)
         self._rays = rays
         self._directions, self._height = np.empty((0, 3)), 0.0
+        self.in_range = (specification.minimum, specification.maximum)
 
     def _distances(self, state: SensedState) -> Array:
         pose = state.pose(self.specification.frame)
         start = pose[:3, 3] + self._height * pose[:3, 2]
         directions = self._directions @ pose[:3, :3].T
         return self._rays.distances_checked(state.q, state.scene, start, directions)
-
-    def limited(self, value: NDArray[Any]) -> Array:
-        """Return distances with -inf below the range and inf above it."""
-        return within_range(self.specification, value)
 
 
 class Sonar(_RangeSensor):
@@ -74,7 +68,7 @@ class Laser(_RangeSensor):
         self._directions = np.column_stack(
             [np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))]
         )
-        self._height = specification.height
+        self._height, self.shape = specification.height, self.angles.shape
 
     def truth(self, state: SensedState) -> Array:
         """Return the distances [m], inf where nothing is there, shape (beams,)."""

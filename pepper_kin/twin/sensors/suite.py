@@ -19,12 +19,13 @@ from pepper_kin.twin.sensors.inertial import Accelerometer, Gyroscope, Orientati
 from pepper_kin.twin.sensors.joint_sensors import JointEncoders, JointTorques
 from pepper_kin.twin.sensors.odometry_sensor import WheelOdometry
 from pepper_kin.twin.sensors.range_sensors import Laser, Sonar
-from pepper_kin.twin.sensors.reading import Reading, SensedState
+from pepper_kin.twin.sensors.reading import Reading, SensedState, StillWorld, Surroundings
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.sensors.robot_rays import RobotRays
+from pepper_kin.twin.sensors.sampling import Sample, SampledTogether
 from pepper_kin.twin.sensors.sensor import Sensor
 from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
-from pepper_kin.twin.sensors.switches import SceneSolids, Switch
+from pepper_kin.twin.sensors.switches import Pads, Switch
 
 CAMERAS = ("camera_top", "camera_bottom", "camera_depth")
 """Sensors that cost a picture each time they are read; a suite holds them only if they are named."""
@@ -43,7 +44,6 @@ _RAYS: dict[str, Any] = {
     "color_camera": ColorCamera,
     "depth_camera": DepthCamera,
 }
-_EARLY = 1e-6  # of a period: a clock that counts steps may be late by rounding
 
 
 class State(Protocol):
@@ -54,17 +54,6 @@ class State(Protocol):
     velocity: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     torque: NDArray[np.float64]
-
-
-class Surroundings(Protocol):
-    """A world that moves: where its bodies are now, and what they touch."""
-
-    @property
-    def contacts(self) -> Sequence[Any]:
-        """Where things touch; see `SensorSuite.read`."""
-
-    def snapshot(self) -> Scene:
-        """Return the scene as it is now."""
 
 
 class SensorSuite:
@@ -107,7 +96,7 @@ class SensorSuite:
     ) -> None:
         if scene is not None and world is not None:
             raise InvalidValueError("scene and world", "both", "one of the two at most")
-        self._scene, self._world = scene, world
+        self._world = StillWorld(_EMPTY if scene is None else scene, ()) if world is None else world
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
             raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
         known = dict(sensor_specifications())
@@ -120,13 +109,19 @@ class SensorSuite:
             if name not in known:
                 raise UnknownNameError("sensor", name, known)
         self.pepper, self.noise = pepper, bool(noise)
-        self._floor, self._solids = floor, SceneSolids()
+        self._floor = floor
+        self._pads: dict[float, Pads] = {}
         self._rays: dict[tuple[str, int], RobotRays] = {}
         made = {name: self._made(known[name], int(seed)) for name in names}
         self.sensors = MappingProxyType(made)
-        frames = dict.fromkeys(sensor.specification.frame for sensor in made.values())
-        self._frames = tuple(frame for frame in frames if frame)
-        self.reset()
+        rates = dict.fromkeys(sensor.specification.rate for sensor in made.values())
+        self._groups = [
+            SampledTogether(
+                rate, {name: s for name, s in made.items() if s.specification.rate == rate}, noise=noise
+            )
+            for rate in rates
+        ]
+        self._time, self._next = -math.inf, -math.inf
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -140,11 +135,9 @@ class SensorSuite:
 
     def reset(self) -> None:
         """Begin anew: every sensor is due at the next reading, and what was recorded is forgotten."""
-        self._recorded: dict[str, list[Reading]] = {name: [] for name in self.sensors}
-        self._sample = dict.fromkeys(self.sensors, -1)
         self._time, self._next = -math.inf, -math.inf
-        for sensor in self.sensors.values():
-            sensor.reset()
+        for group in self._groups:
+            group.reset()
 
     def read(
         self,
@@ -177,21 +170,10 @@ class SensorSuite:
         if self._time <= time < self._next:
             self._time = time
             return {}
-        if not (math.isfinite(time) and time >= self._time):
-            raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
-        state = self._state(time, q, v, a, torque, scene, contacts)
-        readings = {}
-        for name, sensor in self.sensors.items():
-            sample = math.floor(time * sensor.specification.rate + _EARLY)
-            if sample > self._sample[name]:
-                self._sample[name] = sample
-                readings[name] = self._reading(sensor, state, sample)
-        self._time = time
-        self._next = min(
-            ((self._sample[name] + 1 - _EARLY) / s.specification.rate for name, s in self.sensors.items()),
-            default=math.inf,
-        )
-        return readings
+        world = StillWorld(_EMPTY if scene is None else scene, () if contacts is None else contacts)
+        taken = self._taken(time, {"q": q, "v": v, "a": a, "torque": torque}, world)
+        found = {name: reading for group, sample in taken for name, reading in group.readings(sample)}
+        return {name: found[name] for name in self.sensors if name in found}
 
     def observe(self, state: State) -> None:
         """Read what is due in a twin's state, and record it; a state not later than the last begins anew.
@@ -206,13 +188,9 @@ class SensorSuite:
             return
         if state.time <= self._time:
             self.reset()
-        scene = self._scene if self._world is None else self._world.snapshot()
-        contacts = None if self._world is None else self._world.contacts
-        found = self.read(
-            state.time, state.position, state.velocity, state.acceleration, state.torque, scene, contacts
-        )
-        for name, reading in found.items():
-            self._recorded[name].append(reading)
+        vectors = {"q": state.position, "v": state.velocity, "a": state.acceleration, "torque": state.torque}
+        for group, sample in self._taken(state.time, vectors, self._world):
+            group.record(sample)
 
     def recorded(self, start: float = 0.0) -> dict[str, ReadingSeries]:
         """Return what `observe` has recorded since a time, by name; sensors without a sample are left out.
@@ -220,33 +198,22 @@ class SensorSuite:
         Args:
             start: The first time that counts [s]; times are given from there on.
         """
-        kept = {
-            name: [row for row in rows if row.time >= start - 1e-9] for name, rows in self._recorded.items()
-        }
-        return {name: ReadingSeries.of(rows, start) for name, rows in kept.items() if rows}
+        found = {name: series for group in self._groups for name, series in group.series(start)}
+        return {name: found[name] for name in self.sensors if name in found}
 
-    def _state(
-        self,
-        time: float,
-        q: ArrayLike,
-        v: ArrayLike | None,
-        a: ArrayLike | None,
-        torque: ArrayLike | None,
-        scene: Scene | None,
-        contacts: Sequence[Any] | None,
-    ) -> SensedState:
-        world = _EMPTY if scene is None else scene
-        return SensedState(
-            self.pepper,
-            float(time),
-            self._vector("q", q),
-            self._vector("v", v),
-            self._vector("a", a),
-            self._vector("torque", torque),
-            world,
-            () if contacts is None else contacts,
-            self._frames,
-        )
+    def _taken(
+        self, time: float, vectors: Mapping[str, ArrayLike | None], world: Surroundings
+    ) -> list[tuple[SampledTogether, Sample]]:
+        """Return the samples that are due in a state; see `read`."""
+        if not (math.isfinite(time) and time >= self._time):
+            raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
+        checked = [self._vector(name, value) for name, value in vectors.items()]
+        due = [group for group in self._groups if group.take_due(time)]
+        frames = due[0].frames if len(due) == 1 else {frame: None for group in due for frame in group.frames}
+        state = SensedState(self.pepper, float(time), checked, world, tuple(frames))
+        taken = [(group, group.take(state)) for group in due]
+        self._time, self._next = time, min((group.due for group in self._groups), default=math.inf)
+        return taken
 
     def _vector(self, quantity: str, value: ArrayLike | None) -> NDArray[np.float64]:
         if value is None:
@@ -256,14 +223,10 @@ class SensorSuite:
             raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({self.pepper.n},)")
         return vector
 
-    def _reading(self, sensor: Sensor, state: SensedState, sample: int) -> Reading:
-        truth = sensor.truth(state)
-        value = sensor.limited(sensor.measured(truth, max(sample, 0)) if self.noise else truth)
-        return Reading(state.time, value, truth, sensor.specification.unit, sensor.specification.frame)
-
     def _made(self, specification: SensorSpecification, seed: int) -> Sensor:
         if specification.kind == "switch":
-            return Switch(self.pepper, specification, seed, self._solids)
+            pads = self._pads.setdefault(specification.rate, Pads(self.pepper))
+            return Switch(self.pepper, specification, seed, pads)
         if specification.kind in _RAYS:
             looks = "visual" if specification.name in CAMERAS else "collision"
             frame = self.pepper.frame_id(specification.frame)
