@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.linear_algebra import cholesky, solve_cholesky
+from pepper_kin.core.linear_algebra import cholesky, solve_cholesky, solve_cholesky_columns
 from pepper_kin.core.simulation.narrow_phase import FREE, ON_ROBOT, BodyTable, ContactPoints, ShapeTable
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable
 from pepper_kin.kernels.compiled import compiled
@@ -152,11 +152,12 @@ def assemble(
             place = (shapes.mover[s], shapes.owner[s])
             _add_point_rows(place, points.rows[c, :3], sign, tree, at, bodies, columns, rows)
         _turn_to_frame(rows, points.rows[c, 3:6], free, tangents[c])
+    _add_responses(jacobian, lower, columns, bodies, np.empty((n, 3 * count)), response)
+    for c in range(count):
         mu = math.sqrt(shapes.friction[points.shapes[c, 0]] * shapes.friction[points.shapes[c, 1]])
         total = 0.0
         for i in range(3):
             row, answer = jacobian[3 * c + i], response[3 * c + i]
-            _solve_mass(row, lower, columns, bodies, answer)
             weight = 1.0 if i == 0 else 0.5 * mu * mu
             for k in range(size):
                 total += weight * row[k] * answer[k]
@@ -289,27 +290,34 @@ def _add_bodies(
 
 
 @compiled(lean=True)
-def _solve_mass(row: Floats1, lower: Floats2, columns: Ints1, bodies: BodyTable, response: Floats1) -> None:
-    """Write M^-1 row, given the factor of the robot's part."""
+def _add_responses(
+    jacobian: Floats2, lower: Floats2, columns: Ints1, bodies: BodyTable, solved: Floats2, response: Floats2
+) -> None:
+    """Write J M^-1 into zeros, given the factor of the robot's part and room for that of its rows."""
     n, rotation, inertia = len(lower), bodies.rotation, bodies.inertia
+    rows = len(jacobian)
     if n:
         for k in range(n):
-            response[k] = row[k]
-        solve_cholesky(lower, response[:n])
+            for r in range(rows):
+                solved[k, r] = jacobian[r, k]
+        solve_cholesky_columns(lower, solved)
+        for r in range(rows):
+            for k in range(n):
+                response[r, k] = solved[k, r]
     for b in range(len(columns)):
         k = columns[b]
         if k < 0:
             continue
-        for i in range(3):
-            response[k + i] = row[k + i] / bodies.mass[b]
-            response[k + 3 + i] = 0.0
-        for o in range(3):
-            turned = 0.0
+        for r in range(rows):
             for i in range(3):
-                turned += rotation[b, i, o] * row[k + 3 + i]
-            turned /= inertia[b, o]
-            for i in range(3):
-                response[k + 3 + i] += rotation[b, i, o] * turned
+                response[r, k + i] = jacobian[r, k + i] / bodies.mass[b]
+            for o in range(3):
+                turned = 0.0
+                for i in range(3):
+                    turned += rotation[b, i, o] * jacobian[r, k + 3 + i]
+                turned /= inertia[b, o]
+                for i in range(3):
+                    response[r, k + 3 + i] += rotation[b, i, o] * turned
 
 
 @compiled(lean=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -29,13 +30,15 @@ class _InertialSensor(LinearSensor):
 class Accelerometer(_InertialSensor):
     """The specific force at a frame, R^T (a - g): 9.81 m/s^2 upward at rest, nothing in free fall."""
 
+    def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
+        super().__init__(pepper, specification, seed)
+        self._gravity = np.array(pepper.inner_model.gravity.linear)
+
     def truth(self, state: SensedState) -> Array:
         """Return the specific force in the frame's axes [m/s^2], shape (3,)."""
         frame = self.specification.frame
         acceleration = frame_acceleration(self.pepper, state.q, state.v, state.a, frame)[:3]
-        gravity = np.asarray(self.pepper.inner_model.gravity.linear)
-        rotation = state.pose(frame)[:3, :3]
-        return np.asarray(rotation.T @ (acceleration - gravity))
+        return np.asarray(state.pose(frame)[:3, :3].T @ (acceleration - self._gravity))
 
 
 class Gyroscope(_InertialSensor):
@@ -68,7 +71,7 @@ class Orientation(ErringSensor):
         from pinocchio import Quaternion
 
         turn = self.noise.disturbed(np.zeros(3), sample)
-        angle = float(np.linalg.norm(turn))
+        angle = math.sqrt(turn.dot(turn))
         # sin(x/2)/x by its limit near 0, where there is no noise
         share = 0.5 if angle < 1e-12 else np.sin(angle / 2) / angle
         extra = Quaternion(*np.array([np.cos(angle / 2), *(share * turn)]))
@@ -78,5 +81,5 @@ class Orientation(ErringSensor):
 def _upper(coefficients: Any) -> Array:
     """Return the one of q and -q whose w is not negative, of length 1."""
     xyzw = np.array(coefficients, dtype=float)
-    xyzw /= np.linalg.norm(xyzw)
+    xyzw /= math.sqrt(xyzw.dot(xyzw))
     return -xyzw if xyzw[3] < 0 else xyzw

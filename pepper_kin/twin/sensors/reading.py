@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -107,20 +107,24 @@ class SensedState:
         return self._world.snapshot()
 
     @cached_property
-    def touches(self) -> list[tuple[str | None, NDArray[np.float64]]]:
-        """Links and objects that are touched, each with the point."""
-        return [touch for contact in self._world.contacts for touch in touched(contact)]
+    def contacts(self) -> Sequence[Any]:
+        """Where the robot is touched; see `SensorSuite.read`."""
+        return self._world.contacts
 
 
-def touched(contact: Any) -> list[tuple[str | None, NDArray[np.float64]]]:
-    """Return what a contact touches, and where: two links or objects with their points.
+def touched(contact: Any, links: Container[str]) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return which of some links a contact touches, each with its point.
 
     Args:
         contact: With `links` and `points`, as `pepper_kin.collision.Contact` has (points may be None, where
             it is not known where), or with `names`, one `point` and a `force`, as a twin's world has.
+        links: Names of the links that are looked for.
     """
     if hasattr(contact, "links"):
-        return [] if contact.points is None else list(zip(contact.links, contact.points, strict=True))
-    if not np.asarray(contact.force).any():
+        if contact.points is None:
+            return []
+        return [pair for pair in zip(contact.links, contact.points, strict=True) if pair[0] in links]
+    names = [name for name in contact.names if name in links]
+    if not names or not np.any(contact.force):
         return []
-    return [(name, contact.point) for name in contact.names]
+    return [(name, contact.point) for name in names]

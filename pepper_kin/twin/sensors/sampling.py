@@ -67,7 +67,7 @@ class SampledTogether:
             part = slice(self._width, self._width + size)
             self._parts[name], self._width = part, part.stop
             rows.append((sensor, part))
-            if isinstance(sensor, ErringSensor):
+            if isinstance(sensor, ErringSensor) and not sensor.exact:
                 self._erring.append((sensor, part))
         self._truths = [(sensor.truth, part) for sensor, part in rows]
         self.frames = tuple({s.specification.frame: None for s in sensors.values() if s.specification.frame})

@@ -60,7 +60,13 @@ class LinearSensor(Sensor):
 
 
 class ErringSensor(Sensor):
-    """A sensor with errors of another kind."""
+    """A sensor with errors of another kind.
+
+    Attributes:
+        exact: Whether it has none, and says the truth.
+    """
+
+    exact: bool = False
 
     @abstractmethod
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[Any]:

@@ -18,7 +18,7 @@ from pepper_kin.twin.sensors.camera_sensors import ColorCamera, DepthCamera
 from pepper_kin.twin.sensors.inertial import Accelerometer, Gyroscope, Orientation
 from pepper_kin.twin.sensors.joint_sensors import JointEncoders, JointTorques
 from pepper_kin.twin.sensors.odometry_sensor import WheelOdometry
-from pepper_kin.twin.sensors.range_sensors import Laser, Sonar
+from pepper_kin.twin.sensors.range_sensors import Beams, Laser, Sonar
 from pepper_kin.twin.sensors.reading import Reading, SensedState, StillWorld, Surroundings
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.sensors.robot_rays import RobotRays
@@ -38,12 +38,8 @@ _PLAIN: dict[str, type[Sensor]] = {
     "orientation": Orientation,
     "wheel_odometry": WheelOdometry,
 }
-_RAYS: dict[str, Any] = {
-    "sonar": Sonar,
-    "laser": Laser,
-    "color_camera": ColorCamera,
-    "depth_camera": DepthCamera,
-}
+_RANGES = {"sonar": Sonar, "laser": Laser}
+_PICTURES = {"color_camera": ColorCamera, "depth_camera": DepthCamera}
 
 
 class State(Protocol):
@@ -112,6 +108,7 @@ class SensorSuite:
         self._floor = floor
         self._pads: dict[float, Pads] = {}
         self._rays: dict[tuple[str, int], RobotRays] = {}
+        self._beams: dict[tuple[RobotRays, float], Beams] = {}
         made = {name: self._made(known[name], int(seed)) for name in names}
         self.sensors = MappingProxyType(made)
         rates = dict.fromkeys(sensor.specification.rate for sensor in made.values())
@@ -227,7 +224,7 @@ class SensorSuite:
         if specification.kind == "switch":
             pads = self._pads.setdefault(specification.rate, Pads(self.pepper))
             return Switch(self.pepper, specification, seed, pads)
-        if specification.kind in _RAYS:
+        if specification.kind in _RANGES or specification.kind in _PICTURES:
             looks = "visual" if specification.name in CAMERAS else "collision"
             frame = self.pepper.frame_id(specification.frame)
             joint = int(self.pepper.inner_model.frames[frame].parentJoint)
@@ -235,12 +232,15 @@ class SensorSuite:
                 self._rays[looks, joint] = RobotRays(
                     self.pepper, looks, blind_to=specification.frame, floor=self._floor
                 )
-            made: Sensor = _RAYS[specification.kind](
-                self.pepper, specification, seed, self._rays[looks, joint]
-            )
-            return made
+            rays = self._rays[looks, joint]
+            if specification.kind in _PICTURES:
+                return _PICTURES[specification.kind](self.pepper, specification, seed, rays)
+            beams = self._beams.setdefault((rays, specification.rate), Beams(rays))
+            return _RANGES[specification.kind](self.pepper, specification, seed, beams)
         if specification.kind not in _PLAIN:
-            raise UnknownNameError("kind of sensor", specification.kind, [*_PLAIN, *_RAYS, "switch"])
+            raise UnknownNameError(
+                "kind of sensor", specification.kind, [*_PLAIN, *_RANGES, *_PICTURES, "switch"]
+            )
         return _PLAIN[specification.kind](self.pepper, specification, seed)
 
 

@@ -13,7 +13,7 @@ from pepper_kin.collision.coal_shapes import coal_geometry, is_empty
 from pepper_kin.collision.solids import SceneGeometry, padding
 from pepper_kin.core.simulation.near_boxes import Boxes, balls_near_boxes
 from pepper_kin.model import PepperModel
-from pepper_kin.twin.sensors.reading import SensedState
+from pepper_kin.twin.sensors.reading import SensedState, touched
 from pepper_kin.twin.sensors.sensor import ErringSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
@@ -94,12 +94,13 @@ class Pads:
 
     def _all_pressed(self, state: SensedState) -> list[bool]:
         poses, pressed = [state.pose(frame) for frame in self._frames], [False] * len(self._frames)
-        for link, point in state.touches:
-            for number in self._by_link.get(link, ()) if link is not None else ():
-                pose = poses[number]
-                place = pose[:3, :3].T @ (np.asarray(point) - pose[:3, 3])
-                if (np.abs(place) <= self._halves[number] + CONTACT_REACH).all():
-                    pressed[number] = True
+        for contact in state.contacts:
+            for link, point in touched(contact, self._by_link):
+                for number in self._by_link[link]:
+                    pose = poses[number]
+                    place = pose[:3, :3].T @ (np.asarray(point) - pose[:3, 3])
+                    if (np.abs(place) <= self._halves[number] + CONTACT_REACH).all():
+                        pressed[number] = True
         self._look(state.scene)
         if not self._solids:
             return pressed
@@ -138,7 +139,7 @@ class Pads:
             poses.append(item.transform_object_to_world)
         found = list(solids.values())
         if found and found == list(before.values()):
-            np.stack(poses, out=self._boxes.pose)
+            self._boxes.pose[:] = poses
         else:
             self._boxes = Boxes(
                 np.array(poses).reshape(-1, 4, 4),
@@ -178,6 +179,7 @@ class Switch(ErringSensor):
     ) -> None:
         super().__init__(pepper, specification, seed)
         self._pads, self._number = pads, pads.add(specification.frame, specification.pad)
+        self.exact = specification.error_rate == 0
 
     def truth(self, state: SensedState) -> NDArray[np.bool_]:
         """Return whether the pad is pressed, shape ()."""
@@ -186,5 +188,5 @@ class Switch(ErringSensor):
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[np.bool_]:
         """Return the opposite of the truth in a share `error_rate` of the samples."""
         rate = self.specification.error_rate
-        wrong = rate > 0 and self.noise.generator(sample).random() < rate
+        wrong = self.noise.generator(sample).random() < rate
         return np.asarray(truth != wrong)
