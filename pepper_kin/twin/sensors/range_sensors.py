@@ -62,6 +62,8 @@ class Beams:
 class _RangeSensor(LinearSensor):
     """Rays from a frame; -inf stands for too near, inf for too far or nothing."""
 
+    looks = True
+
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, beams: Beams
     ) -> None:

@@ -47,6 +47,7 @@ class SampledTogether:
 
     Attributes:
         frames: Frames whose poses the sensors ask for.
+        looks: Whether any of them looks at what is around the robot.
     """
 
     def __init__(self, rate: float, sensors: Mapping[str, Sensor], *, noise: bool) -> None:
@@ -71,6 +72,7 @@ class SampledTogether:
                 self._erring.append((sensor, part))
         self._truths = [(sensor.truth, part) for sensor, part in rows]
         self.frames = tuple({s.specification.frame: None for s in sensors.values() if s.specification.frame})
+        self.looks = any(sensor.looks for sensor in sensors.values())
         self.reset()
 
     def reset(self) -> None:
@@ -86,17 +88,17 @@ class SampledTogether:
         """Time of the next sample [s]."""
         return (self._sample + 1 - _EARLY) / self._rate
 
-    def take_due(self, time: float) -> bool:
-        """Return whether a sample is due at a time [s], and if so count it as taken."""
+    def count_due(self, time: float) -> int:
+        """Return the number of the sample that is due at a time [s] and count it as taken; -1 for none."""
         sample = math.floor(time * self._rate + _EARLY)
         if sample <= self._sample:
-            return False
+            return -1
         self._sample = sample
-        return True
+        return sample
 
-    def take(self, state: SensedState) -> Sample:
-        """Return the readings of a state as the sample that was counted last."""
-        truth, sample = np.empty(self._width), self._sample
+    def take(self, state: SensedState, sample: int) -> Sample:
+        """Return the readings of a state, as the sample of a given number."""
+        truth = np.empty(self._width)
         for find, part in self._truths:
             truth[part] = find(state)
         value = truth.copy()

@@ -25,6 +25,7 @@ class Sensor(ABC):
     Attributes:
         shape: Of its readings.
         dtype: Of their numbers.
+        looks: Whether it looks at what is around the robot.
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
@@ -32,6 +33,7 @@ class Sensor(ABC):
 
     shape: tuple[int, ...] = ()
     dtype: type = np.float64
+    looks: bool = False
 
     def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
         if specification.frame:

@@ -14,6 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.shapes import kept_read_only
 from pepper_kin.twin.sensors.camera_sensors import ColorCamera, DepthCamera
 from pepper_kin.twin.sensors.inertial import Accelerometer, Gyroscope, Orientation
 from pepper_kin.twin.sensors.joint_sensors import JointEncoders, JointTorques
@@ -22,7 +23,7 @@ from pepper_kin.twin.sensors.range_sensors import Beams, Laser, Sonar
 from pepper_kin.twin.sensors.reading import Reading, SensedState, StillWorld, Surroundings
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.sensors.robot_rays import RobotRays
-from pepper_kin.twin.sensors.sampling import Sample, SampledTogether
+from pepper_kin.twin.sensors.sampling import SampledTogether
 from pepper_kin.twin.sensors.sensor import Sensor
 from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
 from pepper_kin.twin.sensors.switches import Pads, Switch
@@ -119,6 +120,7 @@ class SensorSuite:
             for rate in rates
         ]
         self._time, self._next = -math.inf, -math.inf
+        self._waiting: list[tuple[SensedState, list[tuple[SampledTogether, int]]]] = []
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,7 +134,7 @@ class SensorSuite:
 
     def reset(self) -> None:
         """Begin anew: every sensor is due at the next reading, and what was recorded is forgotten."""
-        self._time, self._next = -math.inf, -math.inf
+        self._time, self._next, self._waiting = -math.inf, -math.inf, []
         for group in self._groups:
             group.reset()
 
@@ -167,15 +169,18 @@ class SensorSuite:
         if self._time <= time < self._next:
             self._time = time
             return {}
+        self._settle()
         world = StillWorld(_EMPTY if scene is None else scene, () if contacts is None else contacts)
-        taken = self._taken(time, {"q": q, "v": v, "a": a, "torque": torque}, world)
-        found = {name: reading for group, sample in taken for name, reading in group.readings(sample)}
+        state, due = self._sensed(time, {"q": q, "v": v, "a": a, "torque": torque}, world)
+        readings = [group.readings(group.take(state, sample)) for group, sample in due]
+        found = {name: reading for pairs in readings for name, reading in pairs}
         return {name: found[name] for name in self.sensors if name in found}
 
     def observe(self, state: State) -> None:
         """Read what is due in a twin's state, and record it; a state not later than the last begins anew.
 
-        This is what a twin asks of the sensors that it is given: `Twin(pepper, sensors=suite)`.
+        This is what a twin asks of the sensors that it is given: `Twin(pepper, sensors=suite)`.  The state,
+        and what is around the robot now, are kept until somebody asks what was recorded.
 
         Args:
             state: Time, position, velocity, acceleration and torque.
@@ -186,8 +191,7 @@ class SensorSuite:
         if state.time <= self._time:
             self.reset()
         vectors = {"q": state.position, "v": state.velocity, "a": state.acceleration, "torque": state.torque}
-        for group, sample in self._taken(state.time, vectors, self._world):
-            group.record(sample)
+        self._waiting.append(self._sensed(state.time, vectors, self._world))
 
     def recorded(self, start: float = 0.0) -> dict[str, ReadingSeries]:
         """Return what `observe` has recorded since a time, by name; sensors without a sample are left out.
@@ -195,22 +199,31 @@ class SensorSuite:
         Args:
             start: The first time that counts [s]; times are given from there on.
         """
+        self._settle()
         found = {name: series for group in self._groups for name, series in group.series(start)}
         return {name: found[name] for name in self.sensors if name in found}
 
-    def _taken(
+    def _settle(self) -> None:
+        """Take the samples of all states that wait, in their order."""
+        waiting, self._waiting = self._waiting, []
+        for state, due in waiting:
+            for group, sample in due:
+                group.record(group.take(state, sample))
+
+    def _sensed(
         self, time: float, vectors: Mapping[str, ArrayLike | None], world: Surroundings
-    ) -> list[tuple[SampledTogether, Sample]]:
-        """Return the samples that are due in a state; see `read`."""
+    ) -> tuple[SensedState, list[tuple[SampledTogether, int]]]:
+        """Return a state as it is now, and which sensors are due, each with the number of its sample."""
         if not (math.isfinite(time) and time >= self._time):
             raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
         checked = [self._vector(name, value) for name, value in vectors.items()]
-        due = [group for group in self._groups if group.take_due(time)]
-        frames = due[0].frames if len(due) == 1 else {frame: None for group in due for frame in group.frames}
-        state = SensedState(self.pepper, float(time), checked, world, tuple(frames))
-        taken = [(group, group.take(state)) for group in due]
+        due = [(group, group.count_due(time)) for group in self._groups]
+        due = [(group, sample) for group, sample in due if sample >= 0]
+        frames = {frame: None for group, _ in due for frame in group.frames}
+        if any(group.looks for group, _ in due):
+            world = StillWorld(world.snapshot(), world.contacts)
         self._time, self._next = time, min((group.due for group in self._groups), default=math.inf)
-        return taken
+        return SensedState(self.pepper, float(time), checked, world, tuple(frames)), due
 
     def _vector(self, quantity: str, value: ArrayLike | None) -> NDArray[np.float64]:
         if value is None:
@@ -218,7 +231,7 @@ class SensorSuite:
         vector = as_joint_vectors(self.pepper, value, quantity)
         if vector.ndim != 1:
             raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({self.pepper.n},)")
-        return vector
+        return kept_read_only(vector)
 
     def _made(self, specification: SensorSpecification, seed: int) -> Sensor:
         if specification.kind == "switch":

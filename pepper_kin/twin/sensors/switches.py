@@ -173,6 +173,7 @@ class Switch(ErringSensor):
     """
 
     dtype = np.bool_
+    looks = True
 
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, pads: Pads
