@@ -206,18 +206,18 @@ def _add_point_rows(
             if column >= 0:
                 scale = sign * tree.ratio[joint]
                 ax, ay, az = at.axis[joint, 0], at.axis[joint, 1], at.axis[joint, 2]
-                if tree.slides[joint]:
+                if tree.joints[joint, 1] > 0.0:
                     rows[0, column] += scale * ax
                     rows[1, column] += scale * ay
                     rows[2, column] += scale * az
                 else:
-                    x = point[0] - at.position[joint, 0]
-                    y = point[1] - at.position[joint, 1]
-                    z = point[2] - at.position[joint, 2]
+                    x = point[0] - at.pose[joint, 0]
+                    y = point[1] - at.pose[joint, 1]
+                    z = point[2] - at.pose[joint, 2]
                     rows[0, column] += scale * (ay * z - az * y)
                     rows[1, column] += scale * (az * x - ax * z)
                     rows[2, column] += scale * (ax * y - ay * x)
-            joint = tree.parent[joint]
+            joint = int(tree.joints[joint, 0])
     elif mover == FREE:
         first = columns[owner]
         x, y, z = (
