@@ -141,7 +141,7 @@ def assemble(
     _add_bodies(bodies, h, columns, mass, free, start)
     jacobian, response = np.zeros((3 * count, size)), np.zeros((3 * count, size))
     soft, drop, friction = np.zeros(count), np.zeros(count), np.zeros(count)
-    tangents = np.zeros((count, 3))
+    tangents, scratch = np.zeros((count, 3)), np.empty((2, 3))
     for c in range(count):
         rows = jacobian[3 * c : 3 * c + 3]
         for side in range(2):
@@ -151,7 +151,7 @@ def assemble(
                 continue
             place = (shapes.mover[s], shapes.owner[s])
             _add_point_rows(place, points.rows[c, :3], sign, tree, at, bodies, columns, rows)
-        _turn_to_frame(rows, points.rows[c, 3:6], free, tangents[c])
+        _turn_to_frame(rows, points.rows[c, 3:6], free, tangents[c], scratch)
     _add_responses(jacobian, lower, columns, bodies, np.empty((n, 3 * count)), response)
     for c in range(count):
         mu = math.sqrt(shapes.friction[points.shapes[c, 0]] * shapes.friction[points.shapes[c, 1]])
@@ -235,12 +235,16 @@ def _add_point_rows(
         rows[2, first + 4] -= sign * x
 
 
-@compiled
-def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1) -> None:
-    """Turn rows in the world's axes to normal and tangents, the first along the free slip."""
+@compiled(lean=True)
+def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1, scratch: Floats2) -> None:
+    """Turn rows in the world's axes to normal and tangents, the first along the free slip.
+
+    `scratch` is room of shape (2, 3).
+    """
     size = rows.shape[1]
-    slip = np.zeros(3)
+    slip, second = scratch[0], scratch[1]
     for i in range(3):
+        slip[i] = 0.0
         for k in range(size):
             slip[i] += rows[i, k] * free[k]
     along = slip[0] * normal[0] + slip[1] * normal[1] + slip[2] * normal[2]
@@ -258,7 +262,6 @@ def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Float
         length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
     for i in range(3):
         tangent[i] = slip[i] / length
-    second = np.empty(3)
     for i in range(3):
         k, m = (i + 1) % 3, (i + 2) % 3
         second[i] = normal[k] * tangent[m] - normal[m] * tangent[k]
