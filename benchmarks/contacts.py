@@ -44,7 +44,7 @@ def leaning(points):
     for _ in range(400):
         twin.step(q)
     state = twin.state
-    mass, force = twin._integrator.linearised(
+    mass, force = twin._integrator.linearized(
         state.position, state.velocity, q, np.zeros(pepper.n), twin._integrator.gravity_torque(state.position)
     )
     return lambda: world.advance(state.position, state.velocity, mass, force, H), world

@@ -161,7 +161,7 @@ def one(pepper: pk.PepperModel, trajectory: pk.Trajectory, repeats: int) -> None
             "Pinocchio, ABA from Python": lambda: pinocchio_loop(pepper, start, q_ref, v_ref),
         },
     )
-    table("One twin, a trajectory executed in one call:", times, steps, "Twin.execute", 2.0, None)
+    table("One twin, a trajectory executed in one call:", times, steps, "Twin.execute", 1.5, None)
 
 
 def many(pepper: pk.PepperModel, trajectory: pk.Trajectory, count: int, steps: int, repeats: int) -> None:
@@ -231,18 +231,32 @@ def leaning(pepper: pk.PepperModel) -> tuple[World, np.ndarray, np.ndarray]:
 def among_things(pepper: pk.PepperModel, steps: int, repeats: int) -> None:
     """Print how much faster than time one twin runs with contacts, and with sensors."""
     rows: dict[str, Callable[[], object]] = {}
-    touching = ""
-    for name, sensed in (("contacts", False), ("contacts and all sensors but cameras", True)):
+    by_steps = "`step`, contacts and all sensors but cameras"
+
+    def stepped(twin: pk.Twin, target: np.ndarray, read: bool) -> None:
+        start = twin.state.time
+        for row in target:
+            twin.step(row)
+        if read:
+            twin.sensors.recorded(start)
+
+    def placed(sensed: bool) -> tuple[pk.Twin, np.ndarray]:
         world, start, goal = leaning(pepper)
         twin = pk.Twin(pepper, H, world=world, sensors=SensorSuite(pepper, world=world) if sensed else None)
         twin.reset(start)
         target = np.tile(goal, (steps, 1))
         twin.follow(target)
+        return twin, target
+
+    # Twins of their own, since readings are worked out when they are asked for, by whoever asks.
+    for name, sensed in (("contacts", False), ("contacts and all sensors but cameras", True)):
+        twin, target = placed(sensed)
         rows[f"`follow`, {name}"] = lambda twin=twin, target=target: twin.follow(target)
-        if sensed:
-            rows[f"`step`, {name}"] = lambda twin=twin, target=target: [twin.step(row) for row in target]
-        pressed = [contact for contact in world.contacts if contact.force.any()]
-        touching = f"{len(world.contacts)} points, {len(pressed)} of them pressed"
+    for name, read in (("none read", False), ("all read at the end", True)):
+        twin, target = placed(True)
+        rows[f"{by_steps}, {name}"] = lambda twin=twin, target=target, read=read: stepped(twin, target, read)
+    found = twin.world.contacts
+    touching = f"{len(found)} points, {sum(contact.force.any() for contact in found)} of them pressed"
     walls, works = [{name: [] for name in rows} for _ in range(2)]
     for _ in range(repeats):
         for name, job in rows.items():
@@ -255,9 +269,10 @@ def among_things(pepper: pk.PepperModel, steps: int, repeats: int) -> None:
     print("|---|---|---|---|---|---|---|")
     for name in rows:
         wall, work = (statistics.median(times[name]) for times in (walls, works))
-        verdict = "yes" if wall <= H / 5 else "**no**"
+        asked = 50e-6 if name.startswith(by_steps) else H / 5
+        verdict = "yes" if wall <= asked else "**no**"
         print(f"| {name} | {1e6 * wall:.0f} | {1e6 * work:.0f} | {H / wall:.1f}x | {H / work:.1f}x ", end="")
-        print(f"| 5x | {verdict} |")
+        print(f"| {1e6 * asked:.0f} us | {verdict} |")
 
 
 def recorded(pepper: pk.PepperModel, seconds: float) -> None:

@@ -32,11 +32,24 @@ def cholesky(matrix: Floats2, factor: Floats2) -> bool:
         if not pivot > 0.0:
             return False
         factor[j, j] = math.sqrt(pivot)
-        for i in range(j + 1, matrix.shape[0]):
+        i = j + 1
+        while i + 3 < matrix.shape[0]:  # four sums at a time: one alone waits for itself
+            first, second, third, fourth = matrix[i, j], matrix[i + 1, j], matrix[i + 2, j], matrix[i + 3, j]
+            for c in range(j):
+                above = factor[j, c]
+                first -= factor[i, c] * above
+                second -= factor[i + 1, c] * above
+                third -= factor[i + 2, c] * above
+                fourth -= factor[i + 3, c] * above
+            factor[i, j], factor[i + 1, j] = first / factor[j, j], second / factor[j, j]
+            factor[i + 2, j], factor[i + 3, j] = third / factor[j, j], fourth / factor[j, j]
+            i += 4
+        while i < matrix.shape[0]:
             value = matrix[i, j]
             for c in range(j):
                 value -= factor[i, c] * factor[j, c]
             factor[i, j] = value / factor[j, j]
+            i += 1
     return True
 
 
@@ -128,3 +141,28 @@ def solve_cholesky(factor: Floats2, vector: Floats1) -> None:
         vector[i] /= factor[i, i]
         for c in range(i):
             vector[c] -= factor[i, c] * vector[i]
+
+
+@compiled(lean=True)
+def solve_cholesky_columns(factor: Floats2, columns: Floats2) -> None:
+    """Replace B by A^-1 B, given L of A = L L^T: `solve_cholesky` of all columns at once."""
+    for i in range(factor.shape[0]):
+        for c in range(i):
+            _take_row(columns[i], factor[i, c], columns[c])
+        _divide(columns[i], factor[i, i])
+    for i in range(factor.shape[0] - 1, -1, -1):
+        _divide(columns[i], factor[i, i])
+        for c in range(i):
+            _take_row(columns[c], factor[i, c], columns[i])
+
+
+@compiled(lean=True, inline=True)
+def _take_row(row: Floats1, share: float, other: Floats1) -> None:
+    for r in range(row.size):
+        row[r] -= share * other[r]
+
+
+@compiled(lean=True, inline=True)
+def _divide(row: Floats1, divisor: float) -> None:
+    for r in range(row.size):
+        row[r] /= divisor

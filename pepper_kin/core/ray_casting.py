@@ -52,8 +52,9 @@ class Placed(NamedTuple):
 
     Attributes:
         pose: transform_solid_to_world, shape (m, 4, 4).
-        top_box: Tree of the boxes around the bounded solids, in the world, shape (k, 6).
-        top_link: Its links, shape (k, 2).
+        top_box: Tree of the boxes around the b bounded solids, in the world, shape (2 b - 1, 6); see
+            `place_solids`.
+        top_link: Its links, shape (2 b - 1, 2).
         top_order: The solids in its order, shape (b,).
         endless: The half-spaces, shape (h,).
     """
@@ -63,6 +64,14 @@ class Placed(NamedTuple):
     top_link: Ints2
     top_order: Ints1
     endless: Ints1
+
+
+def unplaced(count: int, bounded: Ints1, endless: Ints1) -> Placed:
+    """Return room for the places of solids, of which some are bounded and others half-spaces."""
+    nodes = max(2 * len(bounded) - 1, 0)
+    return Placed(
+        np.empty((count, 4, 4)), np.empty((nodes, 6)), np.zeros((nodes, 2), np.int64), bounded.copy(), endless
+    )
 
 
 class Hits(NamedTuple):
@@ -355,6 +364,34 @@ def build_tree(boxes: Floats2, leaf: int, tree: BoxTree) -> int:
         depth[used] = depth[used + 1] = depth[node] + 1
         used += 2
     return used
+
+
+@compiled("void(float64[:, ::1], int64[::1], int64, Placed)")
+def place_solids(bounds: Floats2, bounded: Ints1, leaf: int, placed: Placed) -> None:
+    """Write the tree of boxes around the solids where they are.
+
+    Args:
+        bounds: Box around each solid in its own frame, least corner, then greatest, shape (m, 6).
+        bounded: Solids with finite boxes, shape (b,).
+        leaf: Solids in a leaf at most.
+        placed: With the poses; the tree is written.
+    """
+    count = bounded.shape[0]
+    if count == 0:
+        return
+    boxes = np.empty((count, 6))
+    for place in range(count):
+        item = bounded[place]
+        pose, bound = placed.pose[item], bounds[item]
+        for i in range(3):
+            middle, half = pose[i, 3], 0.0
+            for k in range(3):
+                middle += pose[i, k] * (0.5 * (bound[k] + bound[3 + k]))
+                half += abs(pose[i, k]) * (0.5 * (bound[3 + k] - bound[k]))
+            boxes[place, i], boxes[place, 3 + i] = middle - half, middle + half
+    build_tree(boxes, leaf, BoxTree(placed.top_box, placed.top_link, placed.top_order))
+    for place in range(count):
+        placed.top_order[place] = bounded[placed.top_order[place]]
 
 
 @compiled

@@ -28,22 +28,27 @@ def as_finite(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) ->
     Raises:
         InvalidValueError: naming the quantity and what is wrong.
     """
-    wanted = (
-        "(" + ", ".join("k" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
-    )
     try:
         array = _as_floats(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidValueError(quantity, repr(value), f"numbers of shape {wanted}") from error
-    if len(array.shape) != len(shape) or any(
-        s is not None and s != a for s, a in zip(shape, array.shape, strict=True)
+        raise InvalidValueError(quantity, repr(value), f"numbers of shape {_shape_text(shape)}") from error
+    if array.shape != shape and (
+        len(array.shape) != len(shape)
+        or any(s is not None and s != a for s, a in zip(shape, array.shape, strict=True))
     ):
-        raise InvalidValueError(quantity, f"shape {array.shape}", f"shape {wanted}")
+        raise InvalidValueError(quantity, f"shape {array.shape}", f"shape {_shape_text(shape)}")
     if not np.isfinite(array).all():
         raise InvalidValueError(
             quantity, array[~np.isfinite(array)][0], "finite numbers (no NaN, no infinity)"
         )
     return array
+
+
+def _shape_text(shape: tuple[int | None, ...]) -> str:
+    """Return a shape for a message; k stands for any length."""
+    return (
+        "(" + ", ".join("k" if s is None else str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
+    )
 
 
 def _as_floats(value: ArrayLike) -> NDArray[np.float64]:
@@ -68,6 +73,14 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
     Raises:
         InvalidValueError: for a wrong length, or naming the joint that is NaN or infinite.
     """
+    # One vector of floats is the usual case; a sum of squares that overflows is looked at below.
+    if (
+        type(value) is np.ndarray
+        and value.dtype == np.float64
+        and value.shape == (pepper.n,)
+        and value.dot(value) < np.inf
+    ):
+        return value
     try:
         array = _as_floats(value)
     except (TypeError, ValueError, OverflowError) as error:

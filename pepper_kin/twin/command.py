@@ -67,6 +67,8 @@ class Delay:
 
     def fill(self, command: Command) -> None:
         """Let one command, shape (n,) or (N, n), stand for all that came before."""
+        if not self.ticks:
+            return
         self._waiting = Command(*(np.repeat(x[..., np.newaxis, :], self.ticks, axis=-2) for x in command))
 
     def through(self, command: Command) -> Command:

@@ -54,6 +54,33 @@ def joined(parts: list[Series], good: int) -> Series:
     return Series(position, velocity, torque, good)
 
 
+class _SingleStep(NamedTuple):
+    """Arrays of a step that is taken alone.
+
+    Attributes:
+        inputs: Of the time loop.
+        state: The same.
+        log: The same.
+        rows: Where position, velocity, references of both, feed-forward and load go, shape (1, n) each.
+        result: Position, velocity and torque after the step, shape (3, 1, n).
+    """
+
+    inputs: Inputs
+    state: Array
+    log: Log
+    rows: tuple[Array, ...]
+    result: Array
+
+    @classmethod
+    def of(cls, n: int) -> _SingleStep:
+        """Return arrays for n joints."""
+        inputs, state, logged = Inputs(*np.empty((4, 1, 1, n))), np.empty((3, 1, n)), np.empty((3, 1, 2, n))
+        rows = (state[0], state[1], *(part[0] for part in inputs))
+        return cls(
+            inputs, state, Log(logged[0], logged[1], logged[2], np.ones(1, np.int64)), rows, logged[:, 0, 1:]
+        )
+
+
 class Integrator:
     """Steps a robot whose joints are driven by actuators.
 
@@ -221,16 +248,15 @@ class Integrator:
 
     def _one_step(self, q: Array, v: Array, command: Command, load: Array, world: WorldTables) -> Series:
         """Take one step in arrays that are made once; the result is the caller's."""
-        inputs, state, log = self._single
-        state[0], state[1] = q, v
-        inputs.position[0], inputs.velocity[0], inputs.feedforward[0] = command
-        inputs.load[0] = load
-        log.good[0] = 1
-        outcome = rollout(_ONE, self._simulator.tables, self._space, inputs, state, log, world)
-        return Series(
-            log.position[0, 1:].copy(), log.velocity[0, 1:].copy(), log.torque[0, 1:].copy(),
-            int(log.good[0]), outcome,
-        )  # fmt: skip
+        single = self._single
+        for row, values in zip(single.rows, (q, v, *command, load), strict=True):
+            row[:] = values
+        single.log.good[0] = 1
+        outcome = rollout(
+            _ONE, self._simulator.tables, self._space, single.inputs, single.state, single.log, world
+        )
+        position, velocity, torque = single.result.copy()
+        return Series(position, velocity, torque, int(single.log.good[0]), outcome)
 
     @property
     def _simulator(self) -> Simulator:
@@ -238,12 +264,7 @@ class Integrator:
             one = ActuatorTable(*(values[np.newaxis] for values in self._actuators))
             self._made = Simulator(self._pepper, self.timestep, one, gravity=self._gravity)
             self._space = self._made.workspace()
-            n = self._pepper.n
-            self._single = (
-                Inputs(*(np.empty((1, 1, n)) for _ in Inputs._fields)),
-                np.empty((3, 1, n)),
-                Log(np.empty((1, 2, n)), np.empty((1, 2, n)), np.empty((1, 2, n)), np.ones(1, np.int64)),
-            )
+            self._single = _SingleStep.of(self._pepper.n)
         return self._made
 
 

@@ -53,6 +53,21 @@ class TwinState:
         for name in ("position", "velocity", "torque", "acceleration"):
             object.__setattr__(self, name, kept_read_only(getattr(self, name)))
 
+    @classmethod
+    def of_read_only(cls, time: float, *arrays: Array) -> TwinState:
+        """Return the state of a time [s] with arrays that are kept as they are: nobody may write to them.
+
+        Args:
+            time: [s].
+            arrays: Position, velocity, torque and acceleration, shape (n,) each.
+        """
+        state = object.__new__(cls)
+        position, velocity, torque, acceleration = arrays
+        state.__dict__.update(
+            time=time, position=position, velocity=velocity, torque=torque, acceleration=acceleration
+        )
+        return state
+
 
 def diverged(
     joint_names: Sequence[str],

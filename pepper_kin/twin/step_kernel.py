@@ -13,6 +13,8 @@ from pepper_kin.core.simulation.actuator_model import (
     CREEP,
     encoder_reading,
     friction_segment,
+    servo_feedback,
+    servo_gain,
     speed_torque_line,
 )
 from pepper_kin.core.simulation.implicit_step import RUNAWAY
@@ -112,9 +114,10 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
     if variant.motor:
         friction, stick = _traced(friction_segment)(x["coulomb"], v)
         reading = _traced(encoder_reading)(x["resolution"], q)
-    servo = x["kp"] * (x["position_reference"] - reading) + x["kd"] * x["velocity_reference"]
+    error = x["position_reference"] - reading
+    servo = _traced(servo_feedback)(x["kp"], x["kd"], error, x["velocity_reference"])
     servo += x["feedforward_torque"]
-    gain = h * x["kp"] + x["kd"]
+    gain = _traced(servo_gain)(h, x["kp"], x["kd"])
     slope = gain + (x["viscous"] + stick if variant.motor else 0)
     extra = h * slope + (x["rotor"] if variant.motor else 0)
     force = servo - friction - slope * v + x["load"]

@@ -101,7 +101,7 @@ class Twin:
     @property
     def state(self) -> TwinState:
         """The present state."""
-        return TwinState(self._step * self.timestep, self._q, self._v, self._torque, self._a)
+        return TwinState.of_read_only(self._step * self._timestep, self._q, self._v, self._torque, self._a)
 
     @property
     def pushes(self) -> tuple[Push, ...]:
@@ -135,6 +135,7 @@ class Twin:
         held = self._integrator.gravity_torque(self._q) if self.feedforward == "gravity" else 0 * self._q
         held = np.where(self._torque_mode, 0.0, held)
         self._torque = self._integrator.present_torque(self._q, self._v, self._q, self._v, held)
+        self._protect()
         if self.sensors is not None:
             self.sensors.observe(self.state)
         return self.state
@@ -434,16 +435,22 @@ class Twin:
         if not good:
             return
         before = self._v if good == 1 else series.velocity[good - 2]
-        if self.sensors is not None:
-            show_first(self.sensors, series, good - 1, self._v, (self._step, self.timestep))
-        self._q, self._v = series.position[good - 1].copy(), series.velocity[good - 1].copy()
-        self._torque = series.torque[good - 1].copy()
-        self._a = (self._v - before) / self.timestep
+        if self.sensors is not None and good > 1:
+            show_first(self.sensors, series, good - 1, self._v, (self._step, self._timestep))
+        last = [rows[good - 1] for rows in series[:3]]
+        if len(series.position) > 1:  # the rest of the rows need not live as long as this state
+            last = [row.copy() for row in last]
+        self._q, self._v, self._torque = last
+        self._a = (self._v - before) / self._timestep
+        self._protect()
+        self._step += good
+        if self.sensors is not None and self._step * self._timestep >= due_time(self.sensors, -math.inf):
+            self.sensors.observe(self.state)
+
+    def _protect(self) -> None:
+        """Make the arrays of the present state read-only, since they are handed out."""
         for values in (self._q, self._v, self._torque, self._a):
             values.flags.writeable = False
-        self._step += good
-        if self.sensors is not None and self._step * self.timestep >= due_time(self.sensors, -math.inf):
-            self.sensors.observe(self.state)
 
     def _vector(self, value: ArrayLike, quantity: str) -> Array:
         array = as_joint_vectors(self.pepper, value, quantity)

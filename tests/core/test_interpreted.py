@@ -13,6 +13,7 @@ import json, sys
 import numpy as np
 import pepper_kin as pk
 from pepper_kin.core.quadratic_program import solve_program
+from pepper_kin.twin.sensors import SensorSuite
 
 pepper = pk.load_pepper()
 rng = np.random.default_rng(0)
@@ -32,6 +33,10 @@ twin = pk.Twin(pepper, timestep=0.002)
 twin.reset(path[0])
 states = [twin.step(path[1]) for _ in range(3)]
 answers["simulation"] = states[-1].position.tolist()
+suite = SensorSuite(pepper, seed=1)
+readings = suite.read(0.0, path[0], scene=scene.add_sphere("ball", 0.05, (0.18, 0.255, 0.07)))
+pressed = [float(reading.value) for name, reading in readings.items() if "bumper" in name]
+answers["sensors"] = pressed + readings["laser_left"].value.clip(-9, 9).tolist()
 servo = pk.ik.Servo(pepper, path[0])
 servo.set_target([pk.ik.HandPosition("right", (0.3, -0.2, 0.9))])
 answers["servo"] = servo.step().q.tolist()
@@ -61,7 +66,16 @@ def both():
 
 @pytest.mark.parametrize(
     "algorithm",
-    ["inverse kinematics", "collision", "near pairs", "timing", "simulation", "servo", "quadratic program"],
+    [
+        "inverse kinematics",
+        "collision",
+        "near pairs",
+        "timing",
+        "simulation",
+        "servo",
+        "quadratic program",
+        "sensors",
+    ],
 )
 def test_the_same_source_gives_the_same_answers(both, algorithm):
     compiled, interpreted = (run[algorithm] for run in both)

@@ -1,5 +1,6 @@
 """What each sensor says, against closed forms and finite differences; the suite's clock and its seeds."""
 
+import zlib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -241,6 +242,40 @@ def test_encoders_have_a_resolution_a_bias_and_noise(planar):
     load = np.array([read["joint_torques"].value for read in values]) - torque[3:]
     assert load.std(axis=0).mean() == pytest.approx(0.05, rel=0.05)
     assert 0.005 < np.abs(load.mean(axis=0)).mean() < 0.05  # the bias remains
+
+
+def test_errors_are_those_of_numpys_generator(pepper):
+    """Drawn anew from Philox, keyed by seed and name, with the sample in its counter."""
+    names, seed = ("joint_encoders", "imu_base_gyroscope", "sonar_front", "laser_left"), 12
+    suite, q = SensorSuite(pepper, sensors=names, seed=seed), pepper.posture("Stand")
+    wall = pk.Scene().add_box("wall", (0.2, 8, 8), (1.6, 0, 0))
+    for k in range(4):
+        for name, reading in suite.read(k / 10, q, scene=wall).items():
+            about = sensor_specifications()[name]
+            words = np.random.SeedSequence([seed, zlib.crc32(name.encode())])
+            key, sample = words.generate_state(2, np.uint64), round(k / 10 * about.rate)
+            last, now = (
+                np.random.Generator(np.random.Philox(key=key, counter=counter)).standard_normal(
+                    reading.truth.shape
+                )
+                for counter in ([0, 0, 0, 1], [0, 0, sample, 0])
+            )
+            value = reading.truth + about.bias * last + about.noise * now
+            if about.resolution:
+                value = np.round(value / about.resolution) * about.resolution
+            if about.kind in ("sonar", "laser"):
+                value = np.where(value > about.maximum, np.inf, value)
+            np.testing.assert_array_equal(reading.value, value)
+
+
+def test_switches_of_other_rates_are_read_by_themselves(pepper):
+    slow = replace(sensor_specifications()["bumper_back"], rate=10.0)
+    names = ("bumper_front_left", "bumper_back")
+    suite = SensorSuite(pepper, sensors=names, specifications={"bumper_back": slow})
+    wall = pk.Scene().add_box("wall", (0.1, 1, 1), (-0.30, 0, 0.5))
+    found = [suite.read(k / 50, pepper.posture("Stand"), scene=wall) for k in range(6)]
+    assert [tuple(read) for read in found] == [names, *[names[:1]] * 4, names]
+    assert [bool(found[k]["bumper_back"].value) for k in (0, 5)] == [True, True]
 
 
 def test_each_sensor_keeps_its_own_rate(pepper):

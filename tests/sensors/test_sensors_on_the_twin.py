@@ -1,11 +1,14 @@
 """A suite on the twin: every run holds the readings of its own time."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import pepper_kin as pk
 from pepper_kin.twin import Twin
 from pepper_kin.twin.sensors import SensorSuite
+from pepper_kin.twin.world import World
 
 NAMES = ("joint_encoders", "joint_torques", "imu_torso_gyroscope", "imu_torso_accelerometer", "sonar_front")
 
@@ -59,3 +62,27 @@ def test_runs_one_after_another_hold_their_own_readings(pepper):
 
 def test_a_twin_without_sensors_has_no_readings(pepper):
     assert Twin(pepper).follow(np.tile(pepper.posture("Stand"), (3, 1))).readings == {}
+
+
+def test_readings_are_of_their_time_whenever_they_are_asked_for(pepper):
+    """A world moves on and the caller's arrays change: what is read later is what was there."""
+    found = []
+    for often in (True, False):
+        world = World(pepper, pk.Scene().add_box("wall", (0.2, 8, 4), (1.6, 0, 0)))
+        world.add_ball("ball", 0.05, 0.2, (0.9, 0.0, 0.6), velocity=(1.0, 0, 0, 0, 0, 0))
+        suite = SensorSuite(pepper, world=world, seed=4)
+        rest, q = np.zeros(pepper.n), pepper.posture("Stand").copy()
+        for k in range(60):
+            q[:2] += 1e-3
+            moment = {"position": q, "velocity": rest, "acceleration": rest, "torque": rest}
+            suite.observe(SimpleNamespace(time=0.01 * k, **moment))
+            world.advance_alone(0.01)
+            if often:
+                suite.recorded()
+        found.append(suite.recorded())
+    once, later = found
+    assert once.keys() == later.keys() == set(suite.names)
+    for name, series in once.items():
+        for part in ("time", "value", "truth"):
+            np.testing.assert_array_equal(getattr(series, part), getattr(later[name], part))
+    assert len(np.unique(once["sonar_front"].truth)) > 3

@@ -43,8 +43,9 @@ def test_links_are_where_pinocchio_has_them_and_as_fast(hands):
     data = model.createData()
     pinocchio.forwardKinematics(model, data, pepper.to_full(q), pepper.rate_to_full(v))
     for joint in range(model.njoints):
-        assert np.abs(data.oMi[joint].rotation - state.rotation[joint]).max() < 1e-14
-        assert np.abs(data.oMi[joint].translation - state.position[joint]).max() < 1e-14
+        center, *axes = state.pose[joint].reshape(4, 3)
+        assert np.abs(data.oMi[joint].rotation.T - axes).max() < 1e-14
+        assert np.abs(data.oMi[joint].translation - center).max() < 1e-14
         velocity = pinocchio.getVelocity(model, data, joint, pinocchio.LOCAL_WORLD_ALIGNED)
         assert np.abs(velocity.linear - state.linear[joint]).max() < 1e-13
         assert np.abs(velocity.angular - state.angular[joint]).max() < 1e-13

@@ -17,9 +17,9 @@ rotor, is
 
 Each part never rises with w and consists of straight segments, F(w) = c - k w with k >= 0 on each.
 
-`encoder_reading`, `friction_segment` and `speed_torque_line` are written so that they can be traced with
-symbols as well (`pepper_kin.twin.step_kernel`), by other meanings of `select` and of the names
-beside it.
+`servo_feedback`, `servo_gain`, `encoder_reading`, `friction_segment` and `speed_torque_line` are written so
+that they can be traced with symbols as well (`pepper_kin.twin.step_kernel`), by other meanings of `select`
+and of the names beside it.
 """
 
 from __future__ import annotations
@@ -89,6 +89,18 @@ def select(condition: bool, first: float, second: float) -> float:
 
 
 @compiled(lean=True, inline=True)
+def servo_feedback(kp: float, kd: float, error: float, v_ref: float) -> float:
+    """Return Kp (q_ref - q) + Kd v_ref, what a servo wants at w = 0; `error` is q_ref - q as it reads it."""
+    return kp * error + kd * v_ref
+
+
+@compiled(lean=True, inline=True)
+def servo_gain(h: float, kp: float, kd: float) -> float:
+    """Return by how much less a servo wants for each unit of w."""
+    return h * kp + kd
+
+
+@compiled(lean=True, inline=True)
 def encoder_reading(resolution: float, q: float) -> float:
     """Return the position that an encoder gives: to the nearest multiple of its resolution."""
     step = resolution + (resolution == 0.0)
@@ -136,7 +148,7 @@ def segment_at(
         before: Another velocity, or w itself; a joint that has turned round between the two gets the
             segment on which friction holds it.
     """
-    gain = h * law[KP, e] + law[KD, e]
+    gain = servo_gain(h, law[KP, e], law[KD, e])
     wanted = servo - gain * w
     torque, intercept, slope = wanted, servo, gain
     limit, stall, line = law[LIMIT, e], law[STALL, e], law[LINE, e]
@@ -182,11 +194,6 @@ def present_torques(law: Floats2, state: Floats2, feedforward: Floats1, torque: 
     """
     for e in range(len(torque)):
         q, v = state[0, e], state[1, e]
-        servo = servo_torque(law, e, q, state[2, e], state[3, e]) + feedforward[e]
+        error = state[2, e] - encoder_reading(law[RESOLUTION, e], q)
+        servo = servo_feedback(law[KP, e], law[KD, e], error, state[3, e]) + feedforward[e]
         torque[e] = segment_at(law, e, 0.0, q, v, servo, v)[0]
-
-
-@compiled(lean=True, inline=True)
-def servo_torque(law: Floats2, e: int, q: float, q_ref: float, v_ref: float) -> float:
-    """Return what the servo of element e wants at w = 0, without its feed-forward."""
-    return law[KP, e] * (q_ref - encoder_reading(law[RESOLUTION, e], q)) + law[KD, e] * v_ref

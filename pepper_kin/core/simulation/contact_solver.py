@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.linear_algebra import cholesky, solve_cholesky
+from pepper_kin.core.linear_algebra import cholesky, solve_cholesky, solve_cholesky_columns
 from pepper_kin.core.simulation.narrow_phase import FREE, ON_ROBOT, BodyTable, ContactPoints, ShapeTable
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable
 from pepper_kin.kernels.compiled import compiled
@@ -141,7 +141,7 @@ def assemble(
     _add_bodies(bodies, h, columns, mass, free, start)
     jacobian, response = np.zeros((3 * count, size)), np.zeros((3 * count, size))
     soft, drop, friction = np.zeros(count), np.zeros(count), np.zeros(count)
-    tangents = np.zeros((count, 3))
+    tangents, scratch = np.zeros((count, 3)), np.empty((2, 3))
     for c in range(count):
         rows = jacobian[3 * c : 3 * c + 3]
         for side in range(2):
@@ -151,12 +151,13 @@ def assemble(
                 continue
             place = (shapes.mover[s], shapes.owner[s])
             _add_point_rows(place, points.rows[c, :3], sign, tree, at, bodies, columns, rows)
-        _turn_to_frame(rows, points.rows[c, 3:6], free, tangents[c])
+        _turn_to_frame(rows, points.rows[c, 3:6], free, tangents[c], scratch)
+    _add_responses(jacobian, lower, columns, bodies, np.empty((n, 3 * count)), response)
+    for c in range(count):
         mu = math.sqrt(shapes.friction[points.shapes[c, 0]] * shapes.friction[points.shapes[c, 1]])
         total = 0.0
         for i in range(3):
             row, answer = jacobian[3 * c + i], response[3 * c + i]
-            _solve_mass(row, lower, columns, bodies, answer)
             weight = 1.0 if i == 0 else 0.5 * mu * mu
             for k in range(size):
                 total += weight * row[k] * answer[k]
@@ -205,18 +206,18 @@ def _add_point_rows(
             if column >= 0:
                 scale = sign * tree.ratio[joint]
                 ax, ay, az = at.axis[joint, 0], at.axis[joint, 1], at.axis[joint, 2]
-                if tree.slides[joint]:
+                if tree.joints[joint, 1] > 0.0:
                     rows[0, column] += scale * ax
                     rows[1, column] += scale * ay
                     rows[2, column] += scale * az
                 else:
-                    x = point[0] - at.position[joint, 0]
-                    y = point[1] - at.position[joint, 1]
-                    z = point[2] - at.position[joint, 2]
+                    x = point[0] - at.pose[joint, 0]
+                    y = point[1] - at.pose[joint, 1]
+                    z = point[2] - at.pose[joint, 2]
                     rows[0, column] += scale * (ay * z - az * y)
                     rows[1, column] += scale * (az * x - ax * z)
                     rows[2, column] += scale * (ax * y - ay * x)
-            joint = tree.parent[joint]
+            joint = int(tree.joints[joint, 0])
     elif mover == FREE:
         first = columns[owner]
         x, y, z = (
@@ -234,12 +235,16 @@ def _add_point_rows(
         rows[2, first + 4] -= sign * x
 
 
-@compiled
-def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1) -> None:
-    """Turn rows in the world's axes to normal and tangents, the first along the free slip."""
+@compiled(lean=True)
+def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1, scratch: Floats2) -> None:
+    """Turn rows in the world's axes to normal and tangents, the first along the free slip.
+
+    `scratch` is room of shape (2, 3).
+    """
     size = rows.shape[1]
-    slip = np.zeros(3)
+    slip, second = scratch[0], scratch[1]
     for i in range(3):
+        slip[i] = 0.0
         for k in range(size):
             slip[i] += rows[i, k] * free[k]
     along = slip[0] * normal[0] + slip[1] * normal[1] + slip[2] * normal[2]
@@ -257,7 +262,6 @@ def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Float
         length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
     for i in range(3):
         tangent[i] = slip[i] / length
-    second = np.empty(3)
     for i in range(3):
         k, m = (i + 1) % 3, (i + 2) % 3
         second[i] = normal[k] * tangent[m] - normal[m] * tangent[k]
@@ -289,27 +293,34 @@ def _add_bodies(
 
 
 @compiled(lean=True)
-def _solve_mass(row: Floats1, lower: Floats2, columns: Ints1, bodies: BodyTable, response: Floats1) -> None:
-    """Write M^-1 row, given the factor of the robot's part."""
+def _add_responses(
+    jacobian: Floats2, lower: Floats2, columns: Ints1, bodies: BodyTable, solved: Floats2, response: Floats2
+) -> None:
+    """Write J M^-1 into zeros, given the factor of the robot's part and room for that of its rows."""
     n, rotation, inertia = len(lower), bodies.rotation, bodies.inertia
+    rows = len(jacobian)
     if n:
         for k in range(n):
-            response[k] = row[k]
-        solve_cholesky(lower, response[:n])
+            for r in range(rows):
+                solved[k, r] = jacobian[r, k]
+        solve_cholesky_columns(lower, solved)
+        for r in range(rows):
+            for k in range(n):
+                response[r, k] = solved[k, r]
     for b in range(len(columns)):
         k = columns[b]
         if k < 0:
             continue
-        for i in range(3):
-            response[k + i] = row[k + i] / bodies.mass[b]
-            response[k + 3 + i] = 0.0
-        for o in range(3):
-            turned = 0.0
+        for r in range(rows):
             for i in range(3):
-                turned += rotation[b, i, o] * row[k + 3 + i]
-            turned /= inertia[b, o]
-            for i in range(3):
-                response[k + 3 + i] += rotation[b, i, o] * turned
+                response[r, k + i] = jacobian[r, k + i] / bodies.mass[b]
+            for o in range(3):
+                turned = 0.0
+                for i in range(3):
+                    turned += rotation[b, i, o] * jacobian[r, k + 3 + i]
+                turned /= inertia[b, o]
+                for i in range(3):
+                    response[r, k + 3 + i] += rotation[b, i, o] * turned
 
 
 @compiled(lean=True)

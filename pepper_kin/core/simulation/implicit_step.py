@@ -35,6 +35,7 @@ from pepper_kin.core.simulation.actuator_model import (
     VISCOUS,
     friction_segment,
     segment_at,
+    servo_gain,
 )
 from pepper_kin.kernels.compiled import compiled
 from pepper_kin.kernels.intrinsics import call_kernel
@@ -201,7 +202,7 @@ def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
         v = space.given[V * m + e]
         friction, stick = friction_segment(law[COULOMB, e], v)
         space.rows[INTERCEPT, e] = space.result[SERVO * m + e] - friction
-        space.rows[SLOPE, e] = h * law[KP, e] + law[KD, e] + law[VISCOUS, e] + stick
+        space.rows[SLOPE, e] = servo_gain(h, law[KP, e], law[KD, e]) + law[VISCOUS, e] + stick
         space.rows[BEFORE, e] = v
 
 

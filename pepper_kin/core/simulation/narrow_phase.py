@@ -121,10 +121,10 @@ def place_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> None:
     for s in range(len(shapes.mover)):
         if shapes.mover[s] == ON_ROBOT:
             for i in range(3):
-                origin[i] = at.position[shapes.owner[s], i]
+                origin[i] = at.pose[shapes.owner[s], i]
                 linear[i], angular[i] = at.linear[shapes.owner[s], i], at.angular[shapes.owner[s], i]
                 for k in range(3):
-                    frame[i, k] = at.rotation[shapes.owner[s], i, k]
+                    frame[i, k] = at.pose[shapes.owner[s], 3 + 3 * k + i]
         elif shapes.mover[s] == FREE:
             for i in range(3):
                 origin[i] = bodies.position[shapes.owner[s], i]

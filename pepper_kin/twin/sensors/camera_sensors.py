@@ -12,12 +12,16 @@ from pepper_kin.twin.sensors.camera import Camera
 from pepper_kin.twin.sensors.noise import within_range
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.robot_rays import RobotRays
-from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.sensor import ErringSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
 
-class ColorCamera(Sensor):
+class ColorCamera(ErringSensor):
     """A picture of 320 x 240 pixels."""
+
+    shape = (240, 320, 3)
+    looks = True
+    dtype = np.uint8
 
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
@@ -35,8 +39,11 @@ class ColorCamera(Sensor):
         return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
 
-class DepthCamera(Sensor):
+class DepthCamera(ErringSensor):
     """Depths of 320 x 240 pixels along the optical axis; -inf stands for too near, inf for too far."""
+
+    shape = (240, 320)
+    looks = True
 
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays

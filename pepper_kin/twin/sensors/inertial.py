@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.kinematics import frame_acceleration, frame_velocity
+from pepper_kin.model import PepperModel
 from pepper_kin.twin.sensors.reading import SensedState
-from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.sensor import ErringSensor, LinearSensor
+from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
 
 
-class Accelerometer(Sensor):
+class _InertialSensor(LinearSensor):
+    """Three numbers along the axes of a frame, cut off at the sensor's range."""
+
+    shape = (3,)
+
+    def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
+        super().__init__(pepper, specification, seed)
+        self.clipped = (-specification.maximum, specification.maximum)
+
+
+class Accelerometer(_InertialSensor):
     """The specific force at a frame, R^T (a - g): 9.81 m/s^2 upward at rest, nothing in free fall."""
+
+    def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
+        super().__init__(pepper, specification, seed)
+        self._gravity = np.array(pepper.inner_model.gravity.linear)
 
     def truth(self, state: SensedState) -> Array:
         """Return the specific force in the frame's axes [m/s^2], shape (3,)."""
         frame = self.specification.frame
         acceleration = frame_acceleration(self.pepper, state.q, state.v, state.a, frame)[:3]
-        gravity = np.asarray(self.pepper.inner_model.gravity.linear)
-        rotation = state.pose(frame)[:3, :3]
-        return np.asarray(rotation.T @ (acceleration - gravity))
-
-    def limited(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return the value cut off at the sensor's range, axis by axis."""
-        return np.clip(value, -self.specification.maximum, self.specification.maximum)
+        return np.asarray(state.pose(frame)[:3, :3].T @ (acceleration - self._gravity))
 
 
-class Gyroscope(Sensor):
+class Gyroscope(_InertialSensor):
     """The angular velocity of a frame."""
 
     def truth(self, state: SensedState) -> Array:
@@ -39,16 +50,14 @@ class Gyroscope(Sensor):
         rotation = state.pose(frame)[:3, :3]
         return np.asarray(rotation.T @ frame_velocity(self.pepper, state.q, state.v, frame)[3:])
 
-    def limited(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return the value cut off at the sensor's range, axis by axis."""
-        return np.clip(value, -self.specification.maximum, self.specification.maximum)
 
-
-class Orientation(Sensor):
+class Orientation(ErringSensor):
     """The orientation of a frame in the world, as a unit quaternion x, y, z, w with w >= 0.
 
     Bias and noise turn it by a small rotation vector in the frame's own axes [rad].
     """
+
+    shape = (4,)
 
     def truth(self, state: SensedState) -> Array:
         """Return the quaternion x, y, z, w, shape (4,)."""
@@ -62,7 +71,7 @@ class Orientation(Sensor):
         from pinocchio import Quaternion
 
         turn = self.noise.disturbed(np.zeros(3), sample)
-        angle = float(np.linalg.norm(turn))
+        angle = math.sqrt(turn.dot(turn))
         # sin(x/2)/x by its limit near 0, where there is no noise
         share = 0.5 if angle < 1e-12 else np.sin(angle / 2) / angle
         extra = Quaternion(*np.array([np.cos(angle / 2), *(share * turn)]))
@@ -72,5 +81,5 @@ class Orientation(Sensor):
 def _upper(coefficients: Any) -> Array:
     """Return the one of q and -q whose w is not negative, of length 1."""
     xyzw = np.array(coefficients, dtype=float)
-    xyzw /= np.linalg.norm(xyzw)
+    xyzw /= math.sqrt(xyzw.dot(xyzw))
     return -xyzw if xyzw[3] < 0 else xyzw

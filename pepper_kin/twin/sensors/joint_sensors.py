@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.sensors.reading import SensedState
-from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.sensor import LinearSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 _BASE = ("BaseX", "BaseY", "BaseYaw")
 
 
-class JointEncoders(Sensor):
+class JointEncoders(LinearSensor):
     """Positions of the joints, in the order of `joint_names`.
 
     Nothing measures where a moving base is: its three joints have no encoder.
@@ -25,6 +25,7 @@ class JointEncoders(Sensor):
         super().__init__(pepper, specification, seed)
         self.joint_names = tuple(name for name in pepper.joint_names if name not in _BASE)
         self._rows = np.array([pepper.joint_index(name) for name in self.joint_names], dtype=np.int64)
+        self.shape = self._rows.shape
 
     def truth(self, state: SensedState) -> Array:
         """Return the positions [rad or m], shape (len(joint_names),)."""

@@ -12,7 +12,7 @@ from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
 
-_NO_NUMBERS = np.zeros(4, dtype=np.uint64)
+_NO_NUMBERS = [0, 0, 0, 0]
 
 
 class SensorNoise:
@@ -34,22 +34,24 @@ class SensorNoise:
         self._biases: dict[tuple[int, ...], Array] = {}
         self._source = np.random.Philox(key=self._key)
         self._random = np.random.Generator(self._source)
+        # The low word counts the numbers drawn; the third is the sample, the fourth tells biases apart.
+        self._counter = [0, 0, 0, 0]
+        self._start: Any = {
+            "bit_generator": "Philox",
+            "state": {"counter": self._counter, "key": self._key.tolist()},
+            "buffer": _NO_NUMBERS,
+            "buffer_pos": len(_NO_NUMBERS),
+            "has_uint32": 0,
+            "uinteger": 0,
+        }
 
     def generator(self, sample: int) -> np.random.Generator:
         """Return the generator of a sample; those of samples 0, 1, 2, ... share no numbers.
 
         There is one object, set anew each time: it is the last sample's that it gives.
         """
-        # The low word counts the numbers drawn; the third is the sample, the fourth tells biases apart.
-        counter = np.array([0, 0, sample, 0], dtype=np.uint64)
-        self._source.state = {
-            "bit_generator": "Philox",
-            "state": {"counter": counter, "key": self._key},
-            "buffer": _NO_NUMBERS,
-            "buffer_pos": len(_NO_NUMBERS),
-            "has_uint32": 0,
-            "uinteger": 0,
-        }
+        self._counter[2] = sample
+        self._source.state = self._start
         return self._random
 
     def bias(self, shape: tuple[int, ...]) -> Array:
@@ -69,10 +71,16 @@ class SensorNoise:
         """
         noise = self.specification.noise if deviation is None else deviation
         value = truth + self.bias(truth.shape) + noise * self.generator(sample).standard_normal(truth.shape)
-        step = self.specification.resolution
-        if not step:
-            return np.asarray(value)
-        return np.where(np.isfinite(value), np.round(value / step) * step, value)
+        return rounded_to(self.specification.resolution, np.asarray(value))
+
+
+def rounded_to(step: float, values: Array) -> Array:
+    """Return values after rounding them, in place, to the nearest multiple of a step; a step of 0 is none."""
+    if step:
+        values /= step
+        np.rint(values, out=values)
+        values *= step
+    return values
 
 
 def within_range(specification: SensorSpecification, distance: Array) -> Array:

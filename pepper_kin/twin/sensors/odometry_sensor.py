@@ -11,13 +11,13 @@ from pepper_kin.kinematics import frame_velocity
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.base import OmniBase, arc_between, arc_moved
 from pepper_kin.twin.sensors.reading import SensedState
-from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.sensor import ErringSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
 
 
-class WheelOdometry(Sensor):
+class WheelOdometry(ErringSensor):
     """Pose and velocity of the base as the turns of its wheels tell them.
 
     Between two samples the base is taken to move along an arc; the wheels turn as that arc needs, each with
@@ -27,6 +27,8 @@ class WheelOdometry(Sensor):
     Bias: relative error of each wheel's radius.  Noise: slip of each wheel, rad for the square root of the
     angle turned.
     """
+
+    shape = (6,)
 
     def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
         super().__init__(pepper, specification, seed)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.twin.sensors.noise import within_range
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.robot_rays import RobotRays
-from pepper_kin.twin.sensors.sensor import Sensor
+from pepper_kin.twin.sensors.sensor import LinearSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
 Array = NDArray[np.float64]
@@ -23,25 +20,56 @@ _BLANK = 8
 _ANGLES = 61
 
 
-class _RangeSensor(Sensor):
+class Beams:
+    """Rays of sensors that look past the same shapes, cast together; their sensors must have the same rate.
+
+    Args:
+        rays: What they may meet.
+    """
+
+    def __init__(self, rays: RobotRays) -> None:
+        self._rays = rays
+        self._fans: list[tuple[str, Array, float, slice]] = []
+        self._origins, self._directions = np.empty((0, 3)), np.empty((0, 3))
+        self._state: SensedState | None = None
+
+    def add(self, frame: str, directions: Array, height: float) -> slice:
+        """Return where the distances of new rays stand.
+
+        Args:
+            frame: What they start from.
+            directions: Unit vectors in its axes, shape (k, 3).
+            height: Where on its z axis [m].
+        """
+        count = len(self._origins)
+        part = slice(count, count + len(directions))
+        self._fans.append((frame, directions, height, part))
+        self._origins, self._directions = np.empty((part.stop, 3)), np.empty((part.stop, 3))
+        return part
+
+    def distances(self, state: SensedState) -> Array:
+        """Return how far it is along all rays [m], inf where nothing is."""
+        if state is not self._state:
+            for frame, directions, height, part in self._fans:
+                pose = state.pose(frame)
+                self._origins[part] = pose[:3, 3] + height * pose[:3, 2]
+                self._directions[part] = directions @ pose[:3, :3].T
+            self._found = self._rays.distances_checked(state.q, state.scene, self._origins, self._directions)
+            self._state = state
+        return self._found
+
+
+class _RangeSensor(LinearSensor):
     """Rays from a frame; -inf stands for too near, inf for too far or nothing."""
 
+    looks = True
+
     def __init__(
-        self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
+        self, pepper: PepperModel, specification: SensorSpecification, seed: int, beams: Beams
     ) -> None:
         super().__init__(pepper, specification, seed)
-        self._rays = rays
-        self._directions, self._height = np.empty((0, 3)), 0.0
-
-    def _distances(self, state: SensedState) -> Array:
-        pose = state.pose(self.specification.frame)
-        start = pose[:3, 3] + self._height * pose[:3, 2]
-        directions = self._directions @ pose[:3, :3].T
-        return self._rays.distances_checked(state.q, state.scene, start, directions)
-
-    def limited(self, value: NDArray[Any]) -> Array:
-        """Return distances with -inf below the range and inf above it."""
-        return within_range(self.specification, value)
+        self._beams = beams
+        self.in_range = (specification.minimum, specification.maximum)
 
 
 class Sonar(_RangeSensor):
@@ -52,33 +80,32 @@ class Sonar(_RangeSensor):
     """
 
     def __init__(
-        self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
+        self, pepper: PepperModel, specification: SensorSpecification, seed: int, beams: Beams
     ) -> None:
-        super().__init__(pepper, specification, seed, rays)
-        self._directions = cone(specification.field_of_view / 2)
+        super().__init__(pepper, specification, seed, beams)
+        self._part = beams.add(specification.frame, cone(specification.field_of_view / 2), 0.0)
 
     def truth(self, state: SensedState) -> Array:
         """Return the distance [m], inf if nothing is there, shape ()."""
-        return np.asarray(self._distances(state).min())
+        return np.asarray(self._beams.distances(state)[self._part].min())
 
 
 class Laser(_RangeSensor):
     """Distances along beams in a plane, from right to left, fanned evenly about the frame's x axis."""
 
     def __init__(
-        self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
+        self, pepper: PepperModel, specification: SensorSpecification, seed: int, beams: Beams
     ) -> None:
-        super().__init__(pepper, specification, seed, rays)
+        super().__init__(pepper, specification, seed, beams)
         half = specification.field_of_view / 2
         self.angles = np.linspace(-half, half, specification.beams)
-        self._directions = np.column_stack(
-            [np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))]
-        )
-        self._height = specification.height
+        self.shape = self.angles.shape
+        directions = np.column_stack([np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))])
+        self._part = beams.add(specification.frame, directions, specification.height)
 
     def truth(self, state: SensedState) -> Array:
         """Return the distances [m], inf where nothing is there, shape (beams,)."""
-        return self._distances(state)
+        return self._beams.distances(state)[self._part]
 
 
 def cone(half_angle: float, rings: int = _RINGS) -> Array:

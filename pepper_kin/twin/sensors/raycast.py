@@ -22,11 +22,12 @@ from pepper_kin.core.ray_casting import (
     SPHERE,
     TRIANGLES,
     Hits,
-    Placed,
     Solids,
     box_tree,
     nearest_hits,
     normals_at,
+    place_solids,
+    unplaced,
 )
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
@@ -89,7 +90,7 @@ class RayCaster:
         # A cloud may be empty: its root's box holds nothing.
         held = np.isfinite(self._bounds).all(axis=1)
         self._bounded = np.flatnonzero(held & (kinds != HALF_SPACE))
-        self._endless = np.flatnonzero(kinds == HALF_SPACE)
+        self._placed = unplaced(len(kinds), self._bounded, np.flatnonzero(kinds == HALF_SPACE))
         self.place(poses)
 
     def __len__(self) -> int:
@@ -106,17 +107,12 @@ class RayCaster:
         """
         count = len(self)
         pose = as_finite(np.reshape(poses, (0, 4, 4)) if not count else poses, "poses", (count, 4, 4))
-        pose = np.array(pose, order="C")
-        boxes = np.empty((0, 6))
-        links, order = np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64)
-        if len(self._bounded):
-            low, high = self._bounds[self._bounded, :3], self._bounds[self._bounded, 3:]
-            turn = pose[self._bounded, :3, :3]
-            middle = np.einsum("mij,mj->mi", turn, (low + high) / 2) + pose[self._bounded, :3, 3]
-            half = np.einsum("mij,mj->mi", np.abs(turn), (high - low) / 2)
-            boxes, links, order = box_tree(np.hstack([middle - half, middle + half]), _SOLIDS_IN_LEAF)
-            order = self._bounded[order]
-        self._placed = Placed(pose, boxes, links, order, self._endless)
+        self.place_checked(pose)
+
+    def place_checked(self, poses: Array) -> None:
+        """Do what `place` does for finite poses of the right shape."""
+        self._placed.pose[:] = poses
+        place_solids(self._bounds, self._bounded, _SOLIDS_IN_LEAF, self._placed)
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.inf) -> RayHits:
         """Return what rays meet first.

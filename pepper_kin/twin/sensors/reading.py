@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.kinematics import frame_pose, frame_poses
+from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 
 
@@ -47,56 +47,84 @@ class Reading:
             return np.where(value == truth, 0.0, value - truth)
 
 
-@dataclass(frozen=True, eq=False)
-class SensedState:
-    """The state of robot and world that sensors look at.
+class Surroundings(Protocol):
+    """A world that moves: where its bodies are now, and what they touch."""
 
-    Attributes:
+    @property
+    def contacts(self) -> Sequence[Any]:
+        """Where things touch; see `SensorSuite.read`."""
+
+    def snapshot(self) -> Scene:
+        """Return the scene as it is now."""
+
+
+class StillWorld(NamedTuple):
+    """A world as it is at one time."""
+
+    scene: Scene
+    contacts: Sequence[Any]
+
+    def snapshot(self) -> Scene:
+        """Return the scene."""
+        return self.scene
+
+
+class SensedState:
+    """The state of robot and world that sensors look at; what nobody asks for is not computed.
+
+    Args:
         pepper: The robot.
         time: [s].
-        q: Joint positions [rad or m], shape (n,).
-        v: Joint velocities [rad/s or m/s], shape (n,).
-        a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-        torque: Of the servos [N m or N], shape (n,).
-        scene: The world around the robot.
-        contacts: Where the robot is touched; see `SensorSuite.read`.
+        vectors: Joint positions [rad or m], velocities, accelerations, and torques of the servos [N m or N],
+            shape (n,) each.
+        world: What is around the robot, as it is now.
         frames: Frames whose poses will be asked for, which are found all at once.
     """
 
-    pepper: PepperModel
-    time: float
-    q: NDArray[np.float64]
-    v: NDArray[np.float64]
-    a: NDArray[np.float64]
-    torque: NDArray[np.float64]
-    scene: Scene
-    contacts: Sequence[Any]
-    frames: Sequence[str] = ()
+    def __init__(
+        self,
+        pepper: PepperModel,
+        time: float,
+        vectors: Iterable[NDArray[np.float64]],
+        world: Surroundings,
+        frames: Sequence[str],
+    ) -> None:
+        self.pepper, self.time = pepper, time
+        self.q, self.v, self.a, self.torque = vectors
+        self._world, self._frames = world, frames
 
     def pose(self, frame: str) -> NDArray[np.float64]:
         """Return transform_frame_to_world of a frame, shape (4, 4)."""
-        found = self._poses.get(frame)
-        return frame_pose(self.pepper, self.q, frame) if found is None else found
+        return self._poses[frame]
 
     @cached_property
     def _poses(self) -> dict[str, NDArray[np.float64]]:
-        return dict(zip(self.frames, frame_poses(self.pepper, self.q, self.frames), strict=True))
+        return dict(zip(self._frames, frame_poses(self.pepper, self.q, self._frames), strict=True))
 
     @cached_property
-    def touches(self) -> list[tuple[str | None, NDArray[np.float64]]]:
-        """Links and objects that are touched, each with the point."""
-        return [touch for contact in self.contacts for touch in touched(contact)]
+    def scene(self) -> Scene:
+        """The world around the robot."""
+        return self._world.snapshot()
+
+    @cached_property
+    def contacts(self) -> Sequence[Any]:
+        """Where the robot is touched; see `SensorSuite.read`."""
+        return self._world.contacts
 
 
-def touched(contact: Any) -> list[tuple[str | None, NDArray[np.float64]]]:
-    """Return what a contact touches, and where: two links or objects with their points.
+def touched(contact: Any, links: Container[str]) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return which of some links a contact touches, each with its point.
 
     Args:
         contact: With `links` and `points`, as `pepper_kin.collision.Contact` has (points may be None, where
             it is not known where), or with `names`, one `point` and a `force`, as a twin's world has.
+        links: Names of the links that are looked for.
     """
     if hasattr(contact, "links"):
-        return [] if contact.points is None else list(zip(contact.links, contact.points, strict=True))
-    if not np.any(contact.force):
+        if contact.points is None:
+            return []
+        return [pair for pair in zip(contact.links, contact.points, strict=True) if pair[0] in links]
+    names = [name for name in contact.names if name in links]
+    if not names or not np.any(contact.force):
         return []
-    return [(name, contact.point) for name in contact.names]
+    return [(name, contact.point) for name in names]

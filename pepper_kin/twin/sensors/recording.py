@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from pepper_kin.twin.sensors.reading import Reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,20 +35,3 @@ class ReadingSeries:
 
     def __len__(self) -> int:
         return len(self.time)
-
-    @classmethod
-    def of(cls, readings: Iterable[Reading], start: float = 0.0) -> ReadingSeries:
-        """Join readings of one sensor, one or more.
-
-        Args:
-            readings: In the order of time.
-            start: Time that becomes 0 [s].
-        """
-        rows = list(readings)
-        return cls(
-            np.array([row.time for row in rows]) - start,
-            np.stack([row.value for row in rows]),
-            np.stack([row.truth for row in rows]),
-            rows[0].unit,
-            rows[0].frame,
-        )

@@ -114,20 +114,17 @@ class RobotRays:
         own = self._robot.distances_checked(rays._replace(most=other))
         return np.minimum(own, other).reshape(rays.shape)
 
-    def distances_checked(self, q: Array, scene: Scene, origin: Array, directions: Array) -> Array:
-        """Return what `distances` does for rays from one point.
+    def distances_checked(self, q: Array, scene: Scene, origins: Array, directions: Array) -> Array:
+        """Return what `distances` does for rays that need no check.
 
         Args:
             q: Joint positions [rad or m], shape (n,), finite.
             scene: The world.
-            origin: In the world [m], shape (3,), finite.
+            origins: In the world [m], shape (m, 3), finite.
             directions: Unit vectors in the world, shape (m, 3), finite.
         """
         self._place(q, scene)
-        count = len(directions)
-        start, most = np.empty((count, 3)), np.full(count, np.inf)
-        start[:] = origin
-        rays = Rays(start, directions, most, (count,))
+        rays = Rays(origins, directions, np.full(len(directions), np.inf), (len(directions),))
         other = self._world.distances_checked(rays)
         return np.minimum(self._robot.distances_checked(rays._replace(most=other)), other)
 
@@ -135,19 +132,19 @@ class RobotRays:
         moved = self._q is None or not np.array_equal(q, self._q)
         if moved and self._links:
             poses = frame_poses(self.pepper, q, self._links)
-            self._robot.place(poses[self._rows] @ self._local)
+            self._robot.place_checked(poses[self._rows] @ self._local)
         if scene is not self._scene:
             items: list[SceneObject | AttachedObject] = [*scene.objects.values(), *scene.attached.values()]
             ground = (_FLOOR,) if self.floor else ()
             shapes = [item.geometry for item in items] + list(ground)
             if len(shapes) == len(self._shapes) and all(map(is_, shapes, self._shapes)):
-                self._world.place(self._world_poses(q, scene))
+                self._world.place_checked(self._world_poses(q, scene))
             else:
                 self._world, self._shapes = RayCaster(shapes, self._world_poses(q, scene)), shapes
             colors = [item.color[:3] for item in items] + [_FLOOR_COLORS[0]] * len(ground)
             self._world_colors = np.array(colors).reshape(-1, 3)
         elif moved and scene.attached:
-            self._world.place(self._world_poses(q, scene))
+            self._world.place_checked(self._world_poses(q, scene))
         self._q, self._scene = q.copy(), scene
 
     def _world_poses(self, q: Array, scene: Scene) -> Array:

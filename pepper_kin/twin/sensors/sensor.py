@@ -13,20 +13,27 @@ from pepper_kin.twin.sensors.noise import SensorNoise
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
-Array = NDArray[np.float64]
-
 
 class Sensor(ABC):
-    """One sensor: the truth of a state, and that truth disturbed.
+    """One sensor: the truth of a state.
 
     Args:
         pepper: The robot.
         specification: Its numbers.
         seed: Seed of the suite.
 
+    Attributes:
+        shape: Of its readings.
+        dtype: Of their numbers.
+        looks: Whether it looks at what is around the robot.
+
     Raises:
         UnknownNameError: for a frame that the robot lacks.
     """
+
+    shape: tuple[int, ...] = ()
+    dtype: type = np.float64
+    looks: bool = False
 
     def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
         if specification.frame:
@@ -38,13 +45,35 @@ class Sensor(ABC):
     def truth(self, state: SensedState) -> NDArray[Any]:
         """Return what an ideal sensor would say."""
 
+    def reset(self) -> None:  # noqa: B027 - most sensors remember nothing
+        """Forget what earlier states left behind."""
+
+
+class LinearSensor(Sensor):
+    """A sensor that says truth + bias + noise, rounded to its resolution, as far as its range reaches.
+
+    Attributes:
+        clipped: Lowest and highest reading; what is beyond is cut off there.
+        in_range: Least and greatest distance; -inf stands for less, inf for more (ROS's REP 117).
+    """
+
+    clipped: tuple[float, float] = (-np.inf, np.inf)
+    in_range: tuple[float, float] = (-np.inf, np.inf)
+
+
+class ErringSensor(Sensor):
+    """A sensor with errors of another kind.
+
+    Attributes:
+        exact: Whether it has none, and says the truth.
+    """
+
+    exact: bool = False
+
+    @abstractmethod
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[Any]:
-        """Return what this sensor says instead, for a sample of a given number."""
-        return self.noise.disturbed(truth, sample)
+        """Return what this sensor says instead of the truth, for a sample of a given number."""
 
     def limited(self, value: NDArray[Any]) -> NDArray[Any]:
         """Return a value as far as the sensor's range reaches."""
         return value
-
-    def reset(self) -> None:  # noqa: B027 - most sensors remember nothing
-        """Forget what earlier states left behind."""

@@ -14,17 +14,19 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.shapes import kept_read_only
 from pepper_kin.twin.sensors.camera_sensors import ColorCamera, DepthCamera
 from pepper_kin.twin.sensors.inertial import Accelerometer, Gyroscope, Orientation
 from pepper_kin.twin.sensors.joint_sensors import JointEncoders, JointTorques
 from pepper_kin.twin.sensors.odometry_sensor import WheelOdometry
-from pepper_kin.twin.sensors.range_sensors import Laser, Sonar
-from pepper_kin.twin.sensors.reading import Reading, SensedState
+from pepper_kin.twin.sensors.range_sensors import Beams, Laser, Sonar
+from pepper_kin.twin.sensors.reading import Reading, SensedState, StillWorld, Surroundings
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.sensors.robot_rays import RobotRays
+from pepper_kin.twin.sensors.sampling import SampledTogether
 from pepper_kin.twin.sensors.sensor import Sensor
 from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
-from pepper_kin.twin.sensors.switches import SceneSolids, Switch
+from pepper_kin.twin.sensors.switches import Pads, Switch
 
 CAMERAS = ("camera_top", "camera_bottom", "camera_depth")
 """Sensors that cost a picture each time they are read; a suite holds them only if they are named."""
@@ -37,13 +39,8 @@ _PLAIN: dict[str, type[Sensor]] = {
     "orientation": Orientation,
     "wheel_odometry": WheelOdometry,
 }
-_RAYS: dict[str, Any] = {
-    "sonar": Sonar,
-    "laser": Laser,
-    "color_camera": ColorCamera,
-    "depth_camera": DepthCamera,
-}
-_EARLY = 1e-6  # of a period: a clock that counts steps may be late by rounding
+_RANGES = {"sonar": Sonar, "laser": Laser}
+_PICTURES = {"color_camera": ColorCamera, "depth_camera": DepthCamera}
 
 
 class State(Protocol):
@@ -54,17 +51,6 @@ class State(Protocol):
     velocity: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     torque: NDArray[np.float64]
-
-
-class Surroundings(Protocol):
-    """A world that moves: where its bodies are now, and what they touch."""
-
-    @property
-    def contacts(self) -> Sequence[Any]:
-        """Where things touch; see `SensorSuite.read`."""
-
-    def snapshot(self) -> Scene:
-        """Return the scene as it is now."""
 
 
 class SensorSuite:
@@ -107,7 +93,7 @@ class SensorSuite:
     ) -> None:
         if scene is not None and world is not None:
             raise InvalidValueError("scene and world", "both", "one of the two at most")
-        self._scene, self._world = scene, world
+        self._world = StillWorld(_EMPTY if scene is None else scene, ()) if world is None else world
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
             raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
         known = dict(sensor_specifications())
@@ -120,13 +106,21 @@ class SensorSuite:
             if name not in known:
                 raise UnknownNameError("sensor", name, known)
         self.pepper, self.noise = pepper, bool(noise)
-        self._floor, self._solids = floor, SceneSolids()
+        self._floor = floor
+        self._pads: dict[float, Pads] = {}
         self._rays: dict[tuple[str, int], RobotRays] = {}
+        self._beams: dict[tuple[RobotRays, float], Beams] = {}
         made = {name: self._made(known[name], int(seed)) for name in names}
         self.sensors = MappingProxyType(made)
-        frames = dict.fromkeys(sensor.specification.frame for sensor in made.values())
-        self._frames = tuple(frame for frame in frames if frame)
-        self.reset()
+        rates = dict.fromkeys(sensor.specification.rate for sensor in made.values())
+        self._groups = [
+            SampledTogether(
+                rate, {name: s for name, s in made.items() if s.specification.rate == rate}, noise=noise
+            )
+            for rate in rates
+        ]
+        self._time, self._next = -math.inf, -math.inf
+        self._waiting: list[tuple[SensedState, list[tuple[SampledTogether, int]]]] = []
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -140,11 +134,9 @@ class SensorSuite:
 
     def reset(self) -> None:
         """Begin anew: every sensor is due at the next reading, and what was recorded is forgotten."""
-        self._recorded: dict[str, list[Reading]] = {name: [] for name in self.sensors}
-        self._sample = dict.fromkeys(self.sensors, -1)
-        self._time, self._next = -math.inf, -math.inf
-        for sensor in self.sensors.values():
-            sensor.reset()
+        self._time, self._next, self._waiting = -math.inf, -math.inf, []
+        for group in self._groups:
+            group.reset()
 
     def read(
         self,
@@ -177,26 +169,18 @@ class SensorSuite:
         if self._time <= time < self._next:
             self._time = time
             return {}
-        if not (math.isfinite(time) and time >= self._time):
-            raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
-        state = self._state(time, q, v, a, torque, scene, contacts)
-        readings = {}
-        for name, sensor in self.sensors.items():
-            sample = math.floor(time * sensor.specification.rate + _EARLY)
-            if sample > self._sample[name]:
-                self._sample[name] = sample
-                readings[name] = self._reading(sensor, state, sample)
-        self._time = time
-        self._next = min(
-            ((self._sample[name] + 1 - _EARLY) / s.specification.rate for name, s in self.sensors.items()),
-            default=math.inf,
-        )
-        return readings
+        self._settle()
+        world = StillWorld(_EMPTY if scene is None else scene, () if contacts is None else contacts)
+        state, due = self._sensed(time, {"q": q, "v": v, "a": a, "torque": torque}, world)
+        readings = [group.readings(group.take(state, sample)) for group, sample in due]
+        found = {name: reading for pairs in readings for name, reading in pairs}
+        return {name: found[name] for name in self.sensors if name in found}
 
     def observe(self, state: State) -> None:
         """Read what is due in a twin's state, and record it; a state not later than the last begins anew.
 
-        This is what a twin asks of the sensors that it is given: `Twin(pepper, sensors=suite)`.
+        This is what a twin asks of the sensors that it is given: `Twin(pepper, sensors=suite)`.  The state,
+        and what is around the robot now, are kept until somebody asks what was recorded.
 
         Args:
             state: Time, position, velocity, acceleration and torque.
@@ -206,13 +190,8 @@ class SensorSuite:
             return
         if state.time <= self._time:
             self.reset()
-        scene = self._scene if self._world is None else self._world.snapshot()
-        contacts = None if self._world is None else self._world.contacts
-        found = self.read(
-            state.time, state.position, state.velocity, state.acceleration, state.torque, scene, contacts
-        )
-        for name, reading in found.items():
-            self._recorded[name].append(reading)
+        vectors = {"q": state.position, "v": state.velocity, "a": state.acceleration, "torque": state.torque}
+        self._waiting.append(self._sensed(state.time, vectors, self._world))
 
     def recorded(self, start: float = 0.0) -> dict[str, ReadingSeries]:
         """Return what `observe` has recorded since a time, by name; sensors without a sample are left out.
@@ -220,33 +199,31 @@ class SensorSuite:
         Args:
             start: The first time that counts [s]; times are given from there on.
         """
-        kept = {
-            name: [row for row in rows if row.time >= start - 1e-9] for name, rows in self._recorded.items()
-        }
-        return {name: ReadingSeries.of(rows, start) for name, rows in kept.items() if rows}
+        self._settle()
+        found = {name: series for group in self._groups for name, series in group.series(start)}
+        return {name: found[name] for name in self.sensors if name in found}
 
-    def _state(
-        self,
-        time: float,
-        q: ArrayLike,
-        v: ArrayLike | None,
-        a: ArrayLike | None,
-        torque: ArrayLike | None,
-        scene: Scene | None,
-        contacts: Sequence[Any] | None,
-    ) -> SensedState:
-        world = _EMPTY if scene is None else scene
-        return SensedState(
-            self.pepper,
-            float(time),
-            self._vector("q", q),
-            self._vector("v", v),
-            self._vector("a", a),
-            self._vector("torque", torque),
-            world,
-            () if contacts is None else contacts,
-            self._frames,
-        )
+    def _settle(self) -> None:
+        """Take the samples of all states that wait, in their order."""
+        waiting, self._waiting = self._waiting, []
+        for state, due in waiting:
+            for group, sample in due:
+                group.record(group.take(state, sample))
+
+    def _sensed(
+        self, time: float, vectors: Mapping[str, ArrayLike | None], world: Surroundings
+    ) -> tuple[SensedState, list[tuple[SampledTogether, int]]]:
+        """Return a state as it is now, and which sensors are due, each with the number of its sample."""
+        if not (math.isfinite(time) and time >= self._time):
+            raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
+        checked = [self._vector(name, value) for name, value in vectors.items()]
+        due = [(group, group.count_due(time)) for group in self._groups]
+        due = [(group, sample) for group, sample in due if sample >= 0]
+        frames = {frame: None for group, _ in due for frame in group.frames}
+        if any(group.looks for group, _ in due):
+            world = StillWorld(world.snapshot(), world.contacts)
+        self._time, self._next = time, min((group.due for group in self._groups), default=math.inf)
+        return SensedState(self.pepper, float(time), checked, world, tuple(frames)), due
 
     def _vector(self, quantity: str, value: ArrayLike | None) -> NDArray[np.float64]:
         if value is None:
@@ -254,17 +231,13 @@ class SensorSuite:
         vector = as_joint_vectors(self.pepper, value, quantity)
         if vector.ndim != 1:
             raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({self.pepper.n},)")
-        return vector
-
-    def _reading(self, sensor: Sensor, state: SensedState, sample: int) -> Reading:
-        truth = sensor.truth(state)
-        value = sensor.limited(sensor.measured(truth, max(sample, 0)) if self.noise else truth)
-        return Reading(state.time, value, truth, sensor.specification.unit, sensor.specification.frame)
+        return kept_read_only(vector)
 
     def _made(self, specification: SensorSpecification, seed: int) -> Sensor:
         if specification.kind == "switch":
-            return Switch(self.pepper, specification, seed, self._solids)
-        if specification.kind in _RAYS:
+            pads = self._pads.setdefault(specification.rate, Pads(self.pepper))
+            return Switch(self.pepper, specification, seed, pads)
+        if specification.kind in _RANGES or specification.kind in _PICTURES:
             looks = "visual" if specification.name in CAMERAS else "collision"
             frame = self.pepper.frame_id(specification.frame)
             joint = int(self.pepper.inner_model.frames[frame].parentJoint)
@@ -272,12 +245,15 @@ class SensorSuite:
                 self._rays[looks, joint] = RobotRays(
                     self.pepper, looks, blind_to=specification.frame, floor=self._floor
                 )
-            made: Sensor = _RAYS[specification.kind](
-                self.pepper, specification, seed, self._rays[looks, joint]
-            )
-            return made
+            rays = self._rays[looks, joint]
+            if specification.kind in _PICTURES:
+                return _PICTURES[specification.kind](self.pepper, specification, seed, rays)
+            beams = self._beams.setdefault((rays, specification.rate), Beams(rays))
+            return _RANGES[specification.kind](self.pepper, specification, seed, beams)
         if specification.kind not in _PLAIN:
-            raise UnknownNameError("kind of sensor", specification.kind, [*_PLAIN, *_RAYS, "switch"])
+            raise UnknownNameError(
+                "kind of sensor", specification.kind, [*_PLAIN, *_RANGES, *_PICTURES, "switch"]
+            )
         return _PLAIN[specification.kind](self.pepper, specification, seed)
 
 

@@ -247,11 +247,14 @@ class World:
 
     def snapshot(self) -> Scene:
         """Return the scene with the free bodies where they are now, as obstacles."""
+        if not self._shown:
+            return self.scene
+        poses = np.zeros((len(self._shown), 4, 4))
+        poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = self._bodies.rotation, self._bodies.position, 1.0
+        poses.setflags(write=False)
         objects = dict(self.scene.objects)
-        for row, body in enumerate(self._initial.values()):
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = self._bodies.rotation[row], self._bodies.position[row]
-            objects[body.name] = SceneObject(body.name, body.geometry, pose)
+        for item, pose in zip(self._shown, poses, strict=True):
+            objects[item.name] = item.moved_to(pose)
         return Scene(objects, self.scene.attached, self.scene.allowed)
 
     def advance(self, q: Array, v: Array, mass_hat: Array, force: Array, h: float) -> Array:
@@ -403,6 +406,7 @@ class World:
             inertia=np.array([body.inertia for body in held]).reshape(-1, 3),
             gravity=np.array(self.gravity),
         )
+        self._shown = [SceneObject(body.name, body.geometry, body.pose) for body in held]
         self._colliders = colliders(self.pepper, self.scene, held, self.friction)
         self._coal = CoalContacts(self._colliders)
         self._tables = world_tables(
