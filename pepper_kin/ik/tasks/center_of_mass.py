@@ -14,9 +14,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_length,
     words_for_vector,
 )
@@ -57,12 +54,11 @@ class CenterOfMass(Task):
         *,
         hard: bool = False,
     ) -> None:
-        object.__setattr__(self, "target", read_only(as_targets(point, f"point of {LABEL}", (2,))))
-        object.__setattr__(self, "frame", None)
-        object.__setattr__(self, "label", LABEL)
-        object.__setattr__(self, "weight", checked_weight(weight, LABEL))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, LABEL, "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, LABEL))
+        self._fill(
+            LABEL, weight, tolerance, hard,
+            target=read_only(as_targets(point, f"point of {LABEL}", (2,))),
+            frame=None, label=LABEL,
+        )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
         """Take any robot."""

@@ -14,9 +14,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_angle,
     words_for_turn,
 )
@@ -69,13 +66,12 @@ class FrameOrientation(Task):
         yields: bool = False,
     ) -> None:
         name = label or str(frame)
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", checked_rotation(target, f"orientation of {name}"))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
-        object.__setattr__(self, "yields", yields)
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, label=name,
+            target=checked_rotation(target, f"orientation of {name}"),
+            yields=yields,
+        )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the frame."""

@@ -13,9 +13,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_length,
     words_for_vector,
 )
@@ -57,12 +54,11 @@ class FramePosition(Task):
         hard: bool = False,
     ) -> None:
         name = label or str(frame)
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", read_only(as_targets(target, f"target of {name}", (3,))))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, label=name,
+            target=read_only(as_targets(target, f"target of {name}", (3,))),
+        )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the frame."""

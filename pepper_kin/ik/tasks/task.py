@@ -58,6 +58,19 @@ class Task(ABC):
     target_name: ClassVar[str] = "target"
     target_axes: ClassVar[int] = 1
 
+    def _fill(self, name: str, weight: float, tolerance: float, hard: bool, **fields: object) -> None:
+        """Set the fields of a new task, which is frozen; `name` is what messages call it.
+
+        Raises:
+            InvalidValueError: for a weight, a tolerance or a hardness that is none.
+        """
+        vars(self).update(
+            fields,
+            weight=checked_weight(weight, name),
+            tolerance=checked_tolerance(tolerance, name, self.unit),
+            hard=checked_hard(hard, name),
+        )
+
     @property
     def count(self) -> int | None:
         """Number N of targets; None for a single one."""
