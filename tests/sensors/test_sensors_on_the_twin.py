@@ -1,18 +1,12 @@
 """A suite on the twin: every run holds the readings of its own time."""
 
 import numpy as np
-import pytest
 
 import pepper_kin as pk
 from pepper_kin.twin import Twin
 from pepper_kin.twin.sensors import SensorSuite
 
 NAMES = ("joint_encoders", "joint_torques", "imu_torso_gyroscope", "imu_torso_accelerometer", "sonar_front")
-
-
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
 
 
 def test_readings_of_a_run_are_of_its_states(pepper):
