@@ -78,10 +78,6 @@ class AxisAlignment(Task):
             axis=ahead, basis=sideways_basis(ahead),
         )  # fmt: skip
 
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
-
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return the turn still to make [rad], shape (2,)."""
         return self._turn(pepper, q)[0]
@@ -91,10 +87,6 @@ class AxisAlignment(Task):
         _, slope, rotation = self._turn(pepper, q)
         angular = frame_jacobian(pepper, q, self.frame)[3:]
         return slope @ rotation.T @ cross_matrix(self.direction) @ angular
-
-    def size(self, residual: Array) -> float:
-        """Return the angle between axis and direction [rad]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the axis is off the direction."""

@@ -57,10 +57,6 @@ class BaseTask(Task):
         """Return the rows of the identity that select the joints."""
         return np.eye(pepper.n)[self.indices(pepper)]
 
-    def size(self, residual: Array) -> float:
-        """Return |r| [m or rad]."""
-        return float(np.linalg.norm(residual))
-
 
 @dataclass(frozen=True, eq=False, init=False)
 class BasePosition(BaseTask):

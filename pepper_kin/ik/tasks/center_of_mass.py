@@ -60,9 +60,6 @@ class CenterOfMass(Task):
             frame=None, label=LABEL,
         )  # fmt: skip
 
-    def check(self, pepper: PepperModel) -> None:
-        """Take any robot."""
-
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return c_xy - p [m], shape (2,)."""
         return np.asarray(center_of_mass(pepper, q)[:2] - self.target)
@@ -70,10 +67,6 @@ class CenterOfMass(Task):
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return the rows of x and y of J_c, shape (2, n)."""
         return center_of_mass_jacobian(pepper, q)[:2]
-
-    def size(self, residual: Array) -> float:
-        """Return the distance on the floor [m]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far from the point the centre of mass stops."""

@@ -72,10 +72,6 @@ class FrameInPlane(Task):
             normal=read_only(across / length),
         )  # fmt: skip
 
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
-
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return n . (o(q) - p) [m], shape (1,)."""
         return np.array([self.normal @ (frame_pose(pepper, q, self.frame)[:3, 3] - self.target)])

@@ -73,10 +73,6 @@ class FrameOrientation(Task):
             yields=yields,
         )  # fmt: skip
 
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
-
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return log(R R_t^T) [rad], shape (3,)."""
         import pinocchio
@@ -90,10 +86,6 @@ class FrameOrientation(Task):
         # Pinocchio gives the inverse of the right Jacobian, which is the transpose of the left one's.
         inverse = np.array(pinocchio.Jlog3(self._turn(pepper, q))).T
         return inverse @ frame_jacobian(pepper, q, self.frame)[3:]
-
-    def size(self, residual: Array) -> float:
-        """Return the angle between the orientations [rad]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame is turned away."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.ik.tasks.task import (
@@ -60,10 +59,6 @@ class FramePosition(Task):
             target=read_only(as_targets(target, f"target of {name}", (3,))),
         )  # fmt: skip
 
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
-
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return o(q) - p [m], shape (3,)."""
         return frame_pose(pepper, q, self.frame)[:3, 3] - self.target
@@ -71,10 +66,6 @@ class FramePosition(Task):
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return J_v, shape (3, n)."""
         return frame_jacobian(pepper, q, self.frame)[:3]
-
-    def size(self, residual: Array) -> float:
-        """Return the distance to the point [m]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame stops from the point."""

@@ -78,10 +78,6 @@ class LookAt(Task):
             axis=axis, basis=sideways_basis(axis),
         )  # fmt: skip
 
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the camera."""
-        pepper.frame_id(self.frame)
-
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return the turn still to make [rad], shape (2,)."""
         pose = frame_pose(pepper, q, self.frame)
@@ -96,10 +92,6 @@ class LookAt(Task):
         turning = cross_matrix(direction) @ jacobian[3:]
         moving = (jacobian[:3] - np.outer(direction, direction @ jacobian[:3])) / distance
         return slope @ rotation.T @ (turning - moving)
-
-    def size(self, residual: Array) -> float:
-        """Return the angle between the camera's axis and the point [rad]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the camera looks past the point."""

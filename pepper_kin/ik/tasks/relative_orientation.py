@@ -91,10 +91,6 @@ class RelativeOrientation(Task):
         inverse = np.array(pinocchio.Jlog3(self._turn(pepper, q))).T
         return inverse @ relative_jacobian(pepper, q, self.frame, self.reference)[3:]
 
-    def size(self, residual: Array) -> float:
-        """Return the angle between the orientations [rad]."""
-        return float(np.linalg.norm(residual))
-
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame is turned away."""
         return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"

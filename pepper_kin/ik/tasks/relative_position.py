@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
@@ -79,10 +78,6 @@ class RelativePosition(Task):
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return dr/dq in the axes of b, shape (3, n)."""
         return relative_jacobian(pepper, q, self.frame, self.reference)[:3]
-
-    def size(self, residual: Array) -> float:
-        """Return the distance to the point [m]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame stops from the point."""
