@@ -186,11 +186,11 @@ def _search(
 ) -> _Found:
     """Search until there is a path, or samples or time run out."""
     if not explorer.valid(problem.start):
-        return _Found(Status.START_INVALID)
+        return _Found(explorer.late or Status.START_INVALID)
     on = (manifold.errors(problem.goals) <= _ON_MANIFOLD * manifold.tolerances).all(axis=1)
     goals = np.array([k for k in np.flatnonzero(on) if explorer.valid(problem.goals[k])], dtype=np.int64)
     if goals.size == 0:
-        return _Found(Status.GOAL_INVALID)
+        return _Found(explorer.late or Status.GOAL_INVALID)
     distances = problem.metric.distance(problem.start, problem.goals[goals])
     goals = goals[np.argsort(distances, kind="stable")]
     first = np.empty((0, problem.n))
@@ -437,6 +437,11 @@ class Explorer:
     def stopped(self) -> bool:
         """Whether time has run out, or a function in Python has failed."""
         return bool(self.deadline.expired or self.surface.stop[0] or self.room.counters[STOP])
+
+    @property
+    def late(self) -> Status | None:
+        """NO_PATH_IN_TIME where a checker in Python was not asked any more, else None."""
+        return Status.NO_PATH_IN_TIME if self.room.counters[STOP] else None
 
     def valid(self, state: FloatArray) -> bool:
         """Return whether a state, shape (n,), is valid."""

@@ -353,6 +353,10 @@ def test_a_problem_that_does_not_fit_is_refused():
         project(whole, manifold, [[0, 0, 0], [0, 0, 2.0]])
 
 
+def test_an_end_that_was_not_looked_at_in_time_is_not_called_invalid(through_the_hole):
+    assert cbirrt(*through_the_hole, timeout=1e-9).status is Status.NO_PATH_IN_TIME
+
+
 def test_the_same_source_runs_interpreted():
     """Without machine code: the same path and short-cut of it to the last bits."""
     program = """
