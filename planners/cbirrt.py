@@ -3,38 +3,82 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
 from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.core.clock import seconds_now
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 from .constraint_manifold import (
     INNER,
     ConstraintManifold,
     OnSurface,
+    Surface,
     edges_hold,
     extend,
     measure_rows,
     project_rows,
 )
 from .deadline import Deadline, load_code
-from .metric import Metric
-from .motion_validator import MAX_BATCH, CompiledMotionValidator, MotionValidator
+from .motion_validator import machine_code_of
 from .path import Path
 from .problem import Problem
 from .result import Result, Status
+from .sampling import random_state, stream_key
+from .search_space import STOP, SearchSpace, distance, last_valid_step, space_of
 from .tree import LANES, grown, nearest, set_lane, whole_blocks
 from .vectors import BoolArray, FloatArray, whole_number
 
 _ON_MANIFOLD = 1.0 + 1e-9
-_SAMPLES_AT_ONCE = 256
 _FIRST_CAPACITY = 512
-_FIRST_PIECE = 8
-_GROWTH = 4
-_LONGEST_PIECE = 64
-_MOST_STEPS = 100_000
+_MOST_STEPS = 20_000  # of a walk
+_LONGEST = 4.0  # of the diagonal: length of a walk of whole steps
+
+# How growth ends.
+_GOING_ON, _FOUND, _TIME_UP, _FULL = range(4)
+
+# Places in `counters`, after those of the validity function.
+_ITERATIONS, _START_NODE, _GOAL_NODE = range(STOP + 1, STOP + 4)
+
+# Rows of `rows`.
+_SAMPLE, _SCALED, _CURRENT, _TARGET = range(4)
+
+
+class Tree(NamedTuple):
+    """A forest of states with room for m nodes, each of which but the roots has a parent added before it.
+
+    Attributes:
+        states: Shape (m, n).
+        lanes: Scaled states, shape (m / 8, n, 8).
+        parents: Shape (m,); -1 of a root.
+        size: Number of nodes, shape (1,).
+    """
+
+    states: Floats2
+    lanes: Floats3
+    parents: Ints1
+    size: Ints1
+
+
+class Room(NamedTuple):
+    """Where walks are written, and what is counted.
+
+    Attributes:
+        chain: States of a walk, which it has at most, shape (k, n).
+        rows: Shape (4, n).
+        squares: Eight numbers.
+        counters: See the places above.
+    """
+
+    chain: Floats2
+    rows: Floats2
+    squares: Floats1
+    counters: Ints1
 
 
 def cbirrt(
@@ -56,13 +100,14 @@ def cbirrt(
     Source: D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, Manipulation planning on constraint
     manifolds, ICRA 2009 (CBiRRT), and J. J. Kuffner and S. M. LaValle, RRT-Connect, ICRA 2000.
 
-    Projection and steps are machine code, whether the residual function is or not.
+    It runs as machine code.  A residual function or a validity checker that is a Python callable is called
+    back from there, state by state.
 
     Args:
         problem: What to plan; with goals, not with a sampler of them.
         manifold: The constraints.
         seed: Seed of the samples; the same seed gives the same result unless time runs out.
-        timeout: Time budget [s]; overrun by one walk of at most 64 steps and their check.
+        timeout: Time budget [s]; overrun by one step and its check.
         max_iterations: Greatest number of samples.
 
     Returns:
@@ -75,27 +120,27 @@ def cbirrt(
         InvalidValueError: An option is not allowed, the manifold has another number of coordinates, or a
             function answers in a wrong shape.
     """
-    load_code(extend, project_rows, measure_rows, nearest, set_lane)
+    load_code(grow, walk, measure_rows)
     require_fit(problem, manifold)
     if problem.goal_sampler is not None:
         raise InvalidValueError("goals", "a sampler", "goal states, for a path on a manifold")
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     deadline = Deadline(timeout)
     off, residual = _off_manifold(problem, manifold)
-    found, states, calls = _Found(off or Status.SOLVED), 0, 0
+    found, counters = _Found(off or Status.SOLVED), np.zeros(_GOAL_NODE + 1, dtype=np.int64)
     if off is None:
-        with Explorer(problem, manifold, deadline) as explorer:
-            found = _Search(problem, manifold, explorer, deadline).run(seed, max_iterations)
-        states, calls = explorer.validator.states, explorer.validator.calls
+        with Explorer(problem, manifold, deadline, counters) as explorer:
+            found = _search(problem, manifold, explorer, seed, max_iterations)
     path = None if found.points is None else Path.trusted(found.points, problem.metric)
     if path is not None:
         residual = manifold.worst(path.points)
+    states, calls = counters[:STOP].tolist()
     return Result(
         status=found.status,
         path=path,
         goal_index=found.goal_index,
         cost=math.inf if path is None else path.length,
-        iterations=found.iterations,
+        iterations=int(counters[_ITERATIONS]),
         states_checked=states,
         validity_calls=calls,
         time=deadline.elapsed,
@@ -128,128 +173,222 @@ def _off_manifold(problem: Problem, manifold: ConstraintManifold) -> tuple[Statu
     return None, math.nan
 
 
-class _Search:
-    """One run."""
-
-    def __init__(
-        self, problem: Problem, manifold: ConstraintManifold, explorer: Explorer, deadline: Deadline
-    ) -> None:
-        self._problem, self._manifold = problem, manifold
-        self._explorer, self._deadline = explorer, deadline
-
-    def run(self, seed: int, max_iterations: int) -> _Found:
-        """Search until there is a path, or samples or time run out."""
-        problem, validator = self._problem, self._explorer.validator
-        if not validator.states_valid(problem.start[None])[0]:
-            return _Found(Status.START_INVALID)
-        on = (self._manifold.errors(problem.goals) <= _ON_MANIFOLD * self._manifold.tolerances).all(axis=1)
-        candidates = np.flatnonzero(on)
-        candidates = candidates[validator.states_valid(problem.goals[candidates])]
-        if candidates.size == 0:
-            return _Found(Status.GOAL_INVALID)
-        distances = problem.metric.distance(problem.start, problem.goals[candidates])
-        candidates = candidates[np.argsort(distances, kind="stable")]
-        trees = (
-            _Tree(problem.start[None], problem.metric),
-            _Tree(problem.goals[candidates], problem.metric),
-        )
-        for k, goal in enumerate(candidates):
-            states, reached = self._explorer.walk(problem.start, problem.goals[goal], exact=True)
-            if reached:
-                points = np.concatenate((problem.start[None], states))
-                return _Found(Status.SOLVED, points, int(goal))
-            if k == 0 and len(states):
-                trees[0].add_chain(0, states)
-        return self._grow(trees, candidates, seed, max_iterations)
-
-    def _grow(self, trees: tuple[_Tree, _Tree], goals: np.ndarray, seed: int, most: int) -> _Found:
-        problem, rng = self._problem, np.random.default_rng(seed)
-        extent, block = problem.upper - problem.lower, np.empty((0, problem.n))
-        for iteration in range(most):
-            if self._deadline.expired:
-                return _Found(Status.NO_PATH_IN_TIME, iterations=iteration)
-            if iteration % _SAMPLES_AT_ONCE == 0:
-                block = problem.lower + rng.random((_SAMPLES_AT_ONCE, problem.n)) * extent
-            side = iteration % 2
-            growing, other = trees[side], trees[1 - side]
-            new, _ = self._extend(growing, block[iteration % _SAMPLES_AT_ONCE], exact=False)
-            if new < 0:
-                continue
-            meeting, reached = self._extend(other, growing.state(new), exact=True)
-            if reached:
-                ends = (new, meeting) if side == 0 else (meeting, new)
-                to_start, to_goal = trees[0].branch(ends[0]), trees[1].branch(ends[1])
-                halves = trees[0].states(to_start), trees[1].states(to_goal)[-2::-1]
-                goal = int(goals[to_goal[0]])
-                return _Found(Status.SOLVED, np.concatenate(halves), goal, iteration + 1)
-        return _Found(Status.OUT_OF_ITERATIONS, iterations=most)
-
-    def _extend(self, tree: _Tree, target: FloatArray, *, exact: bool) -> tuple[int, bool]:
-        """Grow a tree from its node nearest to a target; return the last new node, or -1."""
-        near = tree.nearest(target)
-        states, reached = self._explorer.walk(tree.state(near), target, exact=exact)
-        return (tree.add_chain(near, states) if len(states) else -1), reached
-
-
 class _Found(NamedTuple):
     """The end of a search; points, shape (k, n), and the goal are None unless it is solved."""
 
     status: Status
     points: FloatArray | None = None
     goal_index: int | None = None
-    iterations: int = 0
 
 
-class _Tree:
-    """A forest of states: each node but the roots has a parent that was added before it.
+def _search(
+    problem: Problem, manifold: ConstraintManifold, explorer: Explorer, seed: int, most: int
+) -> _Found:
+    """Search until there is a path, or samples or time run out."""
+    if not explorer.valid(problem.start):
+        return _Found(explorer.late or Status.START_INVALID)
+    on = (manifold.errors(problem.goals) <= _ON_MANIFOLD * manifold.tolerances).all(axis=1)
+    goals = np.array([k for k in np.flatnonzero(on) if explorer.valid(problem.goals[k])], dtype=np.int64)
+    if goals.size == 0:
+        return _Found(explorer.late or Status.GOAL_INVALID)
+    distances = problem.metric.distance(problem.start, problem.goals[goals])
+    goals = goals[np.argsort(distances, kind="stable")]
+    first = np.empty((0, problem.n))
+    for k, goal in enumerate(goals):
+        states, reached = explorer.walk(problem.start, problem.goals[goal], exact=True)
+        if reached:
+            return _Found(Status.SOLVED, np.concatenate((problem.start[None], states)), int(goal))
+        first = states if k == 0 else first
+    weights = problem.metric.weights
+    chain = np.concatenate((problem.start[None], first))
+    trees = (
+        _planted(chain, np.arange(-1, len(chain) - 1), weights),
+        _planted(problem.goals[goals], np.full(goals.size, -1), weights),
+    )
+    ended, room, deadline, key = _FULL, explorer.room, explorer.deadline, stream_key(seed, 0)
+    while ended == _FULL or (ended == _TIME_UP and not explorer.stopped):
+        if ended == _FULL:
+            trees = _with_room(trees[0], len(room.chain)), _with_room(trees[1], len(room.chain))
+        ended = grow(explorer.space, explorer.surface, *trees, room, deadline.time_slice, key, most)
+    if ended != _FOUND:
+        return _Found(Status.NO_PATH_IN_TIME if ended == _TIME_UP else Status.OUT_OF_ITERATIONS)
+    to_start = _branch(trees[0], room.counters[_START_NODE])
+    to_goal = _branch(trees[1], room.counters[_GOAL_NODE])
+    halves = trees[0].states[to_start[::-1]], trees[1].states[to_goal[1:]]
+    return _Found(Status.SOLVED, np.concatenate(halves), int(goals[to_goal[-1]]))
 
-    Attributes:
-        size: Number of nodes.
+
+def _planted(states: FloatArray, parents: np.ndarray, weights: FloatArray) -> Tree:
+    """Return a tree of states, shape (k, n), and their parents, shape (k,)."""
+    count, n = states.shape
+    capacity = whole_blocks(max(_FIRST_CAPACITY, count))
+    tree = Tree(
+        grown(states, capacity),
+        np.empty((capacity // LANES, n, LANES)),
+        grown(parents.astype(np.int64), capacity),
+        np.array([count], dtype=np.int64),
+    )
+    for node in range(count):
+        set_lane(tree.lanes, node, tree.states[node], weights)
+    return tree
+
+
+def _with_room(tree: Tree, spare: int) -> Tree:
+    """Return a tree that has room for some more nodes."""
+    if int(tree.size[0]) + spare <= len(tree.states):
+        return tree
+    capacity = whole_blocks(2 * len(tree.states) + spare)
+    states, lanes = grown(tree.states, capacity), grown(tree.lanes, capacity // LANES)
+    return Tree(states, lanes, grown(tree.parents, capacity), tree.size)
+
+
+def _branch(tree: Tree, node: int) -> list[int]:
+    """Return the nodes from a node to its root, both included."""
+    nodes = []
+    while node >= 0:
+        nodes.append(int(node))
+        node = tree.parents[node]
+    return nodes
+
+
+@compiled(
+    "Tuple(int64, boolean)(SearchSpace, Surface, Room, float64, float64[::1], float64[::1], boolean, float64)"
+)
+def walk(
+    space: SearchSpace,
+    surface: Surface,
+    room: Room,
+    seconds: float,
+    origin: Floats1,
+    target: Floats1,
+    exact: bool,
+    longest: float,
+) -> tuple[int, bool]:
+    """Walk towards a target as far as the manifold leads nearer and states are valid.
+
+    Args:
+        space: Box, metric and validity.
+        surface: The manifold.
+        room: The states after `origin` are written to its chain.
+        seconds: Time budget [s].
+        origin: A valid state on the manifold, shape (n,).
+        target: Any state, shape (n,).
+        exact: Whether the target is on the manifold and is to be met.
+        longest: Length at which the walk is given up [length unit of the metric].
+
+    Returns:
+        Number of states written, and whether the target was met.
     """
+    place, counters, chain, current = np.empty(2, np.int64), room.counters, room.chain, room.rows[_CURRENT]
+    n, count, walked, end = origin.size, 0, 0.0, seconds_now(space.clock, place) + seconds
+    for i in range(n):
+        current[i] = origin[i]
+    while count < chain.shape[0] and surface.stop[0] == 0 and counters[STOP] == 0:
+        if seconds_now(space.clock, place) >= end:
+            break
+        got = extend(surface, current, target, space.resolution, exact, chain[count : count + 1])
+        if got == 0 or got == -1:
+            break
+        if last_valid_step(space, chain[count], chain[count], 1, counters) == 0:
+            break
+        walked += distance(current, chain[count], space.weights)
+        same = exact
+        for i in range(n):
+            current[i] = chain[count, i]
+            same = same and current[i] == target[i]
+        count += 1
+        if same:
+            return count, True
+        if got < 0 or walked > longest:
+            break
+    return count, False
 
-    def __init__(self, roots: FloatArray, metric: Metric) -> None:
-        n = roots.shape[1]
-        self.size, self._weights, self._room = 0, metric.weights, np.empty(LANES)
-        self._states, self._lanes = np.empty((0, n)), np.empty((0, n, LANES))
-        self._parents: list[int] = []
-        for root in roots:
-            self._append(-1, root)
 
-    def state(self, node: int) -> FloatArray:
-        """Return the state of a node, shape (n,)."""
-        return self._states[node]
+@compiled
+def _extend(
+    space: SearchSpace, surface: Surface, tree: Tree, room: Room, seconds: float, target: Floats1, exact: bool
+) -> tuple[int, bool]:
+    """Grow a tree from its node nearest to a target; return the last new node, or -1, and if it got there."""
+    n = target.size
+    for i in range(n):
+        room.rows[_SCALED, i] = target[i] * space.weights[i]
+    node = nearest(tree.lanes, tree.size[0], room.rows[_SCALED], room.squares)
+    origin = tree.states[node]
+    count, reached = walk(space, surface, room, seconds, origin, target, exact, math.inf)
+    for k in range(count):
+        new = tree.size[0]
+        for i in range(n):
+            tree.states[new, i] = room.chain[k, i]
+        set_lane(tree.lanes, new, room.chain[k], space.weights)
+        tree.parents[new], tree.size[0] = node, new + 1
+        node = new
+    return (node if count > 0 else -1), reached
 
-    def nearest(self, query: FloatArray) -> int:
-        """Return the node nearest to a state, shape (n,)."""
-        return int(nearest(self._lanes, self.size, query * self._weights, self._room))
 
-    def add_chain(self, parent: int, states: FloatArray) -> int:
-        """Add states, shape (m, n), one after the other, the first below the parent; return the last node."""
-        for state in states:
-            parent = self._append(parent, state)
-        return parent
+@compiled("int64(SearchSpace, Surface, Tree, Tree, Room, float64, uint64, int64)")
+def grow(
+    space: SearchSpace,
+    surface: Surface,
+    start: Tree,
+    goal: Tree,
+    room: Room,
+    seconds: float,
+    key: np.uint64,
+    iterations: int,
+) -> int:
+    """Grow both trees until they meet; see `cbirrt` for the method.
 
-    def branch(self, node: int) -> list[int]:
-        """Return the nodes from a root to a node, both included."""
-        nodes = [node]
-        while (node := self._parents[node]) >= 0:
-            nodes.append(node)
-        return nodes[::-1]
+    Args:
+        space: Box, metric and validity.
+        surface: The manifold.
+        start: The tree of the start, which grows in even iterations.
+        goal: That of the goals.
+        room: Its counters tell the iterations, and at which nodes the trees have met.
+        seconds: Time budget [s].
+        key: Of the stream of random numbers.
+        iterations: Number of samples in all, those of earlier calls included.
 
-    def states(self, nodes: list[int]) -> FloatArray:
-        """Return the states of some nodes, shape (m, n)."""
-        return self._states[nodes]
+    Returns:
+        _FOUND, _GOING_ON if the iterations are used up, _TIME_UP, or _FULL if there may be no room for the
+        nodes of one more iteration.
+    """
+    place, counters, n = np.empty(2, np.int64), room.counters, space.lower.size
+    end = seconds_now(space.clock, place) + seconds
+    while counters[_ITERATIONS] < iterations:
+        left = end - seconds_now(space.clock, place)
+        if left <= 0.0 or counters[STOP] != 0 or surface.stop[0] != 0:
+            return _TIME_UP
+        spare = min(start.lanes.shape[0] * LANES - start.size[0], goal.lanes.shape[0] * LANES - goal.size[0])
+        if spare < room.chain.shape[0]:
+            return _FULL
+        random_state(space, key, counters[_ITERATIONS] * n, room.rows[_SAMPLE])
+        first = counters[_ITERATIONS] % 2 == 0
+        counters[_ITERATIONS] += 1
+        growing, other = (start, goal) if first else (goal, start)
+        new, _ = _extend(space, surface, growing, room, left, room.rows[_SAMPLE], False)
+        if new < 0:
+            continue
+        for i in range(n):
+            room.rows[_TARGET, i] = growing.states[new, i]
+        left = end - seconds_now(space.clock, place)
+        meeting, reached = _extend(space, surface, other, room, left, room.rows[_TARGET], True)
+        if reached:
+            counters[_START_NODE], counters[_GOAL_NODE] = (new, meeting) if first else (meeting, new)
+            return _FOUND
+    return _GOING_ON
 
-    def _append(self, parent: int, state: FloatArray) -> int:
-        if self.size == len(self._states):
-            capacity = whole_blocks(max(_FIRST_CAPACITY, 2 * self.size))
-            self._states = grown(self._states, capacity)
-            self._lanes = grown(self._lanes, capacity // LANES)
-        self._states[self.size] = state
-        set_lane(self._lanes, self.size, self._states[self.size], self._weights)
-        self._parents.append(parent)
-        self.size += 1
-        return self.size - 1
+
+@compiled("boolean(SearchSpace, float64[:, ::1], float64, int64[::1])")
+def points_valid(space: SearchSpace, points: Floats2, seconds: float, counters: Ints1) -> bool:
+    """Return whether points, shape (k, n), are valid, all of which must have been looked at in time [s]."""
+    place = np.empty(2, np.int64)
+    end = seconds_now(space.clock, place) + seconds
+    for k in range(points.shape[0]):
+        if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
+            return False
+        if last_valid_step(space, points[k], points[k], 1, counters) == 0:
+            return False
+    return True
 
 
 class Explorer:
@@ -260,7 +399,7 @@ class Explorer:
         problem: Problem,
         manifold: ConstraintManifold,
         deadline: Deadline,
-        resolution: float | None = None,
+        counters: Ints1 | None = None,
     ) -> None:
         """Begin a run.
 
@@ -268,20 +407,21 @@ class Explorer:
             problem: Box, metric, validity and resolution.
             manifold: The manifold.
             deadline: Time budget.
-            resolution: Another resolution than the problem's [length unit of the metric].
+            counters: Where to count, see `Room`.
         """
-        validator = problem.validator(deadline, resolution)
-        if isinstance(problem.validity, CompiledMotionValidator):
-            checker = problem.validity.with_kept_memory()
-            validator = MotionValidator(checker, problem.metric, validator.resolution, deadline)
-        self.validator = validator
-        self._deadline = deadline
-        self._weights = problem.metric.weights
-        self._context = OnSurface(manifold, problem.lower, problem.upper, self._weights)
+        n, resolution = problem.n, problem.spacing
+        steps = min(int(_LONGEST * problem.diagonal / resolution) + 1, _MOST_STEPS)
+        counters = np.zeros(_GOAL_NODE + 1, dtype=np.int64) if counters is None else counters
+        self.room = Room(np.empty((steps, n)), np.empty((4, n)), np.empty(LANES), counters)
+        self.deadline, self.resolution = deadline, resolution
+        self._problem, self._contexts = problem, ExitStack()
+        self._surface = OnSurface(manifold, problem.lower, problem.upper, problem.metric.weights)
 
     def __enter__(self) -> Explorer:
         """Make room for machine code."""
-        self.surface = self._context.__enter__()
+        code = machine_code_of(self._problem, self.deadline, counters=self.room.counters)
+        self.space = space_of(self._problem, self._contexts.enter_context(code), self.resolution)
+        self.surface = self._contexts.enter_context(self._surface)
         return self
 
     def __exit__(
@@ -290,45 +430,35 @@ class Explorer:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Raise what a residual function in Python raised."""
-        self._context.__exit__(kind, error, traceback)
+        """Raise what a function in Python raised."""
+        self._contexts.__exit__(kind, error, traceback)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether time has run out, or a function in Python has failed."""
+        return bool(self.deadline.expired or self.surface.stop[0] or self.room.counters[STOP])
+
+    @property
+    def late(self) -> Status | None:
+        """NO_PATH_IN_TIME where a checker in Python was not asked any more, else None."""
+        return Status.NO_PATH_IN_TIME if self.room.counters[STOP] else None
+
+    def valid(self, state: FloatArray) -> bool:
+        """Return whether a state, shape (n,), is valid."""
+        state = np.array(state)
+        return bool(last_valid_step(self.space, state, state, 1, self.room.counters))
 
     def walk(
         self, origin: FloatArray, target: FloatArray, *, exact: bool, longest: float = np.inf
     ) -> tuple[FloatArray, bool]:
-        """Walk towards a target as far as the manifold leads nearer and states are valid.
-
-        Args:
-            origin: A valid state on the manifold, shape (n,).
-            target: Any state, shape (n,).
-            exact: Whether the target is on the manifold and is to be met.
-            longest: Length at which the walk is given up [length unit of the metric].
+        """Walk as the function `walk` does.
 
         Returns:
             The states after `origin`, shape (m, n), and whether the target was met.
         """
-        pieces, size, current, walked, steps = [np.empty((0, origin.size))], _FIRST_PIECE, origin, 0.0, 0
-        target = np.array(target)
-        while not self._deadline.expired and steps < _MOST_STEPS and not self.surface.stop[0]:
-            chain = np.empty((size, origin.size))
-            count = extend(self.surface, np.array(current), target, self.validator.resolution, exact, chain)
-            ended, count = count < 0, (-count - 1 if count < 0 else count)
-            if count == 0:
-                break
-            valid = self.validator.states_valid(chain[:count])
-            kept = count if valid.all() else int(np.argmin(valid))
-            pieces.append(chain[:kept])
-            steps += kept
-            if kept < count:
-                break
-            walked += float(self.validator.metric.arc_lengths(np.vstack((current, chain[:kept])))[-1])
-            current = chain[kept - 1]
-            if exact and np.array_equal(current, target):
-                return np.concatenate(pieces), True
-            if ended or walked > longest:
-                break
-            size = min(size * _GROWTH, _LONGEST_PIECE)
-        return np.concatenate(pieces), False
+        place, aim, left = np.array(origin), np.array(target), self.deadline.left
+        count, met = walk(self.space, self.surface, self.room, left, place, aim, exact, longest)
+        return self.room.chain[:count].copy(), met
 
     def project(self, states: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return states, shape (m, n), moved onto the manifold, and which are there, shape (m,)."""
@@ -342,13 +472,7 @@ class Explorer:
         Args:
             points: Shape (k, n).
         """
-        spans = np.diff(self.validator.metric.arc_lengths(points))
-        if spans.max(initial=0.0) > self.validator.resolution or not edges_hold(self.surface, points):
+        spans = np.diff(self._problem.metric.arc_lengths(points))
+        if spans.max(initial=0.0) > self.resolution or not edges_hold(self.surface, points):
             return False
-        for first in range(0, len(points), MAX_BATCH):
-            if (
-                self._deadline.expired
-                or not self.validator.states_valid(points[first : first + MAX_BATCH]).all()
-            ):
-                return False
-        return True
+        return bool(points_valid(self.space, points, self.deadline.left, self.room.counters))

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 
-from .cbirrt import Explorer, require_fit
-from .constraint_manifold import ConstraintManifold, edges_hold, extend, project_rows
+from .cbirrt import Explorer, require_fit, walk
+from .constraint_manifold import ConstraintManifold, edges_hold, project_rows
 from .deadline import Deadline, load_code
 from .path import Path
 from .problem import Problem
@@ -51,7 +51,7 @@ def constrained_shortcut(
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an
             option is not allowed.
     """
-    load_code(extend, project_rows, edges_hold)
+    load_code(walk, project_rows, edges_hold)
     _require_same(problem, manifold, path)
     seed, iterations = whole_number("seed", seed), whole_number("iterations", iterations)
     deadline, rng, points = Deadline(timeout), np.random.default_rng(seed), path.points
@@ -95,7 +95,7 @@ def constrained_smooth(
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an
             option is not allowed.
     """
-    load_code(extend, project_rows, edges_hold)
+    load_code(walk, project_rows, edges_hold)
     _require_same(problem, manifold, path)
     deadline, best = Deadline(timeout), path.points
     with Explorer(problem, manifold, deadline) as explorer:
@@ -145,7 +145,7 @@ def _require_same(problem: Problem, manifold: ConstraintManifold, path: Path) ->
 
 def _equally_spaced(explorer: Explorer, path: Path) -> FloatArray:
     """Return points of a polyline at equal distances, well below the resolution."""
-    count = max(4, math.ceil(2.0 * path.length / explorer.validator.resolution))
+    count = max(4, math.ceil(2.0 * path.length / explorer.resolution))
     return path(np.linspace(0.0, path.length, count + 1))
 
 

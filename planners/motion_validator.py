@@ -129,19 +129,11 @@ class CompiledMotionValidator:
         Raises:
             InvalidValueError: The states have another number of coordinates.
         """
-        return self._checked(states, self.fresh_memory())
-
-    def with_kept_memory(self) -> StateValidityChecker:
-        """Return the callable over batches for one thread, which makes its memory once."""
-        memory = self.fresh_memory()
-        return lambda states: self._checked(states, memory)
-
-    def _checked(self, states: FloatArray, memory: FloatArray) -> BoolArray:
         batch = np.array(states, dtype=np.float64, order="C")
         if batch.ndim != 2 or batch.shape[1] != self.n:
             raise InvalidValueError("states", f"shape {batch.shape}", f"shape (m, {self.n})")
         answers = np.empty(len(batch), dtype=np.bool_)
-        _check_states(self.address, memory, batch, answers)
+        _check_states(self.address, self.fresh_memory(), batch, answers)
         return answers
 
 

@@ -14,6 +14,7 @@ from unittest import mock
 
 import pytest
 
+import pepper_kin as pk
 from pepper_kin.cli import main
 from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
@@ -41,6 +42,12 @@ def kernel_cache(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
     folder = kept.mkdir("kernels") if kept is not None else tmp_path_factory.mktemp("kernels")
     with mock.patch.dict(os.environ, {"PEPPER_KIN_CACHE": str(folder)}):
         yield folder
+
+
+@pytest.fixture(scope="session")
+def pepper() -> pk.PepperModel:
+    """The default Pepper; tests that change its Pinocchio model load one of their own."""
+    return pk.load_pepper()
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -62,13 +63,19 @@ def room_of(path):
     return parts[1] if len(parts) > 1 else "__init__"
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def rooms_imported(path):
     """Rooms of pepper_kin that a file imports, at the top or inside functions; type-checking imports too."""
     found = set()
     package = ("pepper_kin", *path.relative_to(ROOT).parts[:-1])
     if package[1] == "pepper_kin":
         package = package[1:]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         names = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -113,7 +120,7 @@ def test_only_the_command_line_imports_the_viewer():
 def test_planners_name_no_robot():
     """A planner knows vectors; a joint, a link or Pepper in its code means that a robot has crept in."""
     for path in (ROOT / "planners").glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             name = getattr(node, "id", None) or getattr(node, "attr", None) or getattr(node, "arg", None)
             if isinstance(name, str):
                 words = set(name.lower().split("_"))
@@ -125,7 +132,7 @@ def test_files_and_functions_stay_small(path):
     """An algorithm of the core or of the planners is one file; elsewhere a file is one concept."""
     text = path.read_text(encoding="utf-8")
     assert text.count("\n") <= (700 if room_of(path) in ("core", "planners") else 460)
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno - node.lineno + 1 <= 85, f"{path.name}: {node.name}"
 
@@ -134,7 +141,7 @@ def test_files_and_functions_stay_small(path):
 def test_functions_take_eight_positional_parameters_at_most(path):
     if room_of(path).startswith("cli"):
         return  # options of a command, which are given by name
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             count = len(node.args.posonlyargs) + len(node.args.args) - (node.name == "__init__")
             assert count <= 8, f"{path.name}: {node.name} takes {count}"
@@ -155,8 +162,7 @@ SHARED = {"collision.motion_tree", "core.motion_bounds"}
 
 @pytest.mark.parametrize("name", CERTIFICATES)
 def test_certificates_share_no_code_with_the_core(name):
-    tree = ast.parse((ROOT / name).read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
+    for node in ast.walk(tree_of(ROOT / name)):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("pepper_kin."):
             module = node.module.removeprefix("pepper_kin.")
             compiled = module.split(".")[0] in ("core", "kernels", "planners") or "fast" in module.split(".")

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch.kernels_of import kernel
+from pepper_kin.core.plain_vectors import are_three_plain, are_two_plain, is_plain
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.compiled import INTERPRETED
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
@@ -22,44 +24,38 @@ WIDE_FROM = 10_000
 
 Array = NDArray[np.float64]
 
+_ABSENT: Any = object()
 
-_NDARRAY, _FLOAT64, _INFINITY = np.ndarray, np.dtype(np.float64), math.inf
 
+def state_data(pepper: PepperModel, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) -> Any:
+    """Return the `pinocchio.Data` to compute with, if Pinocchio's functions take these arrays as they are.
 
-def is_state(pepper: PepperModel, *arrays: Any) -> bool:
-    """Whether all are plain (n,) arrays of finite floats, so that nothing needs converting or naming.
+    This is the everyday call: (n,) arrays of finite floats, of a robot whose coordinates are Pinocchio's.
 
-    A quick test for the everyday call: finite means that the sum of squares is, which one product tells.
+    Returns:
+        The data of this thread, or None, where `over_states` converts, refuses or goes over a batch.
     """
-    return are_vectors(pepper, *arrays) and all(array.dot(array) < _INFINITY for array in arrays)
+    if not pepper.is_coupled and _is_state(pepper.n, q, v, a):
+        return pepper.pinocchio_data
+    return None
 
 
-def is_plain_state(pepper: PepperModel, *arrays: Any) -> bool:
-    """Whether `is_state`, and the robot's coordinates are Pinocchio's, whose functions take them as they are.
-
-    Written out, since a call of `is_state` would take a tenth of what one of those functions does.
-    """
-    if pepper.is_coupled:
+def _is_state(n: int, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) -> bool:
+    """Whether all are plain (n,) arrays of finite floats, so that nothing needs converting or naming."""
+    try:
+        if a is not _ABSENT:
+            return _tests[2](n, q, v, a)
+        return _tests[0](n, q) if v is _ABSENT else _tests[1](n, q, v)
+    except TypeError:  # lists, other types of numbers, other numbers of axes, rows that are not contiguous
         return False
-    shape = (pepper.n,)
-    for array in arrays:
-        if (
-            type(array) is not _NDARRAY
-            or array.dtype is not _FLOAT64
-            or array.shape != shape
-            or not array.dot(array) < _INFINITY
-        ):
-            return False
-    return True
+    except IndexError:
+        if not INTERPRETED:  # as Python functions, they would take other types too
+            _tests[:] = is_plain.native, are_two_plain.native, are_three_plain.native
+            return _is_state(n, q, v, a)
+        return False
 
 
-def are_vectors(pepper: PepperModel, *arrays: object) -> bool:
-    """Whether all are plain (n,) arrays of floats, finite or not."""
-    shape = (pepper.n,)
-    for array in arrays:
-        if type(array) is not _NDARRAY or array.dtype is not _FLOAT64 or array.shape != shape:
-            return False
-    return True
+_tests: list[Callable[..., bool]] = []
 
 
 def over_states(
@@ -97,7 +93,7 @@ def all_over_states(
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    if is_state(pepper, *quantities.values()):
+    if _is_state(pepper.n, *quantities.values()):
         return _exact(function(*quantities.values()), shapes)
     arrays = [_shaped(pepper, value, name) for name, value in quantities.items()]
     if all(array.ndim == 1 for array in arrays):

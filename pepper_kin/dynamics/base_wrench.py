@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import cast
+from collections.abc import Callable
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import are_vectors, over_states
+from pepper_kin.batch import over_states, state_data
+from pepper_kin.core.fixed_mass import wrench_about_origin
 from pepper_kin.dynamics.center_of_mass import share_of_moving
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.lazy_names import lazy_module
@@ -15,8 +18,10 @@ from pepper_kin.model import PepperModel, kept_while_private
 
 pinocchio = lazy_module("pinocchio")
 
+Array = NDArray[np.float64]
 
-def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
+
+def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     """Return the wrench of the floor on the robot, about the world's origin.
 
     With p the linear momentum, L the angular momentum about the centre c of the moving mass, m the mass of
@@ -36,37 +41,25 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    share, (sx, sy, sz), (wx, wy, wz) = _masses(pepper)
+    data = state_data(pepper, q, v, a)
+    if data is not None:
+        return _wrench(pepper, data, cast("Array", q), cast("Array", v), cast("Array", a))
 
-    def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
-        rate = pinocchio.computeCentroidalMomentumTimeVariation(
-            model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a)
-        )
-        # Plain numbers: for vectors of three, each of NumPy's functions takes as long as all of this.
-        px, py, pz, lx, ly, lz = rate.vector.tolist()
-        x, y, z = data.com[0].tolist()
-        cx, cy, cz = x * share + sx, y * share + sy, z * share + sz
-        return np.array([
-            px - wx, py - wy, pz - wz,
-            lx + y * pz - z * py - (cy * wz - cz * wy),
-            ly + z * px - x * pz - (cz * wx - cx * wz),
-            lz + x * py - y * px - (cx * wy - cy * wx),
-        ])  # fmt: skip
+    def one(q: Array, v: Array, a: Array) -> Array:
+        rates = pepper.rate_to_full(v), pepper.rate_to_full(a)
+        return _wrench(pepper, pepper.pinocchio_data, pepper.to_full(q), *rates)
 
-    if not pepper.is_coupled and are_vectors(pepper, q, v, a):
-        # What is not finite in any joint is not finite in the sum over all links, and is looked at below.
-        wrench = one(
-            cast("NDArray[np.float64]", q), cast("NDArray[np.float64]", v), cast("NDArray[np.float64]", a)
-        )
-        if wrench.dot(wrench) < np.inf:
-            return wrench
     return over_states(pepper, one, (6,), ("base_wrench",), q=q, v=v, a=a)
 
 
+def _wrench(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> Array:
+    rate = pinocchio.computeCentroidalMomentumTimeVariation(pepper.inner_model, data, q, v, a)
+    wrench: Array = rate.vector
+    _balance(pepper)(data.com[0], wrench)
+    return wrench
+
+
 @kept_while_private
-def _masses(pepper: PepperModel) -> tuple[float, list[float], list[float]]:
-    """Return the moving links' share of the mass, what the others add to the centre [m], and m g [N]."""
-    share, still = share_of_moving(pepper)
-    weight = total_mass(pepper) * np.asarray(pepper.inner_model.gravity.linear)
-    return share, still.tolist(), weight.tolist()
+def _balance(pepper: PepperModel) -> Callable[[Array, Array], None]:
+    weight = total_mass(pepper) * np.array(pepper.inner_model.gravity.linear)
+    return partial(wrench_about_origin.native, *share_of_moving(pepper), weight)

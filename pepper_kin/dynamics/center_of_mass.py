@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any, cast
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
+from pepper_kin.core.fixed_mass import center_of_all
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
 
 pinocchio = lazy_module("pinocchio")
 
+Array = NDArray[np.float64]
 
-def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+
+def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
     """Return the centre of mass of all links, c = sum(m_i c_i) / sum(m_i).
 
     Links fixed to the floor count (Pinocchio leaves them out: with the base fixed, Pepper's 16 kg base).
@@ -28,30 +35,36 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    share, still = share_of_moving(pepper)
-    if is_plain_state(pepper, q):
-        center: NDArray[np.float64] = pinocchio.centerOfMass(model, data, q, False)
-        center *= share
-        center += still
-        return center
+    data = state_data(pepper, q)
+    if data is not None:
+        return _center(pepper, data, cast("Array", q))
 
-    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
-        moving: NDArray[np.float64] = pinocchio.centerOfMass(model, data, pepper.to_full(q), False)
-        return moving * share + still
+    def one(q: Array) -> Array:
+        return _center(pepper, pepper.pinocchio_data, pepper.to_full(q))
 
     return over_states(pepper, one, (3,), ("center_of_mass",), q=q)
 
 
+def _center(pepper: PepperModel, data: Any, q: Array) -> Array:
+    center: Array = pinocchio.centerOfMass(pepper.inner_model, data, q, False)
+    _extension(pepper)(center)
+    return center
+
+
 @kept_while_private
-def share_of_moving(pepper: PepperModel) -> tuple[float, NDArray[np.float64]]:
+def _extension(pepper: PepperModel) -> Callable[[Array], None]:
+    return partial(center_of_all.native, *share_of_moving(pepper))
+
+
+@kept_while_private
+def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
     """Return the moving links' share of the mass, and what those fixed to the floor add to the centre [m]."""
     still = pepper.inner_model.inertias[0]
     part = still.mass / total_mass(pepper)
     return 1.0 - part, part * np.array(still.lever)
 
 
-def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> Array:
     """Return J_c(q): the velocity of the centre of mass of all links is J_c v.
 
     Args:
@@ -64,14 +77,15 @@ def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> NDArray[np.flo
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
     share, _ = share_of_moving(pepper)
-    if is_plain_state(pepper, q):
-        jacobian: NDArray[np.float64] = pinocchio.jacobianCenterOfMass(model, data, q, False)
+    data = state_data(pepper, q)
+    if data is not None:
+        jacobian: Array = pinocchio.jacobianCenterOfMass(pepper.inner_model, data, q, False)
         jacobian *= share
         return jacobian
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
-    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def one(q: Array) -> Array:
         moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False) @ pepper.full_map
         return np.asarray(moving * share)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -29,11 +29,11 @@ def coriolis_matrix(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    if is_plain_state(pepper, q, v):
-        matrix: NDArray[np.float64] = pinocchio.computeCoriolisMatrix(model, data, q, v)
+    data = state_data(pepper, q, v)
+    if data is not None:
+        matrix: NDArray[np.float64] = pinocchio.computeCoriolisMatrix(pepper.inner_model, data, q, v)
         return matrix
-    full_map = pepper.full_map
+    model, data, full_map = pepper.inner_model, pepper.pinocchio_data, pepper.full_map
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         full = pinocchio.computeCoriolisMatrix(model, data, pepper.to_full(q), pepper.rate_to_full(v))

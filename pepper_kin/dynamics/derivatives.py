@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import all_over_states, is_plain_state
+from pepper_kin.batch import all_over_states, state_data
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix
 from pepper_kin.lazy_names import lazy_module
@@ -66,25 +66,23 @@ def inverse_dynamics_derivatives(
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
+    data = state_data(pepper, q, v, a)
+    if data is not None:
+        return _of_torques(pepper, data, cast("Array", q), cast("Array", v), cast("Array", a))
     full_map, n = pepper.full_map, pepper.n
 
-    def one(q: Array, v: Array, a: Array) -> InverseDynamicsDerivatives:
-        by_q, by_v, by_a = pinocchio.computeRNEADerivatives(model, data, q, v, a)
-        return InverseDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_a.copy("K"))
+    def one(q: Array, v: Array, a: Array) -> tuple[Array, ...]:
+        rates = pepper.rate_to_full(v), pepper.rate_to_full(a)
+        full = _of_torques(pepper, pepper.pinocchio_data, pepper.to_full(q), *rates)
+        return tuple(full_map.T @ block @ full_map for block in full) if pepper.is_coupled else full
 
-    def coupled(q: Array, v: Array, a: Array) -> tuple[Array, ...]:
-        full = one(pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a))
-        return tuple(full_map.T @ block @ full_map for block in full)
+    found = all_over_states(pepper, one, ((n, n),) * 3, ("inverse_dynamics_derivatives",), q=q, v=v, a=a)
+    return InverseDynamicsDerivatives(*found)
 
-    if is_plain_state(pepper, q, v, a):
-        return one(cast("Array", q), cast("Array", v), cast("Array", a))
-    return InverseDynamicsDerivatives(
-        *all_over_states(
-            pepper, coupled if pepper.is_coupled else one, ((n, n),) * 3, ("inverse_dynamics_derivatives",),
-            q=q, v=v, a=a,
-        )
-    )  # fmt: skip
+
+def _of_torques(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> InverseDynamicsDerivatives:
+    by_q, by_v, by_a = pinocchio.computeRNEADerivatives(pepper.inner_model, data, q, v, a)
+    return InverseDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_a.copy("K"))
 
 
 def forward_dynamics_derivatives(
@@ -108,21 +106,30 @@ def forward_dynamics_derivatives(
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
         ModelError: naming joints that move no mass.
     """
-    model, data, n = pepper.inner_model, pepper.pinocchio_data, pepper.n
+    data = state_data(pepper, q, v, tau)
+    if data is not None:
+        found = _of_accelerations(pepper, data, cast("Array", q), cast("Array", v), cast("Array", tau))
+        flat = found.da_dq.ravel("K")
+        if flat.dot(flat) < np.inf:  # else a mass matrix has no inverse, which is looked at below
+            return found
+    n = pepper.n
 
     def one(q: Array, v: Array, tau: Array) -> ForwardDynamicsDerivatives:
         if not pepper.is_coupled:
-            by_q, by_v, by_tau = pinocchio.computeABADerivatives(model, data, q, v, tau)
-            found = ForwardDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_tau.copy("K"))
-            flat = found.da_dq.ravel("K")
-            if flat.dot(flat) < np.inf:
+            found = _of_accelerations(pepper, pepper.pinocchio_data, q, v, tau)
+            if np.isfinite(found.da_dq).all():
                 return found
         inverse = inverse_mass_matrix(pepper, q)
         by = inverse_dynamics_derivatives(pepper, q, v, forward_dynamics(pepper, q, v, tau))
         return ForwardDynamicsDerivatives(-inverse @ by.dtau_dq, -inverse @ by.dtau_dv, inverse)
 
-    if is_plain_state(pepper, q, v, tau):
-        return one(cast("Array", q), cast("Array", v), cast("Array", tau))
     return ForwardDynamicsDerivatives(
         *all_over_states(pepper, one, ((n, n),) * 3, ("forward_dynamics_derivatives",), q=q, v=v, tau=tau)
     )
+
+
+def _of_accelerations(
+    pepper: PepperModel, data: Any, q: Array, v: Array, tau: Array
+) -> ForwardDynamicsDerivatives:
+    by_q, by_v, by_tau = pinocchio.computeABADerivatives(pepper.inner_model, data, q, v, tau)
+    return ForwardDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_tau.copy("K"))

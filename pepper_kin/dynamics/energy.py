@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import are_vectors, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -23,12 +23,10 @@ def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[n
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
+    data = state_data(pepper, q, v)
+    if data is not None:
+        return np.array(pinocchio.computeKineticEnergy(pepper.inner_model, data, q, v))
     model, data = pepper.inner_model, pepper.pinocchio_data
-    if not pepper.is_coupled and are_vectors(pepper, q, v):
-        # What is not finite in any joint is not finite in the sum over all links, and is looked at below.
-        energy = pinocchio.computeKineticEnergy(model, data, q, v)
-        if energy < np.inf:
-            return np.array(energy)
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         energy = pinocchio.computeKineticEnergy(model, data, pepper.to_full(q), pepper.rate_to_full(v))
@@ -47,11 +45,10 @@ def potential_energy(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
+    data = state_data(pepper, q)
+    if data is not None:
+        return np.array(pinocchio.computePotentialEnergy(pepper.inner_model, data, q))
     model, data = pepper.inner_model, pepper.pinocchio_data
-    if not pepper.is_coupled and are_vectors(pepper, q):
-        energy = pinocchio.computePotentialEnergy(model, data, q)
-        if -np.inf < energy < np.inf:
-            return np.array(energy)
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(pinocchio.computePotentialEnergy(model, data, pepper.to_full(q)))

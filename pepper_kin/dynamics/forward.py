@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import are_vectors, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.dynamics.mass import solved
 from pepper_kin.lazy_names import lazy_module
@@ -47,10 +47,10 @@ def forward_dynamics(
     if forces:
         driven = as_joint_vectors(pepper, tau, "tau") + external_torque(pepper, q, forces)
         return forward_dynamics(pepper, q, v, driven)
-    if not pepper.is_coupled and are_vectors(pepper, q, v, tau):
-        # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
-        a: NDArray[np.float64] = pinocchio.aba(pepper.inner_model, pepper.pinocchio_data, q, v, tau)
-        if a.dot(a) < np.inf:
+    data = state_data(pepper, q, v, tau)
+    if data is not None:
+        a: NDArray[np.float64] = pinocchio.aba(pepper.inner_model, data, q, v, tau)
+        if a.dot(a) < np.inf:  # else a mass matrix has no inverse, which is looked at below
             return a
     model, data = pepper.inner_model, pepper.pinocchio_data
     full_map = pepper.full_map

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import are_vectors, is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
@@ -43,11 +43,10 @@ def inverse_dynamics(
     """
     if forces:
         return inverse_dynamics(pepper, q, v, a) - external_torque(pepper, q, forces)
-    if not pepper.is_coupled and are_vectors(pepper, q, v, a):
-        # The everyday call: what is not finite going in is not finite coming out, and is looked at below.
-        tau: NDArray[np.float64] = pinocchio.rnea(pepper.inner_model, pepper.pinocchio_data, q, v, a)
-        if tau.dot(tau) < np.inf:
-            return tau
+    data = state_data(pepper, q, v, a)
+    if data is not None:
+        torque: NDArray[np.float64] = pinocchio.rnea(pepper.inner_model, data, q, v, a)
+        return torque
     model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -67,8 +66,10 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    if is_plain_state(pepper, q):
-        return np.asarray(pinocchio.computeGeneralizedGravity(pepper.inner_model, pepper.pinocchio_data, q))
+    data = state_data(pepper, q)
+    if data is not None:
+        torque: NDArray[np.float64] = pinocchio.computeGeneralizedGravity(pepper.inner_model, data, q)
+        return torque
     model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:

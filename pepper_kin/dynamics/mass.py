@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.exceptions import ModelError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
@@ -35,8 +35,10 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    if is_plain_state(pepper, q):
-        return np.asarray(pinocchio.crba(pepper.inner_model, pepper.pinocchio_data, q))
+    data = state_data(pepper, q)
+    if data is not None:
+        mass: NDArray[np.float64] = pinocchio.crba(pepper.inner_model, data, q)
+        return mass
     model, data = pepper.inner_model, pepper.pinocchio_data
     full_map = pepper.full_map
 
@@ -64,12 +66,13 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64
         InvalidValueError: for a wrong length, NaN or infinity.
         ModelError: naming joints that move no mass: M has no inverse.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    if is_plain_state(pepper, q):
-        found: NDArray[np.float64] = pinocchio.computeMinverse(model, data, q)
+    data = state_data(pepper, q)
+    if data is not None:
+        found: NDArray[np.float64] = pinocchio.computeMinverse(pepper.inner_model, data, q)
         flat = found.ravel()
         if flat.dot(flat) < np.inf:
             return found
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         if pepper.is_coupled:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import cast
+from collections.abc import Callable
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
+from pepper_kin.core.fixed_mass import momentum_about_center_of_all
 from pepper_kin.dynamics.mass import total_mass
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
@@ -33,18 +36,21 @@ def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    (part, lever), rest = _share_of_still(pepper), np.zeros(model.nv)
+    data = state_data(pepper, q)
+    if data is not None:
+        return _map(pepper, data, cast("Array", q))
 
     def one(q: Array) -> Array:
-        # computeCentroidalMap would leave the centre of mass as it was.
-        matrix: Array = pinocchio.ccrba(model, data, pepper.to_full(q), rest)
-        matrix[3:] += pinocchio.skew(part * (data.com[0] - lever)).dot(matrix[:3])
-        return matrix @ pepper.full_map if pepper.is_coupled else matrix
+        return _map(pepper, pepper.pinocchio_data, pepper.to_full(q)) @ pepper.full_map
 
-    if is_plain_state(pepper, q):
-        return one(cast("Array", q))
     return over_states(pepper, one, (6, pepper.n), ("centroidal_map",), q=q)
+
+
+def _map(pepper: PepperModel, data: Any, q: Array) -> Array:
+    # computeCentroidalMap would leave the centre of mass as it was; any velocity will do.
+    matrix: Array = pinocchio.ccrba(pepper.inner_model, data, q, q)
+    _shift(pepper)(data.com[0], matrix.ravel())
+    return matrix
 
 
 def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Array:
@@ -61,26 +67,24 @@ def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Arra
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    part, lever = _share_of_still(pepper)
+    data = state_data(pepper, q, v)
+    if data is not None:
+        return _momentum(pepper, data, cast("Array", q), cast("Array", v))
 
     def one(q: Array, v: Array) -> Array:
-        found = pinocchio.computeCentroidalMomentum(model, data, pepper.to_full(q), pepper.rate_to_full(v))
-        momentum: Array = found.vector
-        momentum[3:] += pinocchio.skew(part * (data.com[0] - lever)).dot(momentum[:3])
-        return momentum
-
-    if is_plain_state(pepper, q, v):
-        return one(cast("Array", q), cast("Array", v))
+        return _momentum(pepper, pepper.pinocchio_data, pepper.to_full(q), pepper.rate_to_full(v))
 
     return over_states(pepper, one, (6,), ("centroidal_momentum",), q=q, v=v)
 
 
-@kept_while_private
-def _share_of_still(pepper: PepperModel) -> tuple[float, Array]:
-    """Return the share s of the mass that is fixed to the floor, and its centre c_0 [m].
+def _momentum(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
+    momentum: Array = pinocchio.computeCentroidalMomentum(pepper.inner_model, data, q, v).vector
+    _shift(pepper)(data.com[0], momentum)
+    return momentum
 
-    With c the centre of the moving mass, c minus the centre of all is s (c - c_0).
-    """
+
+@kept_while_private
+def _shift(pepper: PepperModel) -> Callable[[Array, Array], None]:
     still = pepper.inner_model.inertias[0]
-    return still.mass / total_mass(pepper), np.array(still.lever)
+    part, center = still.mass / total_mass(pepper), np.array(still.lever)
+    return partial(momentum_about_center_of_all.native, part, center)

@@ -1,6 +1,6 @@
 """Newton-Euler dynamics written independently, to check the others against.
 
-Straight from F = m a and tau = I alpha + omega x I omega, link by link in the world frame: no spatial
+Straight from F = m a and tau = I alpha + omega x I omega, link by link, each in its own frame: no spatial
 algebra, no Pinocchio, and its own reading of the URDF.  Plain on purpose.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,33 +19,47 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-_CHUNK = 2000  # states at once, which keeps its memory small
+_CHUNK = 1000  # states at once, which keeps them in the processor's caches
 
 Array = NDArray[np.float64]
+
+_AXIS = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class _Body:
-    """A link with the joint that carries it; vectors in the frames that the URDF states them in."""
+    """A link with the joint that carries it; vectors in its own frame, whose z is the axis of its joint.
+
+    `origin` and `rotation` place it in its parent's frame, with the joint at zero.
+    """
 
     parent: int
-    joint: str
-    kind: str
+    joint: int  # among those that move, -1 where it is fixed
+    kind: str  # "revolute" (continuous too), "prismatic" or "fixed"
     origin: Array
     rotation: Array
-    axis: Array
     mass: float
     center: Array
     inertia: Array
+
+    @cached_property
+    def cross_origin(self) -> Array:
+        """The matrix of origin x."""
+        return _skew(self.origin)
+
+    @cached_property
+    def cross_center(self) -> Array:
+        """The matrix of center x."""
+        return _skew(self.center)
 
 
 def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     """Return the joint torques of a motion, tau = M(q) a + C(q, v) v + g(q).
 
-    Outward: each link's orientation, position, angular velocity omega and acceleration alpha, and the
-    acceleration of its origin, from those of its parent (Craig, Introduction to Robotics, section 6.5).
-    On each link, F = m (a_c - g) and N = I alpha + omega x I omega.  Inward: forces and moments are summed
-    from the tips to the floor and projected on the joint axes.
+    Outward: each link's angular velocity omega and acceleration alpha, and the acceleration of its origin,
+    from those of its parent (Craig, Introduction to Robotics, section 6.5).  On each link, F = m (a_c - g)
+    and N = I alpha + omega x I omega.  Inward: forces and moments are summed from the tips to the floor and
+    projected on the joint axes.
 
     Args:
         pepper: The robot.
@@ -64,23 +78,19 @@ def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) 
         q_all, v_all, a_all = np.broadcast_arrays(*arrays)
     except ValueError:
         raise InvalidValueError("q, v and a", [x.shape for x in arrays], "broadcastable shapes") from None
-    bodies = _read_bodies(pepper.urdf)
-    gain, offset = _coupling(pepper)
+    bodies, (gain, offset) = _read_bodies(pepper.urdf), _coupling(pepper)
     flat = [x.reshape(-1, pepper.n) for x in (q_all, v_all, a_all)]
     tau = np.zeros_like(flat[0])
     for start in range(0, len(tau), _CHUNK):
-        q_part, v_part, a_part = (x[start : start + _CHUNK] for x in flat)
-        motion = {
-            name: (q_part @ row + offset[name], v_part @ row, a_part @ row) for name, row in gain.items()
-        }
-        for name, torque in _torques(bodies, motion, len(q_part)).items():
-            tau[start : start + _CHUNK] += torque[:, None] * gain[name]
+        part = slice(start, start + _CHUNK)
+        x, speed, change = (gain @ x[part].T for x in flat)
+        tau[part] = _torques(bodies, x + offset[:, None], speed, change).T @ gain
     return tau.reshape(q_all.shape)
 
 
 @lru_cache(maxsize=8)
-def _coupling(pepper: PepperModel) -> tuple[dict[str, Array], dict[str, float]]:
-    """Return each moving joint's row of q_joint = gain . q + offset, read from the URDF's mimic elements."""
+def _coupling(pepper: PepperModel) -> tuple[Array, Array]:
+    """Return q_joint = gain q + offset of all moving joints, read from the URDF's mimic elements."""
     mimics = {}
     moving = []
     for joint in ET.fromstring(pepper.urdf).findall("joint"):
@@ -92,22 +102,30 @@ def _coupling(pepper: PepperModel) -> tuple[dict[str, Array], dict[str, float]]:
         if element is not None:
             multiplier, addend = float(element.get("multiplier", 1.0)), float(element.get("offset", 0.0))
             mimics[name] = (str(element.get("joint")), multiplier, addend)
-    gains, offsets = {}, {}
+    gains, offsets = [], []
     for name in moving:
         leader, gain, offset = name, 1.0, 0.0
         while leader in mimics:
             leader, multiplier, addend = mimics[leader]
             offset, gain = offset + gain * addend, gain * multiplier
-        gains[name] = gain * np.eye(pepper.n)[pepper.joint_index(leader)]
-        offsets[name] = offset
-    return gains, offsets
+        gains.append(gain * np.eye(pepper.n)[pepper.joint_index(leader)])
+        offsets.append(offset)
+    return np.array(gains), np.array(offsets)
 
 
-def _fixed_rotation(rpy: Array) -> Array:
-    r = np.eye(3)[:, :, None]
-    for axis, angle in zip(np.eye(3)[::-1], rpy[::-1], strict=True):
-        r = _turned(r, axis, np.array([angle]))
-    return r[:, :, 0]
+def _rotation(rpy: Array) -> Array:
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    return np.asarray(yaw @ pitch @ roll)
+
+
+def _frame_about(axis: Array) -> Array:
+    """Return a rotation whose third column is a unit axis."""
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(axis, across), axis], axis=1)
 
 
 def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") -> Array:
@@ -121,10 +139,11 @@ def _read_bodies(urdf: str) -> tuple[_Body, ...]:
     root = ET.fromstring(urdf)
     links = {str(link.get("name")): link for link in root.findall("link")}
     joints = root.findall("joint")
+    moving = [j for j in joints if j.get("type") != "fixed"]
     children = {str(j.find("child").get("link")) for j in joints}  # type: ignore[union-attr]
     order = [name for name in links if name not in children]
-    bodies = [_body(-1, None, links[order[0]])]
-    place = {order[0]: 0}
+    place, turns = {order[0]: 0}, {order[0]: np.eye(3)}
+    bodies = [_body((-1, -1), None, links[order[0]], np.eye(3), np.eye(3))]
     waiting = list(joints)
     while waiting:
         for joint in list(waiting):
@@ -132,7 +151,9 @@ def _read_bodies(urdf: str) -> tuple[_Body, ...]:
             child = str(joint.find("child").get("link"))  # type: ignore[union-attr]
             if parent in place:
                 place[child] = len(bodies)
-                bodies.append(_body(place[parent], joint, links[child]))
+                turns[child] = _turn(joint)
+                ranks = place[parent], moving.index(joint) if joint in moving else -1
+                bodies.append(_body(ranks, joint, links[child], turns[parent], turns[child]))
                 waiting.remove(joint)
     return _that_count(bodies)
 
@@ -152,15 +173,33 @@ def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
     return tuple(kept)
 
 
-def _body(parent: int, joint: ET.Element | None, link: ET.Element) -> _Body:
+def _turn(joint: ET.Element) -> Array:
+    """Return the rotation from the frame in which a link is computed to that of the URDF."""
+    if joint.get("type") == "fixed":
+        return np.eye(3)
+    axis = _vector(joint.find("axis"), "xyz", "1 0 0")
+    return _frame_about(axis / np.linalg.norm(axis))
+
+
+def _body(
+    ranks: tuple[int, int],
+    joint: ET.Element | None,
+    link: ET.Element,
+    above: Array,
+    own: Array,
+) -> _Body:
+    """Read a link, whose own frame and whose parent's are turned by `own` and `above` from the URDF's.
+
+    `ranks` are the places of its parent among the links, and of its joint among those that move.
+    """
     origin = None if joint is None else joint.find("origin")
-    axis = _vector(None if joint is None else joint.find("axis"), "xyz", "1 0 0")
+    kind = "fixed" if joint is None else str(joint.get("type"))
     inertial = link.find("inertial")
     mass, center, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
     if inertial is not None:
         mass = float(inertial.find("mass").get("value", 0))  # type: ignore[union-attr]
         frame = inertial.find("origin")
-        center, turn = _vector(frame, "xyz"), _fixed_rotation(_vector(frame, "rpy"))
+        center, turn = own.T @ _vector(frame, "xyz"), own.T @ _rotation(_vector(frame, "rpy"))
         i = {k: float(x) for k, x in inertial.find("inertia").attrib.items()}  # type: ignore[union-attr]
         tensor = [
             [i["ixx"], i["ixy"], i["ixz"]],
@@ -169,12 +208,10 @@ def _body(parent: int, joint: ET.Element | None, link: ET.Element) -> _Body:
         ]
         inertia = turn @ np.array(tensor) @ turn.T
     return _Body(
-        parent,
-        "" if joint is None else str(joint.get("name")),
-        "fixed" if joint is None else str(joint.get("type")),
-        _vector(origin, "xyz"),
-        _fixed_rotation(_vector(origin, "rpy")),
-        axis / (np.linalg.norm(axis) or 1.0),
+        *ranks,
+        kind if kind in ("fixed", "prismatic") else "revolute",
+        above.T @ _vector(origin, "xyz"),
+        above.T @ _rotation(_vector(origin, "rpy")) @ own,
         mass,
         center,
         inertia,
@@ -190,81 +227,74 @@ def _cross(a: Array, b: Array) -> Array:
     return result
 
 
-def _spin(omega: Array, alpha: Array, arm: Array) -> Array:
-    """Return alpha x arm + omega x (omega x arm): what turning adds to the acceleration at an arm's end."""
-    return _cross(alpha, arm) + _cross(omega, _cross(omega, arm))
+def _skew(v: Array) -> Array:
+    """Return the matrix of v x."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _torques(
-    bodies: Sequence[_Body], motion: dict[str, tuple[Array, Array, Array]], count: int
-) -> dict[str, Array]:
-    """Return the torque of every moving joint in `count` states, shape (T,) each.
+def _turn_back(vectors: Array, cosine: Array, sine: Array) -> None:
+    """Express vectors, shape (..., 3, T), in axes that are turned about z by an angle; in place."""
+    x, y = vectors[..., 0, :], vectors[..., 1, :]
+    turned = cosine * x + sine * y
+    y *= cosine
+    y -= sine * x
+    x[...] = turned
 
-    Coordinates come first and states last, (3, T) for a vector: whole rows at a time are multiplied.  A
-    matrix r turns a vector that is the same in all states by `vector @ r`, as r[i, j] stands for row i and
-    column j of all states, and r @ m is `m.T @ r`.
+
+def _torques(bodies: Sequence[_Body], position: Array, speed: Array, change: Array) -> Array:
+    """Return the torques of all moving joints from their positions, speeds and accelerations, (k, T) each.
+
+    Coordinates come first and states last, (3, T) for a vector: whole rows at a time are multiplied.
     """
-    zero = np.zeros((3, count))
-    turn: list[Array] = []  # orientation of each link in the world
-    position: list[Array] = []  # origin of each link
-    omega: list[Array] = []  # angular velocity
-    alpha: list[Array] = []  # angular acceleration
-    acceleration: list[Array] = []  # of the link's origin
-    axes: list[Array] = []
-    force: list[Array] = []  # that the link needs from its joint, summed over all that it carries
-    moment: list[Array] = []  # the same about the link's origin
-    for body in bodies:
-        if body.parent < 0:
-            r, p, w, dw, acc, axis = np.repeat(np.eye(3)[:, :, None], count, axis=2), *[zero] * 5
+    cosine, sine = np.cos(position), np.sin(position)
+    rates: list[Array] = []  # angular velocity and acceleration, and that of the link's origin less gravity
+    squares: list[Array] = []  # of the angular speed
+    loads: list[Array] = []  # force that the link needs from its joint, and moment about the link's origin
+
+    def turning(i: int, arm: Array, cross: Array) -> Array:
+        """Return alpha x arm + omega x (omega x arm), the acceleration of an arm's end by turning."""
+        w, dw, _ = rates[i]
+        return w * (arm @ w) - cross @ dw - arm[:, None] * squares[i]
+
+    for i, body in enumerate(bodies):
+        k, j = body.parent, body.joint
+        if k < 0:
+            rate = np.zeros((3, 3, position.shape[1]))
+            rate[2] -= GRAVITY[:, None]
         else:
-            k = body.parent
-            r = body.rotation.T @ turn[k]
-            axis = body.axis @ r
-            arm = body.origin @ turn[k]
-            w, dw = omega[k], alpha[k]
-            slide = zero
-            if body.kind != "fixed":
-                x, speed, rate = motion[body.joint]
-                if body.kind == "prismatic":
-                    arm = arm + axis * x
-                    slide = 2 * _cross(w, axis * speed) + axis * rate
-                else:
-                    r = _turned(r, body.axis, x)
-                    dw = dw + _cross(w, axis * speed) + axis * rate
-                    w = w + axis * speed
-            p = position[k] + arm
-            acc = acceleration[k] + _spin(omega[k], alpha[k], arm) + slide
-        for values, value in (
-            (turn, r), (position, p), (omega, w), (alpha, dw), (acceleration, acc), (axes, axis),
-        ):  # fmt: skip
-            values.append(value)
-        lever = body.center @ r
-        f = body.mass * (acc + _spin(w, dw, lever) - GRAVITY[:, None])
-        n = _times(r, body.inertia, dw) + _cross(w, _times(r, body.inertia, w))
-        force.append(f)
-        moment.append(n + _cross(lever, f))
-    torques = {}
+            rate = body.rotation.T @ rates[k]
+            rate[2] += body.rotation.T @ turning(k, body.origin, body.cross_origin)
+        rates.append(rate)
+        w, dw, acc = rate
+        if body.kind == "revolute":
+            _turn_back(rate, cosine[j], sine[j])
+            dw[0] += w[1] * speed[j]  # omega x axis speed
+            dw[1] -= w[0] * speed[j]
+            dw[2] += change[j]
+            w[2] += speed[j]
+        squares.append(np.einsum("it,it->t", w, w))
+        if body.kind == "prismatic":
+            acc += position[j] * turning(i, _AXIS, _skew(_AXIS))
+            acc[0] += 2 * w[1] * speed[j]  # 2 omega x axis speed
+            acc[1] -= 2 * w[0] * speed[j]
+            acc[2] += change[j]
+        load = np.empty((2, 3, position.shape[1]))
+        load[0] = body.mass * (acc + turning(i, body.center, body.cross_center))
+        load[1] = body.inertia @ dw + _cross(w, body.inertia @ w) + body.cross_center @ load[0]
+        loads.append(load)
+    torques = np.empty_like(position)
     for i in reversed(range(len(bodies))):
-        body = bodies[i]
-        if body.kind != "fixed":
-            load = force[i] if body.kind == "prismatic" else moment[i]
-            torques[body.joint] = np.sum(axes[i] * load, axis=0)
+        body, load, j = bodies[i], loads[i], bodies[i].joint
+        if body.kind == "revolute":
+            torques[j] = load[1, 2]
+            _turn_back(load, cosine[j], -sine[j])
+        elif body.kind == "prismatic":
+            torques[j] = load[0, 2]
+            load[1, 0] -= position[j] * load[0, 1]
+            load[1, 1] += position[j] * load[0, 0]
         if body.parent >= 0:
-            k = body.parent
-            force[k] = force[k] + force[i]
-            moment[k] = moment[k] + moment[i] + _cross(position[i] - position[k], force[i])
+            load = body.rotation @ load
+            load[1] += body.cross_origin @ load[0]
+            loads[body.parent] += load
     return torques
-
-
-def _turned(r: Array, axis: Array, angle: Array) -> Array:
-    """Return r times the rotation about a unit axis by each state's angle, by Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    across = cross.T @ r
-    return np.asarray(r + np.sin(angle) * across + (1 - np.cos(angle)) * (cross.T @ across))
-
-
-def _times(r: Array, inertia: Array, vector: Array) -> Array:
-    """Return r I r^T times a vector, where I is given in the link's frame, shape (3, T)."""
-    inside = inertia @ np.sum(r * vector[:, None], axis=0)
-    return np.asarray(np.sum(r * inside, axis=1))

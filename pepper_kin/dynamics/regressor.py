@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -30,10 +30,11 @@ def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    if is_plain_state(pepper, q, v, a):
-        matrix: NDArray[np.float64] = pinocchio.computeJointTorqueRegressor(model, data, q, v, a)
+    data = state_data(pepper, q, v, a)
+    if data is not None:
+        matrix: NDArray[np.float64] = pinocchio.computeJointTorqueRegressor(pepper.inner_model, data, q, v, a)
         return matrix
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         full = pinocchio.computeJointTorqueRegressor(

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pepper_kin import atomic_file
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.files import write_csv
+from pepper_kin.jobs.result_files import write_results
 from pepper_kin.model import PepperModel
 from pepper_kin.motion import gesture, gesture_meaning, gesture_names
 from pepper_kin.trajectory import Certificate, Trajectory
@@ -81,10 +79,4 @@ def write_library_gesture(made: MadeGesture, folder: str | Path) -> dict[str, Pa
     Raises:
         PepperKinError: where the folder cannot be written to; no half-written file is left.
     """
-    folder = atomic_file.make_folder(folder)
-    summary = json.dumps(made.as_dict(), indent=2) + "\n"
-    return {
-        "trajectory.csv": write_csv(folder / "trajectory.csv", made.trajectory, dt=CSV_STEP),
-        "columns.json": folder / "columns.json",
-        "summary.json": atomic_file.write_text(folder / "summary.json", summary),
-    }
+    return write_results(folder, made.as_dict(), made.trajectory, step=CSV_STEP)

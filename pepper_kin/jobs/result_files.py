@@ -12,7 +12,8 @@ from pepper_kin import atomic_file
 from pepper_kin.files import write_csv
 from pepper_kin.jobs.reaching import ReachOutcome
 from pepper_kin.model import PepperModel
-from pepper_kin.twin import GestureReport
+from pepper_kin.trajectory import Trajectory
+from pepper_kin.twin import GestureReport, Run
 
 CSV_STEP = 0.001  # [s] between rows of trajectory.csv
 _LIBRARIES = ("pin", "placo", "proxsuite", "coal", "toppra", "meshcat", "numpy")
@@ -68,15 +69,9 @@ def write_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path
     Raises:
         PepperKinError: where the folder cannot be written to; no half-written file is left.
     """
-    folder = atomic_file.make_folder(folder)
-    files: dict[str, Path] = {}
-    if outcome.trajectory is not None and outcome.run is not None:
-        files["trajectory.csv"] = write_csv(folder / "trajectory.csv", outcome.trajectory, dt=CSV_STEP)
-        files["run.csv"] = outcome.run.save(folder / "run.csv")
-        files["columns.json"] = folder / "columns.json"
-    text = json.dumps(summary(pepper, outcome), indent=2) + "\n"
-    files["summary.json"] = atomic_file.write_text(folder / "summary.json", text)
-    return files
+    moved = outcome.trajectory is not None and outcome.run is not None
+    motion = (outcome.trajectory, outcome.run) if moved else (None, None)
+    return write_results(folder, summary(pepper, outcome), *motion)
 
 
 def write_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:
@@ -92,12 +87,39 @@ def write_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:
     Raises:
         PepperKinError: where the folder cannot be written to; no half-written file is left.
     """
+    return write_results(folder, report.as_dict(), report.trajectory, report.run)
+
+
+def write_results(
+    folder: str | Path,
+    numbers: dict[str, Any],
+    trajectory: Trajectory | None = None,
+    run: Run | None = None,
+    step: float = CSV_STEP,
+) -> dict[str, Path]:
+    """Write `summary.json` and, where they are given, `trajectory.csv`, `run.csv` and their `columns.json`.
+
+    Args:
+        folder: Where; made if it is not there.
+        numbers: What the summary says.
+        trajectory: The motion.
+        run: How the twin did it.
+        step: Between rows of the trajectory [s].
+
+    Returns:
+        The files written, by name.
+
+    Raises:
+        PepperKinError: where the folder cannot be written to; no half-written file is left.
+    """
     folder = atomic_file.make_folder(folder)
-    return {
-        "trajectory.csv": write_csv(folder / "trajectory.csv", report.trajectory, dt=CSV_STEP),
-        "run.csv": report.run.save(folder / "run.csv"),
-        "columns.json": folder / "columns.json",
-        "summary.json": atomic_file.write_text(
-            folder / "summary.json", json.dumps(report.as_dict(), indent=2) + "\n"
-        ),
-    }
+    files: dict[str, Path] = {}
+    if trajectory is not None:
+        files["trajectory.csv"] = write_csv(folder / "trajectory.csv", trajectory, dt=step)
+    if run is not None:
+        files["run.csv"] = run.save(folder / "run.csv")
+    if files:
+        files["columns.json"] = folder / "columns.json"
+    text = json.dumps(numbers, indent=2) + "\n"
+    files["summary.json"] = atomic_file.write_text(folder / "summary.json", text)
+    return files

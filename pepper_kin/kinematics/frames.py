@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -31,10 +31,13 @@ def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.floa
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
     frame_id = pepper.frame_id(frame)
+    data = state_data(pepper, q)
+    if data is not None:
+        pinocchio.forwardKinematics(pepper.inner_model, data, q)
+        pose = pinocchio.updateFramePlacement(pepper.inner_model, data, frame_id)
+        transform: NDArray[np.float64] = pose.homogeneous
+        return transform
     model, data = pepper.inner_model, pepper.pinocchio_data
-    if is_plain_state(pepper, q):
-        pinocchio.forwardKinematics(model, data, q)
-        return np.asarray(pinocchio.updateFramePlacement(model, data, frame_id).homogeneous)
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         pinocchio.forwardKinematics(model, data, pepper.to_full(q))
@@ -60,12 +63,6 @@ def frame_poses(pepper: PepperModel, q: ArrayLike, frames: Sequence[str]) -> NDA
     """
     model, data = pepper.inner_model, pepper.pinocchio_data
     ids = [pepper.frame_id(name) for name in frames]
-    if is_plain_state(pepper, q):
-        poses = np.empty((len(ids), 4, 4))
-        pinocchio.forwardKinematics(model, data, q)
-        for place, frame_id in enumerate(ids):
-            poses[place] = pinocchio.updateFramePlacement(model, data, frame_id).homogeneous
-        return poses
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         result = np.empty((len(ids), 4, 4))

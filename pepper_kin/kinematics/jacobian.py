@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -30,13 +30,14 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
     frame_id = pepper.frame_id(frame)
-    if is_plain_state(pepper, q):
-        model, data = pepper.inner_model, pepper.pinocchio_data
-        return np.asarray(
-            pinocchio.computeFrameJacobian(model, data, q, frame_id, pinocchio.LOCAL_WORLD_ALIGNED)
+    axes = pinocchio.LOCAL_WORLD_ALIGNED
+    data = state_data(pepper, q)
+    if data is not None:
+        found: NDArray[np.float64] = pinocchio.computeFrameJacobian(
+            pepper.inner_model, data, q, frame_id, axes
         )
+        return found
     model, data = pepper.inner_model, pepper.pinocchio_data
-    frame_id, axes = pepper.frame_id(frame), pinocchio.LOCAL_WORLD_ALIGNED
     coupled, full_map = pepper.is_coupled, pepper.full_map
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -62,13 +63,15 @@ def frame_jacobian_rate(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: 
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
     frame_id, axes = pepper.frame_id(frame), pinocchio.LOCAL_WORLD_ALIGNED
-    if is_plain_state(pepper, q, v):
+    data = state_data(pepper, q, v)
+    if data is not None:
+        model = pepper.inner_model
         pinocchio.computeJointJacobiansTimeVariation(model, data, q, v)
         pinocchio.updateFramePlacement(model, data, frame_id)
         found: NDArray[np.float64] = pinocchio.getFrameJacobianTimeVariation(model, data, frame_id, axes)
         return found
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         pinocchio.computeJointJacobiansTimeVariation(model, data, pepper.to_full(q), pepper.rate_to_full(v))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.batch import is_plain_state, over_states
+from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -28,12 +28,14 @@ def frame_velocity(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: str) 
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    if is_plain_state(pepper, q, v):
+    frame_id, axes = pepper.frame_id(frame), pinocchio.LOCAL_WORLD_ALIGNED
+    data = state_data(pepper, q, v)
+    if data is not None:
+        model = pepper.inner_model
         pinocchio.forwardKinematics(model, data, q, v)
         velocity: NDArray[np.float64] = pinocchio.getFrameVelocity(model, data, frame_id, axes).vector
         return velocity
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         pinocchio.forwardKinematics(model, data, pepper.to_full(q), pepper.rate_to_full(v))
@@ -65,13 +67,15 @@ def frame_acceleration(
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    frame_id, axes = pepper.frame_id(frame), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    if is_plain_state(pepper, q, v, a):
+    frame_id, axes = pepper.frame_id(frame), pinocchio.LOCAL_WORLD_ALIGNED
+    data = state_data(pepper, q, v, a)
+    if data is not None:
+        model = pepper.inner_model
         pinocchio.forwardKinematics(model, data, q, v, a)
         found = pinocchio.getFrameClassicalAcceleration(model, data, frame_id, axes)
         acceleration: NDArray[np.float64] = found.vector
         return acceleration
+    model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         v_full, a_full = pepper.rate_to_full(v), pepper.rate_to_full(a)

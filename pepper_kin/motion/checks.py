@@ -65,7 +65,7 @@ class Checks:
         return np.asarray((np.abs(torque) <= TORQUE_SHARE * self.pepper.effort_limits).all(axis=-1))
 
     def validity(
-        self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float], *, for_edges: bool
+        self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float]
     ) -> planners.StateValidityChecker:
         """Return which states of the free joints are valid, the others standing as in `frozen`, shape (n,).
 
@@ -76,11 +76,9 @@ class Checks:
             frozen: A whole configuration, shape (n,).
             free: Places of the joints that move, shape (k,).
             margins: To the scene and to the robot itself [m].
-            for_edges: Whether it is asked for edges, of which machine code looks at few states at a time; or
-                for many states at once.
         """
         checker = fast_checker_for(self.pepper, self.scene, *margins)
-        if not (for_edges and self.compiled):
+        if not self.compiled:
 
             def valid(states: Array) -> NDArray[np.bool_]:
                 q = np.tile(frozen, (len(states), 1))

@@ -57,9 +57,8 @@ class PathProblem:
 
     @cached_property
     def relaxed(self) -> planners.Problem:
-        """The problem with half the margins, for many states at once."""
-        half = self.checks.validity(self.start, self.free, self.relaxed_margins, for_edges=False)
-        return self.problem.with_validity(half)
+        """The problem with half the margins."""
+        return self.problem.with_validity(self.checks.validity(self.start, self.free, self.relaxed_margins))
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""
@@ -101,7 +100,7 @@ def path_problem(
         upper=upper[free],
         start=np.clip(start, lower, upper)[free],
         goals=np.clip(goals, lower, upper)[:, free],
-        validity=checks.validity(start, free, (kept, kept_self), for_edges=True),
+        validity=checks.validity(start, free, (kept, kept_self)),
         weights=weights[free],
         resolution=resolution,
         labels=tuple(pepper.joint_names[j] for j in free),

@@ -8,11 +8,10 @@ import numpy as np
 
 from pepper_kin.collision import NearPairs, Scene, checker_for
 from pepper_kin.collision.near_pairs import distances_along, pairs_within
-from pepper_kin.core.braking import brake_path, ticks_to_rest
+from pepper_kin.core.braking import VelocityInterval, brake_path, ticks_to_rest
 from pepper_kin.core.velocity_dampers import PairTable, clear_rows
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
-from pepper_kin.servo.braking import VelocityBounds
 from pepper_kin.servo.demand import Demand
 from pepper_kin.servo.half_spaces import VelocityRows, stacked
 from pepper_kin.servo.lever_arms import lever_arms
@@ -67,7 +66,7 @@ class ClearanceGuard:
         self._clearance, self._gain = clearance, gain
         self._hard = HARD * clearance
 
-    def look(self, q: Array, bounds: VelocityBounds, acceleration: Array, dt: float) -> NearPairs:
+    def look(self, q: Array, bounds: VelocityInterval, acceleration: Array, dt: float) -> NearPairs:
         """Return the pairs that matter at q for any velocity within bounds."""
         fastest = np.maximum(np.abs(bounds.low), np.abs(bounds.high))
         damped = self._clearance + float(self._levers @ fastest) / self._gain

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.braking import approach_rate
+from pepper_kin.core.braking import JointLimits, approach_rate
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
-from pepper_kin.servo.motion_limits import MotionLimits
 
 
 class Demand(NamedTuple):
@@ -50,7 +49,7 @@ class Pace:
     gain: float
     singularity: float
     dt: float
-    limits: MotionLimits
+    limits: JointLimits
     dearness: Array
 
 
@@ -116,6 +115,6 @@ def curvature_damping(rate: Array, motion: Array, weight: float, dt: float) -> f
 
 def _rates(jacobian: Array, wanted: Array, pace: Pace) -> tuple[float, float]:
     return approach_rate(
-        np.ascontiguousarray(jacobian), wanted, pace.dearness, pace.limits.table, pace.dt, pace.gain,
+        np.ascontiguousarray(jacobian), wanted, pace.dearness, pace.limits, pace.dt, pace.gain,
         pace.singularity,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.collision import Scene
-from pepper_kin.core.braking import stopping_speed
+from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
@@ -20,7 +20,7 @@ from pepper_kin.model.shapes import read_only
 from pepper_kin.servo.balance_rows import BalanceRows
 from pepper_kin.servo.clearance_guard import ClearanceGuard
 from pepper_kin.servo.demand import Demand, Pace, task_demand
-from pepper_kin.servo.motion_limits import MotionLimits, motion_limits
+from pepper_kin.servo.motion_limits import motion_limits
 from pepper_kin.servo.servo import GAIN, GAIN_PER_TICK, checked_configuration
 from pepper_kin.servo.stepper import Stepper, Tick
 
@@ -123,7 +123,7 @@ def _answer(q: Array, dt: float, tick: Tick, demands: list[Demand]) -> Different
     )
 
 
-def _check_can_brake(pepper: PepperModel, q: Array, v: Array, limits: MotionLimits, dt: float) -> None:
+def _check_can_brake(pepper: PepperModel, q: Array, v: Array, limits: JointLimits, dt: float) -> None:
     """Refuse a velocity beyond its limit, or from which even braking at once would leave the joint limits."""
     reach = limits.acceleration * dt
     high, low = limits.velocity.copy(), -limits.velocity

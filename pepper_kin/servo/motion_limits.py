@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from pepper_kin.core.braking import JointLimits
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 
@@ -19,33 +16,9 @@ from pepper_kin.model.shapes import read_only
 INSIDE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class MotionLimits:
-    """Limits of every joint; where the description gives none, infinite.
-
-    Attributes:
-        lower: Lower position limits [rad or m], shape (n,).
-        upper: Upper position limits, shape (n,).
-        velocity: Greatest speeds [rad/s or m/s], shape (n,).
-        acceleration: Greatest changes of velocity per second [rad/s^2 or m/s^2], shape (n,).
-        movable: Which joints may move, shape (n,).
-    """
-
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    movable: np.ndarray
-
-    @cached_property
-    def table(self) -> JointLimits:
-        """The same for compiled functions."""
-        return JointLimits(self.lower, self.upper, self.velocity, self.acceleration, self.movable)
-
-
 def motion_limits(
     pepper: PepperModel, locked: str | Iterable[str] = (), speed: float = 1.0, urgency: float = 1.0
-) -> MotionLimits:
+) -> JointLimits:
     """Return a robot's limits, or a share of them.
 
     Args:
@@ -63,7 +36,7 @@ def motion_limits(
         raise InvalidValueError("locked", "every joint", "at least one joint left to move")
     velocity = np.where(pepper.velocity_limits > 0, pepper.velocity_limits, np.inf)
     acceleration = np.where(pepper.acceleration_limits > 0, pepper.acceleration_limits, np.inf)
-    return MotionLimits(
+    return JointLimits(
         lower=read_only(pepper.lower_limits + INSIDE),
         upper=read_only(pepper.upper_limits - INSIDE),
         velocity=read_only(velocity * _share("speed", speed) * (1 - INSIDE)),

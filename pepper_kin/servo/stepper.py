@@ -8,16 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_kin.collision import NearPairs
-from pepper_kin.core.braking import DAMPING, LOCKED, stopping_place
+from pepper_kin.core.braking import DAMPING, LOCKED, JointLimits, VelocityInterval, stopping_place
 from pepper_kin.core.quadratic_program import solve_program
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.balance_rows import BalanceRows
-from pepper_kin.servo.braking import KINDS, VelocityBounds, velocity_bounds
+from pepper_kin.servo.braking import KINDS, braked, velocity_bounds
 from pepper_kin.servo.clearance_guard import ClearanceGuard
 from pepper_kin.servo.demand import Demand
 from pepper_kin.servo.half_spaces import VelocityRows, stacked
-from pepper_kin.servo.motion_limits import MotionLimits
 
 # Weight and gain [1/s] of the pull towards the rest posture: seen only where the demands leave freedom.
 REST_WEIGHT = 5e-3
@@ -66,7 +65,7 @@ class Stepper:
     def __init__(
         self,
         pepper: PepperModel,
-        limits: MotionLimits,
+        limits: JointLimits,
         dt: float,
         rest: Array,
         dearness: Array,
@@ -113,11 +112,11 @@ class Stepper:
                     touched += part.active(wanted)
                 return Tick(wanted, _once(touched), _broken(rows, wanted), bool(names), clearance)
             names = (*names, obstacle.name)
-            bounds = bounds.braking(obstacle.joints)
+            bounds = braked(bounds, obstacle.joints)
         return Tick(bounds.brake, _once(names), _broken(rows, bounds.brake), True, clearance)
 
     def _rows(
-        self, q: Array, v: Array, bounds: VelocityBounds, near: NearPairs | None, caution: float
+        self, q: Array, v: Array, bounds: VelocityInterval, near: NearPairs | None, caution: float
     ) -> tuple[VelocityRows, VelocityRows]:
         """Return the rows of clearance and of balance; none where they are not asked for."""
         limits, dt, nothing = self._limits, self._dt, VelocityRows(np.empty((0, q.size)), np.empty(0), ())
@@ -132,7 +131,7 @@ class Stepper:
     def _solve(
         self,
         objective: tuple[Array, Array],
-        bounds: VelocityBounds,
+        bounds: VelocityInterval,
         rows: tuple[VelocityRows, VelocityRows],
     ) -> Array | None:
         """Return the best velocity; balance is kept as bounds allow, or if need be as braking does."""
@@ -143,7 +142,10 @@ class Stepper:
         return found
 
     def _minimum(
-        self, objective: tuple[Array, Array], bounds: VelocityBounds, rows: tuple[VelocityRows, VelocityRows]
+        self,
+        objective: tuple[Array, Array],
+        bounds: VelocityInterval,
+        rows: tuple[VelocityRows, VelocityRows],
     ) -> Array | None:
         felt = stacked(rows, bounds.low.size).within(bounds.low, bounds.high)
         return solve_program(*objective, bounds.low, bounds.high, felt.matrix, felt.least)
@@ -158,7 +160,7 @@ class Stepper:
         hessian.reshape(-1)[:: q.size + 1] += self._cost + extra * self._squares
         return hessian, -(rate @ jacobian) - REST_WEIGHT**2 * REST_GAIN * (self._rest - q)
 
-    def _at_bounds(self, v: Array, bounds: VelocityBounds) -> tuple[str, ...]:
+    def _at_bounds(self, v: Array, bounds: VelocityInterval) -> tuple[str, ...]:
         names, tiny = self._pepper.joint_names, 1e-7
         found = []
         for hit, kinds in (

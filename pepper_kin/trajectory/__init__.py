@@ -1,6 +1,8 @@
 """Trajectories: a value, timing within limits, an independent check, animations by keys, pictures."""
 
-from pepper_kin.lazy_names import lazily
+from typing import Any
+
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.trajectory.binding import Binding, binding_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
@@ -40,20 +42,15 @@ __all__ = [
     "retime",
 ]
 
-# Names of `pepper_kin.files`, the room built on this one, for those who look for them here.
-_OF_FILES = (
-    "NaoqiArguments",
-    "load",
-    "naoqi_arguments",
-    "naoqi_timeline",
-    "read_choregraphe",
-    "read_columns",
-    "read_csv",
-    "read_naoqi_export",
-    "read_table",
-    "save",
-    "write_csv",
-    "write_table",
-)
+_files = lazy_module("pepper_kin.files")
 
-__getattr__, __dir__ = lazily(__name__, dict.fromkeys(_OF_FILES, "pepper_kin.files"))
+
+def __getattr__(name: str) -> Any:
+    """Return a name of `pepper_kin.files`, the room built on this one, for those who look for it here."""
+    if name.startswith("_") or name not in _files.__all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(_files, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_files.__all__})

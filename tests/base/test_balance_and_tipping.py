@@ -11,11 +11,6 @@ G = 9.81
 
 
 @pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
 def monitor(pepper):
     return BalanceMonitor(pepper)
 

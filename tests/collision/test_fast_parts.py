@@ -38,7 +38,7 @@ def point_of(pose, local):
 
 def test_segments_against_a_general_minimiser():
     rng = np.random.default_rng(0)
-    for _ in range(60):
+    for _ in range(30):
         a, b = random_pose(rng), random_pose(rng)
         ha, hb = rng.uniform(0, 0.3, 2)
 
@@ -62,7 +62,7 @@ def test_parallel_segments(shift):
 def test_segment_and_box_against_a_general_minimiser():
     rng = np.random.default_rng(1)
     inside = 0
-    for _ in range(150):
+    for _ in range(60):
         a, b = random_pose(rng), random_pose(rng)
         ha, half = rng.uniform(0, 0.3), rng.uniform(0.01, 0.3, 3)
         turn = b[3:].reshape(3, 3)
@@ -74,7 +74,7 @@ def test_segment_and_box_against_a_general_minimiser():
         expected = np.sqrt(least_over_box(square, (ha,)))
         assert segment_to_box(a, ha, b, half) == pytest.approx(expected, abs=2e-6)
         inside += expected < 1e-9
-    assert 10 < inside < 140
+    assert 5 < inside < 55
 
 
 def shape_of(kind, half, vertices):

@@ -40,6 +40,12 @@ answers["sensors"] = pressed + readings["laser_left"].value.clip(-9, 9).tolist()
 servo = pk.ik.Servo(pepper, path[0])
 servo.set_target([pk.ik.HandPosition("right", (0.3, -0.2, 0.9))])
 answers["servo"] = servo.step().q.tolist()
+v, a = rng.normal(size=(2, pepper.n))
+answers["masses"] = [
+    *pk.dynamics.center_of_mass(pepper, path[0]),
+    *pk.dynamics.centroidal_map(pepper, path[0]).ravel(),
+    *pk.dynamics.base_wrench(pepper, path[0], v, a),
+]
 low, rows, least = -np.ones(3), np.ones((1, 3)), np.array([0.2])
 x = solve_program(np.diag([1.0, 2.0, 3.0]), np.array([-4.0, 1.0, 0.5]), low, -low, rows, least)
 answers["quadratic program"] = x.tolist()
@@ -73,8 +79,8 @@ def both():
         "timing",
         "simulation",
         "servo",
+        "masses",
         "quadratic program",
-        "sensors",
     ],
 )
 def test_the_same_source_gives_the_same_answers(both, algorithm):

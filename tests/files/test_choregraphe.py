@@ -64,11 +64,6 @@ BEHAVIOUR = """<?xml version="1.0" encoding="UTF-8" ?>
 """
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 @pytest.fixture
 def behaviour(tmp_path):
     path = tmp_path / "behavior.xar"

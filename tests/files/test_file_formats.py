@@ -20,17 +20,6 @@ SUFFIXES = (".csv", ".npz", ".json", ".yaml", ".py", ".mcap")
 STEP = 0.013
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
-def trajectory(pepper):
-    q = pepper.posture("Stand")
-    return pk.retime(pepper, [q, q + 0.1 * (np.arange(pepper.n) % 3 == 2)])
-
-
 def short():
     """Two joints, 0.02 s, values that need all digits, small ones among them."""
     coefficients = np.array([[[0.1, -1e-5], [1 / 3, 2e-7]], [[0.1 + 0.01 / 3, 1 / 7], [0.0, 1e-300]]])

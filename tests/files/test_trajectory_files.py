@@ -6,21 +6,9 @@ import os
 import numpy as np
 import pytest
 
-import pepper_kin as pk
 from pepper_kin import atomic_file
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
 from pepper_kin.trajectory import Trajectory, read_columns, read_csv, read_table, write_csv, write_table
-
-
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
-def trajectory(pepper):
-    q = pepper.posture("Stand")
-    return pk.retime(pepper, [q, q + 0.1 * (np.arange(pepper.n) % 3 == 2)])
 
 
 @pytest.fixture

@@ -57,10 +57,11 @@ def unreachable_targets(count, generator):
         yield [0, 0, 0.8] + direction / np.linalg.norm(direction) * generator.uniform(0.9, 3.0)
 
 
-def test_closest_point_is_the_closest():
+@pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.thousand)])
+def test_closest_point_is_the_closest(count):
     generator = np.random.default_rng(21)
     excess = []
-    for k, target in enumerate(unreachable_targets(20, generator)):
+    for k, target in enumerate(unreachable_targets(count, generator)):
         result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), solver=SOLVERS[k % 2])
         assert result.status in (Status.CLOSEST_UNREACHABLE, Status.CLOSEST_LIMITS)
         excess.append(math.dist(hand_at(result.q), target) - closest_distance(target, generator))

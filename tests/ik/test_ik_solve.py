@@ -24,11 +24,12 @@ def reachable(count, seed):
         yield hand, camera[:3, 3] + generator.uniform(0.5, 3.0) * camera[:3, 0]
 
 
+@pytest.mark.parametrize("count", [60, pytest.param(200, marks=pytest.mark.thousand)])
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("gaze", [False, True], ids=["hand", "hand and gaze"])
-def test_reachable_targets_are_reached(solver, gaze):
+def test_reachable_targets_are_reached(solver, count, gaze):
     missed = []
-    for hand, point in reachable(200, 11):
+    for hand, point in reachable(count, 11):
         tasks = [pk.ik.HandPosition("left", hand)] + ([pk.ik.LookAt(point)] if gaze else [])
         result = pk.ik.solve(PEPPER, tasks, solver=solver)
         assert np.all(result.q >= PEPPER.lower_limits)

@@ -13,11 +13,6 @@ LEFT, RIGHT = "LArm_effector", "RArm_effector"
 
 
 @pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
 def arm_map(pepper):
     return reach_map(pepper, LEFT, joints="left_arm", samples=200_000, resolution=0.1)
 

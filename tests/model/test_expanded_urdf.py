@@ -1,5 +1,6 @@
 """The URDF texts that come with the package, and the order that our own reader gives joints and frames."""
 
+import shutil
 import subprocess
 import sys
 
@@ -31,14 +32,21 @@ def test_text_names_no_folder_of_this_machine():
     assert str(expanded_urdf.urdf_folder()) not in pk.load_pepper().urdf
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A copy of the sources with the texts made from them."""
+    folder = tmp_path_factory.mktemp("written") / "urdf"
+    shutil.copytree(expanded_urdf.urdf_folder() / "xacro", folder / "xacro")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(expanded_urdf, "urdf_folder", lambda: folder)
+        assert len(expanded_urdf.write_expanded()) == 6
+    return folder
+
+
 @pytest.mark.parametrize("wrong", ["sources", "missing", "no text"])
-def test_stale_or_missing_texts_are_expanded_anew(tmp_path, monkeypatch, wrong):
-    folder = tmp_path / "urdf"
-    (folder / "xacro").mkdir(parents=True)
-    for path in (expanded_urdf.urdf_folder() / "xacro").iterdir():
-        (folder / "xacro" / path.name).write_bytes(path.read_bytes())
+def test_stale_or_missing_texts_are_expanded_anew(tmp_path, monkeypatch, written, wrong):
+    folder = shutil.copytree(written, tmp_path / "urdf")
     monkeypatch.setattr(expanded_urdf, "urdf_folder", lambda: folder)
-    assert len(expanded_urdf.write_expanded()) == 6
     good = expanded_urdf.expanded("fixed", "locked")
     assert good == expanded_urdf.expand()
     if wrong == "sources":

@@ -11,11 +11,6 @@ HAND = "LArm_effector"
 
 
 @pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
 def start(pepper):
     """A posture that touches nothing, the left hand before the body."""
     tasks = [pk.ik.HandPosition("left", (0.25, 0.2, 0.85))]

@@ -13,11 +13,6 @@ UP = np.array([0.0, 0.0, 1.0])
 POINT = np.array([0.6, 0.1, 0.8])
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def level(degrees):
     return pk.ik.AxisAlignment("LArm_effector", UP, axis=UP, tolerance=np.radians(degrees))
 

@@ -15,11 +15,6 @@ VARIANTS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 @pytest.mark.parametrize("name", gesture_names())
 def test_every_gesture_is_certified(pepper, name):
     """In full at tempo 4; the others' clearance, which does not depend on the pace, every 20 ms."""

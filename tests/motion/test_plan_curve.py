@@ -13,11 +13,6 @@ from pepper_kin.trajectory.path import as_cubic_path
 
 
 @pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
 def scene(pepper):
     return pk.Scene().add_box("table", size=(0.5, 0.8, 0.05), position=(0.55, 0.0, 0.6))
 

@@ -52,12 +52,17 @@ def test_joints_whose_ends_are_alike_may_move(ends):
     assert np.ptp(between[:, alike], axis=0).max() > 0.05
 
 
+@pytest.fixture(scope="module")
+def coarse_and_fine(ends):
+    return [minimum_effort_swing(*ends, 1.5, intervals=n) for n in (10, 40)]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
-def test_finer_splines_approach_the_reference(ends, solver):
+def test_finer_splines_approach_the_reference(ends, coarse_and_fine, solver):
     """With free accelerations at both ends the reference does better, by less and less for finer splines."""
     pepper, start, goal = ends
-    coarse, fine = (minimum_effort_swing(pepper, start, goal, 1.5, intervals=n) for n in (10, 40))
+    coarse, fine = coarse_and_fine
     found = minimum_effort_swing(pepper, start, goal, 1.5, intervals=10, solver=solver)
     assert found.success, found.message
     assert found.figures.effort < fine.figures.effort < coarse.figures.effort

@@ -9,11 +9,6 @@ from pepper_kin.twin.sensors import Camera, Intrinsics, camera_intrinsics
 from pepper_kin.twin.sensors.camera import LIGHT
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def ahead(pepper, q, camera, x, y, z):
     """World point at (x, y, z) of the camera's optical frame."""
     pose = pk.kinematics.frame_pose(pepper, q, camera.frame)

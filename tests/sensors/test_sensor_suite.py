@@ -20,11 +20,6 @@ from pepper_kin.twin.sensors.range_sensors import cone
 
 
 @pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
 def planar():
     return pk.load_pepper(base="planar")
 

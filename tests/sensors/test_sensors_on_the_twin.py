@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 import pepper_kin as pk
 from pepper_kin.twin import Twin
@@ -11,11 +10,6 @@ from pepper_kin.twin.sensors import SensorSuite
 from pepper_kin.twin.world import World
 
 NAMES = ("joint_encoders", "joint_torques", "imu_torso_gyroscope", "imu_torso_accelerometer", "sonar_front")
-
-
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
 
 
 def test_readings_of_a_run_are_of_its_states(pepper):

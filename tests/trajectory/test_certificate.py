@@ -11,18 +11,6 @@ from pepper_kin.trajectory import Trajectory, check
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
-def trajectory(pepper):
-    q = pepper.posture("Stand")
-    goal = pepper.joint_vector({"LShoulderPitch": 0.6, "LElbowYaw": -0.4, "HeadYaw": 0.5, "HipPitch": -0.15})
-    return pk.retime(pepper, [q, goal])
-
-
 def changed(trajectory, coefficients):
     return Trajectory(trajectory.joint_names, trajectory.breaks, coefficients, trajectory.joint_units)
 

@@ -19,11 +19,6 @@ ONE_JOINT = """
   </joint></robot>"""
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def seven_segments(distance, velocity, acceleration, jerk):
     """Duration from rest to rest in closed form, by bisection on the peak velocity."""
 

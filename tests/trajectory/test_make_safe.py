@@ -8,11 +8,6 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.trajectory import Trajectory, make_safe
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def lines(pepper, *points):
     """Straight lines at constant speed between (time, joints) from the posture Stand."""
     q = [pepper.joint_vector({**dict(zip(pepper.joint_names, pepper.posture("Stand"), strict=True)), **j})

@@ -5,14 +5,8 @@ import contextlib
 import numpy as np
 import pytest
 
-import pepper_kin as pk
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.trajectory import OnlineMotion
-
-
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
 
 
 def posture(pepper, seed):

@@ -10,18 +10,6 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDep
 from pepper_kin.trajectory import Samples, Trajectory, phase_plane, plot
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
-def trajectory(pepper):
-    q = pepper.posture("Stand")
-    goal = pepper.joint_vector({"LShoulderPitch": 0.6, "LElbowYaw": -0.4, "HeadYaw": 0.5, "HipPitch": -0.15})
-    return pk.retime(pepper, [q, goal])
-
-
 def test_limits_on_a_circle_are_closed_forms(pepper):
     """Two joints on a circle of radius R: the one across the way needs sd^2 / R."""
     radius, turn = 0.2, np.linspace(0, np.pi, 400)

@@ -30,11 +30,6 @@ def one_joint(axis="0 0 1", velocity="1000", acceleration="5", effort="1e6"):
     )
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def random_waypoints(pepper, seed, count=5, share=0.25):
     """Way-points away from the limits, the legs near upright where torque limits can hold the body."""
     rng = np.random.default_rng(seed)

@@ -30,11 +30,6 @@ SETS = {
 """Options of `retime`, options of `check`, and checks that those limits do not promise."""
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def random_path(pepper, seed, count=5, legs=0.06):
     """Way-points anywhere for head and arms, the legs near upright so that it can stand."""
     rng = np.random.default_rng(seed)

@@ -22,11 +22,6 @@ def smooth(seed, pieces=4, order=6, n=3):
     return Trajectory(("a", "b", "c"), np.concatenate([[0.0], np.cumsum(step)]), table)
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def resting(pepper, *goals):
     """Trajectories from rest to rest, each from where the last one ends."""
     points = [pepper.posture("Stand"), *(pepper.joint_vector(goal) for goal in goals)]

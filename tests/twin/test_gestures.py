@@ -11,11 +11,6 @@ from pepper_kin.twin import GESTURES, Twin, paper_gesture, paper_inconsistencies
 from pepper_kin.twin.gestures import passing_times
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 @pytest.fixture(scope="module", params=GESTURES)
 def report(request, pepper):
     return replay(pepper, request.param)

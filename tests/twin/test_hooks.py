@@ -8,11 +8,6 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.twin import Integrator, Twin, actuator_parameters
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 class Wall:
     """Holds one joint with a spring, and writes down what it was told."""
 

@@ -24,11 +24,6 @@ def chain():
     return pk.load_robot(CHAIN)
 
 
-@pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
 def limp(robot):
     return actuator_parameters(robot).changed(stiffness=0.0, damping=0.0)
 

@@ -12,11 +12,6 @@ from pepper_kin.twin import DivergedError, Run, Twin, actuator_parameters, read_
 
 
 @pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
 def trajectory(pepper):
     goal = pepper.joint_vector({"LShoulderPitch": 0.4, "LElbowRoll": -0.9, "HeadYaw": 0.6, "HipPitch": -0.2})
     return pk.retime(pepper, [pepper.posture("Stand"), goal])

@@ -26,11 +26,6 @@ class Record:
 
 
 @pytest.fixture(scope="module")
-def pepper():
-    return pk.load_pepper()
-
-
-@pytest.fixture(scope="module")
 def waving(pepper):
     """Two seconds at 200 Hz: the left arm goes up, the head turns."""
     start = pepper.posture("Stand")

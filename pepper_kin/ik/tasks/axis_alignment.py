@@ -15,9 +15,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_angle,
     words_for_vector,
 )
@@ -73,18 +70,13 @@ class AxisAlignment(Task):
         hard: bool = False,
     ) -> None:
         name = label or str(frame)
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "direction", _units(direction, f"direction of {name}"))
-        object.__setattr__(self, "axis", _AHEAD if axis is AHEAD else _unit(axis, f"axis of {name}"))
-        object.__setattr__(self, "basis", sideways_basis(self.axis))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
-
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
+        ahead = _AHEAD if axis is AHEAD else _unit(axis, f"axis of {name}")
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, label=name,
+            direction=_units(direction, f"direction of {name}"),
+            axis=ahead, basis=sideways_basis(ahead),
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return the turn still to make [rad], shape (2,)."""
@@ -95,10 +87,6 @@ class AxisAlignment(Task):
         _, slope, rotation = self._turn(pepper, q)
         angular = frame_jacobian(pepper, q, self.frame)[3:]
         return slope @ rotation.T @ cross_matrix(self.direction) @ angular
-
-    def size(self, residual: Array) -> float:
-        """Return the angle between axis and direction [rad]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the axis is off the direction."""

@@ -17,9 +17,6 @@ from pepper_kin.ik.tasks.task import (
     Task,
     TaskGroup,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_angle,
     words_for_length,
     words_for_vector,
@@ -60,10 +57,6 @@ class BaseTask(Task):
         """Return the rows of the identity that select the joints."""
         return np.eye(pepper.n)[self.indices(pepper)]
 
-    def size(self, residual: Array) -> float:
-        """Return |r| [m or rad]."""
-        return float(np.linalg.norm(residual))
-
 
 @dataclass(frozen=True, eq=False, init=False)
 class BasePosition(BaseTask):
@@ -96,12 +89,11 @@ class BasePosition(BaseTask):
         *,
         hard: bool = False,
     ) -> None:
-        object.__setattr__(self, "target", read_only(as_targets(point, "position of base", (2,))))
-        object.__setattr__(self, "frame", None)
-        object.__setattr__(self, "label", "base")
-        object.__setattr__(self, "weight", checked_weight(weight, "position of base"))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, "position of base", "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, "position of base"))
+        self._fill(
+            "position of base", weight, tolerance, hard,
+            target=read_only(as_targets(point, "position of base", (2,))),
+            frame=None, label="base",
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return (BaseX, BaseY) - p [m], shape (2,)."""
@@ -149,12 +141,11 @@ class BaseYaw(BaseTask):
         *,
         hard: bool = False,
     ) -> None:
-        object.__setattr__(self, "target", read_only(as_targets(yaw, "yaw of base", ())))
-        object.__setattr__(self, "frame", None)
-        object.__setattr__(self, "label", "base")
-        object.__setattr__(self, "weight", checked_weight(weight, "yaw of base"))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, "yaw of base", "rad"))
-        object.__setattr__(self, "hard", checked_hard(hard, "yaw of base"))
+        self._fill(
+            "yaw of base", weight, tolerance, hard,
+            target=read_only(as_targets(yaw, "yaw of base", ())),
+            frame=None, label="base",
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return the turn from the yaw wanted, the short way round [rad], shape (1,)."""

@@ -14,9 +14,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_length,
     words_for_vector,
 )
@@ -57,15 +54,11 @@ class CenterOfMass(Task):
         *,
         hard: bool = False,
     ) -> None:
-        object.__setattr__(self, "target", read_only(as_targets(point, f"point of {LABEL}", (2,))))
-        object.__setattr__(self, "frame", None)
-        object.__setattr__(self, "label", LABEL)
-        object.__setattr__(self, "weight", checked_weight(weight, LABEL))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, LABEL, "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, LABEL))
-
-    def check(self, pepper: PepperModel) -> None:
-        """Take any robot."""
+        self._fill(
+            LABEL, weight, tolerance, hard,
+            target=read_only(as_targets(point, f"point of {LABEL}", (2,))),
+            frame=None, label=LABEL,
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return c_xy - p [m], shape (2,)."""
@@ -74,10 +67,6 @@ class CenterOfMass(Task):
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return the rows of x and y of J_c, shape (2, n)."""
         return center_of_mass_jacobian(pepper, q)[:2]
-
-    def size(self, residual: Array) -> float:
-        """Return the distance on the floor [m]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far from the point the centre of mass stops."""

@@ -17,9 +17,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_length,
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
@@ -81,15 +78,14 @@ class CenterOfMassOverWheels(Task):
         if margins.size and margins.max() > widest:
             allowed = f"at most {widest:.4f} m, more than any point between the contacts has"
             raise InvalidValueError(f"margin of {LABEL}", f"{margins.max():.4f} m", allowed)
-        object.__setattr__(self, "target", read_only(margins))
-        object.__setattr__(self, "contacts", read_only(corners))
-        object.__setattr__(self, "normals", read_only(normals))
-        object.__setattr__(self, "base_frame", base_frame)
-        object.__setattr__(self, "frame", None)
-        object.__setattr__(self, "label", LABEL)
-        object.__setattr__(self, "weight", checked_weight(weight, LABEL))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, LABEL, "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, LABEL))
+        self._fill(
+            LABEL, weight, tolerance, hard,
+            target=read_only(margins),
+            contacts=read_only(corners),
+            normals=read_only(normals),
+            base_frame=base_frame,
+            frame=None, label=LABEL,
+        )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the base's frame."""

@@ -14,9 +14,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_length,
     words_for_vector,
 )
@@ -68,17 +65,12 @@ class FrameInPlane(Task):
         length = float(np.linalg.norm(across))
         if length < 1e-9:
             raise InvalidValueError(f"normal of {name}", across, "a vector that is not zero")
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", read_only(as_targets(target, f"target of {name}", (3,))))
-        object.__setattr__(self, "normal", read_only(across / length))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
-
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, label=name,
+            target=read_only(as_targets(target, f"target of {name}", (3,))),
+            normal=read_only(across / length),
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return n . (o(q) - p) [m], shape (1,)."""

@@ -14,9 +14,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_angle,
     words_for_turn,
 )
@@ -69,17 +66,12 @@ class FrameOrientation(Task):
         yields: bool = False,
     ) -> None:
         name = label or str(frame)
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", checked_rotation(target, f"orientation of {name}"))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
-        object.__setattr__(self, "yields", yields)
-
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, label=name,
+            target=checked_rotation(target, f"orientation of {name}"),
+            yields=yields,
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return log(R R_t^T) [rad], shape (3,)."""
@@ -94,10 +86,6 @@ class FrameOrientation(Task):
         # Pinocchio gives the inverse of the right Jacobian, which is the transpose of the left one's.
         inverse = np.array(pinocchio.Jlog3(self._turn(pepper, q))).T
         return inverse @ frame_jacobian(pepper, q, self.frame)[3:]
-
-    def size(self, residual: Array) -> float:
-        """Return the angle between the orientations [rad]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame is turned away."""

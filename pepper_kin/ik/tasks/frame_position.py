@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.ik.tasks.task import (
@@ -13,9 +12,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_length,
     words_for_vector,
 )
@@ -57,16 +53,11 @@ class FramePosition(Task):
         hard: bool = False,
     ) -> None:
         name = label or str(frame)
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", read_only(as_targets(target, f"target of {name}", (3,))))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
-
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the frame."""
-        pepper.frame_id(self.frame)
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, label=name,
+            target=read_only(as_targets(target, f"target of {name}", (3,))),
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return o(q) - p [m], shape (3,)."""
@@ -75,10 +66,6 @@ class FramePosition(Task):
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return J_v, shape (3, n)."""
         return frame_jacobian(pepper, q, self.frame)[:3]
-
-    def size(self, residual: Array) -> float:
-        """Return the distance to the point [m]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame stops from the point."""

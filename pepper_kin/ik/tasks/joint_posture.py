@@ -15,9 +15,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
 )
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
@@ -63,13 +60,13 @@ class JointPosture(Task):
         if names is not None and (not names or len(set(names)) < len(names)):
             raise InvalidValueError("joints of posture", list(names), "at least one joint, each once")
         target = as_targets(q, "posture", (None if names is None else len(names),))
-        object.__setattr__(self, "target", read_only(target))
-        object.__setattr__(self, "joints", names)
-        object.__setattr__(self, "frame", None)
-        object.__setattr__(self, "label", "posture" if names is None else f"posture of {', '.join(names)}")
-        object.__setattr__(self, "weight", checked_weight(weight, "posture"))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, "posture", "rad"))
-        object.__setattr__(self, "hard", checked_hard(hard, "posture"))
+        self._fill(
+            "posture", weight, tolerance, hard,
+            target=read_only(target),
+            joints=names,
+            frame=None,
+            label="posture" if names is None else f"posture of {', '.join(names)}",
+        )  # fmt: skip
 
     def indices(self, pepper: PepperModel) -> list[int]:
         """Return the places of the joints in the robot's joint vector."""

@@ -14,9 +14,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_angle,
     words_for_vector,
 )
@@ -73,18 +70,13 @@ class LookAt(Task):
     ) -> None:
         name = f"gaze of {camera}"
         optical = str(camera).endswith("_optical_frame")
-        object.__setattr__(self, "target", read_only(as_targets(point, f"point of {name}", (3,))))
-        object.__setattr__(self, "frame", camera)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
-        object.__setattr__(self, "axis", _AHEAD_OPTICAL if optical else _AHEAD)
-        object.__setattr__(self, "basis", sideways_basis(self.axis))
-
-    def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the camera."""
-        pepper.frame_id(self.frame)
+        axis = _AHEAD_OPTICAL if optical else _AHEAD
+        self._fill(
+            name, weight, tolerance, hard,
+            target=read_only(as_targets(point, f"point of {name}", (3,))),
+            frame=camera, label=name,
+            axis=axis, basis=sideways_basis(axis),
+        )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return the turn still to make [rad], shape (2,)."""
@@ -100,10 +92,6 @@ class LookAt(Task):
         turning = cross_matrix(direction) @ jacobian[3:]
         moving = (jacobian[:3] - np.outer(direction, direction @ jacobian[:3])) / distance
         return slope @ rotation.T @ (turning - moving)
-
-    def size(self, residual: Array) -> float:
-        """Return the angle between the camera's axis and the point [rad]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the camera looks past the point."""

@@ -15,9 +15,6 @@ from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
     Task,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_angle,
     words_for_turn,
 )
@@ -68,14 +65,12 @@ class RelativeOrientation(Task):
     ) -> None:
         pair = words_for_pair(frame, reference)
         name = label or pair
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "reference", reference)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", checked_rotation(target, f"orientation of {name}"))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "rad"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
-        object.__setattr__(self, "yields", yields)
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, reference=reference, label=name,
+            target=checked_rotation(target, f"orientation of {name}"),
+            yields=yields,
+        )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without one of the frames."""
@@ -95,10 +90,6 @@ class RelativeOrientation(Task):
         # Pinocchio gives the inverse of the right Jacobian, which is the transpose of the left one's.
         inverse = np.array(pinocchio.Jlog3(self._turn(pepper, q))).T
         return inverse @ relative_jacobian(pepper, q, self.frame, self.reference)[3:]
-
-    def size(self, residual: Array) -> float:
-        """Return the angle between the orientations [rad]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame is turned away."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
@@ -15,9 +14,6 @@ from pepper_kin.ik.tasks.task import (
     Array,
     Task,
     as_targets,
-    checked_hard,
-    checked_tolerance,
-    checked_weight,
     words_for_length,
     words_for_vector,
 )
@@ -64,13 +60,11 @@ class RelativePosition(Task):
     ) -> None:
         pair = words_for_pair(frame, reference)
         name = label or pair
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "reference", reference)
-        object.__setattr__(self, "label", name)
-        object.__setattr__(self, "target", read_only(as_targets(target, f"target of {name}", (3,))))
-        object.__setattr__(self, "weight", checked_weight(weight, name))
-        object.__setattr__(self, "tolerance", checked_tolerance(tolerance, name, "m"))
-        object.__setattr__(self, "hard", checked_hard(hard, name))
+        self._fill(
+            name, weight, tolerance, hard,
+            frame=frame, reference=reference, label=name,
+            target=read_only(as_targets(target, f"target of {name}", (3,))),
+        )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without one of the frames."""
@@ -84,10 +78,6 @@ class RelativePosition(Task):
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return dr/dq in the axes of b, shape (3, n)."""
         return relative_jacobian(pepper, q, self.frame, self.reference)[:3]
-
-    def size(self, residual: Array) -> float:
-        """Return the distance to the point [m]."""
-        return float(np.linalg.norm(residual))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame stops from the point."""

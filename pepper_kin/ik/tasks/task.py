@@ -58,6 +58,19 @@ class Task(ABC):
     target_name: ClassVar[str] = "target"
     target_axes: ClassVar[int] = 1
 
+    def _fill(self, name: str, weight: float, tolerance: float, hard: bool, **fields: object) -> None:
+        """Set the fields of a new task, which is frozen; `name` is what messages call it.
+
+        Raises:
+            InvalidValueError: for a weight, a tolerance or a hardness that is none.
+        """
+        vars(self).update(
+            fields,
+            weight=checked_weight(weight, name),
+            tolerance=checked_tolerance(tolerance, name, self.unit),
+            hard=checked_hard(hard, name),
+        )
+
     @property
     def count(self) -> int | None:
         """Number N of targets; None for a single one."""
@@ -88,14 +101,15 @@ class Task(ABC):
         object.__setattr__(one, self.target_name, read_only(getattr(self, self.target_name)[row]))
         return one
 
-    @abstractmethod
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot that lacks a frame or joint of the task.
+        """Refuse a robot that lacks a frame or joint of the task: its frame, where a task says no more.
 
         Raises:
             UnknownNameError: listing what the robot has.
             InvalidValueError: where a joint vector of the task does not fit the robot.
         """
+        if self.frame is not None:
+            pepper.frame_id(self.frame)
 
     @abstractmethod
     def residual(self, pepper: PepperModel, q: Array) -> Array:
@@ -116,9 +130,9 @@ class Task(ABC):
         """Return the unit of `error` and `tolerance` on a robot, "m" or "rad"."""
         return self.unit
 
-    @abstractmethod
     def size(self, residual: Array) -> float:
-        """Return the error that a residual amounts to [unit]."""
+        """Return the error that a residual amounts to [unit]: |r|, where a task says nothing else."""
+        return float(np.linalg.norm(residual))
 
     def error(self, pepper: PepperModel, q: Array) -> float:
         """Return how far q, shape (n,) [rad or m], is from meeting the task [unit]."""

@@ -1,0 +1,69 @@
+"""Sums over moving masses, turned into those over all masses, of which some are fixed.
+
+With s the fixed masses' share of the whole, c_0 their center, and c the center of those that move, the
+center of all is (1 - s) c + s c_0, from which c lies s (c - c_0) away.
+"""
+
+from __future__ import annotations
+
+from pepper_kin.kernels import compiled
+from pepper_kin.kernels.signatures import Floats1
+
+
+@compiled("void(float64, float64[::1], float64[::1])")
+def center_of_all(share: float, still: Floats1, center: Floats1) -> None:
+    """Turn the center of the moving masses into that of all.
+
+    Args:
+        share: Share of the moving masses, 1 - s.
+        still: (3,) s c_0 [m].
+        center: (3,) c, overwritten [m].
+    """
+    for i in range(3):
+        center[i] = center[i] * share + still[i]
+
+
+@compiled("void(float64, float64[::1], float64[::1], float64[::1])")
+def momentum_about_center_of_all(part: float, fixed: Floats1, center: Floats1, momentum: Floats1) -> None:
+    """Move the point of reference of momenta from the center of the moving masses to that of all.
+
+    Args:
+        part: Share of the fixed masses, s.
+        fixed: (3,) c_0 [m].
+        center: (3,) c [m].
+        momentum: (6 k,) rows of a (6, k) matrix: linear momenta, then angular ones about c; overwritten.
+    """
+    x = part * (center[0] - fixed[0])
+    y = part * (center[1] - fixed[1])
+    z = part * (center[2] - fixed[2])
+    k = momentum.size // 6
+    for j in range(k):
+        px, py, pz = momentum[j], momentum[k + j], momentum[2 * k + j]
+        momentum[3 * k + j] += y * pz - z * py
+        momentum[4 * k + j] += z * px - x * pz
+        momentum[5 * k + j] += x * py - y * px
+
+
+@compiled("void(float64, float64[::1], float64[::1], float64[::1], float64[::1])")
+def wrench_about_origin(
+    share: float, still: Floats1, weight: Floats1, center: Floats1, rate: Floats1
+) -> None:
+    """Turn the rate of momentum into the wrench about the origin that causes it, beside gravity.
+
+    f = dp/dt - m g and n = dL/dt + c x dp/dt - c_all x m g.
+
+    Args:
+        share: Share of the moving masses, 1 - s.
+        still: (3,) s c_0 [m].
+        weight: (3,) m g of all masses [N].
+        center: (3,) c [m].
+        rate: (6,) dp/dt, then dL/dt about c, overwritten with f and n [N, N m].
+    """
+    px, py, pz = rate[0], rate[1], rate[2]
+    x, y, z = center[0], center[1], center[2]
+    cx, cy, cz = x * share + still[0], y * share + still[1], z * share + still[2]
+    wx, wy, wz = weight[0], weight[1], weight[2]
+    rate[0], rate[1], rate[2] = px - wx, py - wy, pz - wz
+    rate[3] += y * pz - z * py - (cy * wz - cz * wy)
+    rate[4] += z * px - x * pz - (cz * wx - cx * wz)
+    rate[5] += x * py - y * px - (cx * wy - cy * wx)

@@ -1,0 +1,35 @@
+"""The quick test of the everyday call: whether arrays from Python are finite vectors of one length."""
+
+from __future__ import annotations
+
+from pepper_kin.kernels import compiled
+from pepper_kin.kernels.signatures import Floats1
+
+
+@compiled(inline=True)
+def _is_plain(n: int, x: Floats1) -> bool:
+    """Whether x has n finite elements: times zero, others are NaN."""
+    if x.size != n:
+        return False
+    total = 0.0
+    for i in range(n):
+        total += x[i] * 0.0
+    return total == 0.0
+
+
+@compiled("boolean(int64, float64[::1])")
+def is_plain(n: int, a: Floats1) -> bool:
+    """Whether a vector has n finite elements."""
+    return _is_plain(n, a)
+
+
+@compiled("boolean(int64, float64[::1], float64[::1])")
+def are_two_plain(n: int, a: Floats1, b: Floats1) -> bool:
+    """Whether two vectors have n finite elements each."""
+    return _is_plain(n, a) and _is_plain(n, b)
+
+
+@compiled("boolean(int64, float64[::1], float64[::1], float64[::1])")
+def are_three_plain(n: int, a: Floats1, b: Floats1, c: Floats1) -> bool:
+    """Whether three vectors have n finite elements each."""
+    return _is_plain(n, a) and _is_plain(n, b) and _is_plain(n, c)
