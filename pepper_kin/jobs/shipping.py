@@ -21,7 +21,7 @@ from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.batch import kernel
 from pepper_kin.collision import Scene
 from pepper_kin.jobs.demo import run_demo
-from pepper_kin.kernels.compiled import unit_of
+from pepper_kin.kernels.compiled_function import unit_of
 from pepper_kin.kernels.shipping import shipped_keys, write_shipped
 from pepper_kin.kernels.store import recorded
 from pepper_kin.kernels.warm_up import compiled_modules

@@ -24,7 +24,7 @@ from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
 from pepper_kin.kernels.target import Target
 
 if TYPE_CHECKING:
-    from pepper_kin.kernels.compiled import CompiledFunction
+    from pepper_kin.kernels.compiled_function import CompiledFunction
 
 _RUNTIME = """
 declare i8* @malloc(i64)

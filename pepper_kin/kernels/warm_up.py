@@ -18,7 +18,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from pepper_kin.kernels.compiled import Unit, unit_of
+from pepper_kin.kernels.compiled_function import Unit, unit_of
 from pepper_kin.kernels.progress import expect, making
 from pepper_kin.kernels.shipping import is_usable, shipped_keys
 from pepper_kin.kernels.store import can_write, is_kept, is_recording, make_ahead

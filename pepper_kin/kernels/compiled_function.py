@@ -306,7 +306,7 @@ def _source_digest(function: FunctionType) -> str:
 def _builder_digest() -> bytes:
     """Hash of the files here that decide what machine code is made."""
     here = Path(__file__).parent
-    names = ("numba_builder.py", "compiled.py", "signatures.py", "intrinsics.py", "calling.py")
+    names = ("numba_builder.py", "compiled_function.py", "signatures.py", "intrinsics.py", "calling.py")
     return "".join(file_digest(str(here / name)) for name in names).encode()
 
 
