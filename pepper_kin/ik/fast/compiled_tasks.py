@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -133,7 +133,8 @@ class CompiledTasks:
 class PythonTasks:
     """Tasks of a user's own classes: machine code calls the address of their kernel, which runs Python.
 
-    What they raise ends the search and is raised by `check`.
+    What they raise ends the search and is raised by `check`; so is what the handler of a signal raises
+    meanwhile.
 
     Args:
         pepper: The robot.
@@ -150,28 +151,38 @@ class PythonTasks:
         self._upper = np.triu_indices(index.size)
         self._raised: BaseException | None = None
         self.signals = interrupt_table()
-        self._function = _KERNEL(self._call)
+        # Python runs handlers of signals as a function begins, where nothing in it catches what they raise,
+        # and as a generator goes on, where it can.  `max` sends it the three arguments one after the other.
+        answers = self._answers()
+        next(answers)
+        self._function = _KERNEL(partial(max, key=answers.send))
         self.address = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
 
     def check(self) -> None:
-        """Raise what a task has raised since the last time."""
-        raised, self._raised = self._raised, None
-        if raised is not None:
-            raise raised
+        """Raise what a task has raised; nothing is evaluated after that."""
+        if self._raised is not None:
+            raise self._raised
 
-    def _call(self, given: int, result: int, _: int) -> None:
-        n, t, k = self._pepper.n, len(self._tasks), self._index.size
-        size = t + 1 + k + k * (k + 1) // 2
-        output = floats_at(result, size)
+    def _answers(self) -> Generator[int, int, None]:
+        """Take the arguments of the kernel, call after call, and write its results."""
+        n, k = self._pepper.n, self._index.size
+        size = len(self._tasks) + 1 + k + k * (k + 1) // 2
         try:
-            if self._raised is None:
+            while True:
+                given, result, _ = (yield 0), (yield 0), (yield 0)
                 q = floats_at(given, n).copy()
-                output[:] = self._values(read_only(q))
-                return
+                floats_at(result, size)[:] = self._values(read_only(q))
+        except GeneratorExit:
+            return
         except BaseException as error:  # an exception cannot pass through machine code
-            self._raised = error
-        self.signals[STOPPED] = 1
-        output[:] = np.inf
+            self._raised, self.signals[STOPPED] = error, 1
+        while True:  # nothing is written from now on: the search sees that it is to stop
+            try:
+                yield 0
+            except GeneratorExit:
+                return
+            except BaseException:  # a second signal: the first one tells enough
+                continue
 
     def _values(self, q: Array) -> Array:
         pepper, residuals, slopes, errors = self._pepper, [], [], []
