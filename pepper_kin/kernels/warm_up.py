@@ -46,14 +46,12 @@ def compiled_modules() -> list[str]:
 
 
 def _packages() -> list[tuple[str, Path]]:
-    """Packages and their folders; the planners lie elsewhere where the package is installed for editing."""
+    """Packages and their folders; those of the planners lie elsewhere where it is installed for editing."""
     folder, planners = Path(__file__).parents[1], find_spec("pepper_kin.planners")
     assert planners is not None
     assert planners.submodule_search_locations is not None
     place = Path(next(iter(planners.submodule_search_locations)))
-    return [("pepper_kin", folder)] + (
-        [] if place.is_relative_to(folder) else [("pepper_kin.planners", place)]
-    )
+    return [("pepper_kin", folder), ("pepper_kin.planners", place)]
 
 
 def make_all(modules: Sequence[str], told: Callable[[int], None] | None = None) -> None:
