@@ -17,7 +17,7 @@ from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.fast.structure import Structure, known_structures, target_of
-from pepper_kin.ik.problem import SearchBudget, generic_configurations, joints_used, motion_scale
+from pepper_kin.ik.problem import SearchBudget, generic_configurations, joints_used, scale_of
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt
@@ -254,14 +254,17 @@ def _compiled(
         places.append(None if size is None else slice(place, place + size))
         place += size or 0
     limited = np.isfinite(pepper.effort_limits) & (pepper.effort_limits > 0)
-    joints = np.concatenate([index, np.setdiff1d(np.arange(pepper.n), index)]).astype(np.int64)
+    others = np.ones(pepper.n, dtype=bool)
+    others[index] = False
+    joints = np.concatenate([index, np.flatnonzero(others)]).astype(np.int64)
     tables = TaskTables(
         kernel=address,
         gravity=gravity.single_address,
         work_size=max(gravity.work_size, 0 if made is None else made.work_size) + 8,
         task_joints=index.size,
         joints=joints,
-        scale=motion_scale(pepper, pepper.neutral())[joints] ** 2,
+        # By its kernel: a first answer does not wait for Pinocchio to load.
+        scale=scale_of(kernel(pepper, "mass_matrix")(pepper.neutral()))[joints] ** 2,
         effort=np.where(limited, 1.0 / np.where(limited, pepper.effort_limits, 1.0), 0.0),
     )
     return CompiledTasks(
@@ -282,21 +285,21 @@ def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
     A joint moves a frame's task where it is on the way to the frame; whether its column vanishes by some
     symmetry is left to the search, which then leaves the joint where it is.
     """
-    from pepper_kin.dynamics import center_of_mass_jacobian
-    from pepper_kin.ik.fast.task_residuals import joints_of_relative
-    from pepper_kin.kinematics import frame_jacobian
-
     used = np.zeros(pepper.n, dtype=bool)
     for task in tasks:
         if task.reference:
+            from pepper_kin.ik.fast.task_residuals import joints_of_relative
+
             used |= joints_of_relative(pepper, task)
-        elif not task.frame and task.kind != "CenterOfMass":
-            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
-        else:
+        elif task.frame:
+            used[pepper.joints_above(task.frame)] = True
+        elif task.kind == "CenterOfMass":
+            from pepper_kin.dynamics import center_of_mass_jacobian
+
             for q in generic_configurations(pepper):
-                whole = center_of_mass_jacobian(pepper, q)[:2] if not task.frame else None
-                change = frame_jacobian(pepper, q, task.frame) if whole is None else whole
-                used |= np.abs(change).max(axis=0) > 1e-9
+                used |= np.abs(center_of_mass_jacobian(pepper, q)[:2]).max(axis=0) > 1e-9
+        else:
+            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
     return np.flatnonzero(used).astype(np.int64)
 
 
