@@ -145,7 +145,7 @@ def _cylinder(length: float, radius: float) -> dict[str, Any]:
     return {"type": "CylinderGeometry", **radii, "height": length, "radialSegments": 50}
 
 
-def _triangles(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> dict[str, Any]:
+def _triangles(vertices: NDArray[Any], faces: NDArray[Any]) -> dict[str, Any]:
     data = {
         "attributes": {"position": _packed(np.asarray(vertices, "<f4"), "Float32Array", FLOATS)},
         "index": _packed(np.asarray(faces, "<u4"), "Uint32Array", INDICES),

@@ -95,7 +95,7 @@ def split_at_creases(vertices: NDArray, faces: NDArray, crease_angle: float) -> 
     columns = np.concatenate([low[:-1][smooth], high[:-1][smooth]])
     firsts, patch = np.unique(_least_connected(faces.size, rows, columns), return_inverse=True)
     source = vertex[firsts]
-    return Surface(np.asarray(vertices)[source], patch.reshape(-1, 3))
+    return Surface(np.asarray(vertices)[source], patch.reshape(-1, 3).astype(np.uint32))
 
 
 def _least_connected(count: int, first: NDArray, second: NDArray) -> NDArray:

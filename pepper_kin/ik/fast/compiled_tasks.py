@@ -264,7 +264,7 @@ def _compiled(
         task_joints=index.size,
         joints=joints,
         # By its kernel: a first answer does not wait for Pinocchio to load.
-        scale=scale_of(kernel(pepper, "mass_matrix")(pepper.neutral()))[joints] ** 2,
+        scale=scale_of(np.asarray(kernel(pepper, "mass_matrix")(pepper.neutral())))[joints] ** 2,
         effort=np.where(limited, 1.0 / np.where(limited, pepper.effort_limits, 1.0), 0.0),
     )
     return CompiledTasks(
