@@ -56,14 +56,16 @@ def compile_portable(bitcode: bytes, target: Target, symbols: Sequence[str]) -> 
         module = llvm.parse_bitcode(bitcode)
         module.triple, module.data_layout = target.triple, str(machine.target_data)
         keep_entries(module, symbols)
-        tuning = llvm.create_pipeline_tuning_options(speed_level=3)
-        builder = llvm.create_pass_builder(machine, tuning)
-        remover = llvm.create_new_module_pass_manager()
-        remover.add_global_dead_code_eliminate_pass()
-        remover.run(module, builder)
-        manager = builder.getModulePassManager()
-        manager.add_refprune_pass()
-        manager.run(module, builder)
+        for vectorize in (False, True):  # the first run inlines what the unit alone calls; loops come after
+            tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+            tuning.loop_vectorization = tuning.slp_vectorization = vectorize
+            builder = llvm.create_pass_builder(machine, tuning)
+            remover = llvm.create_new_module_pass_manager()
+            remover.add_global_dead_code_eliminate_pass()
+            remover.run(module, builder)
+            manager = builder.getModulePassManager()
+            manager.add_refprune_pass()
+            manager.run(module, builder)
         module.verify()
         foreign = [f.name for f in module.functions if f.is_declaration and not _is_known(f.name)]
         if foreign:

@@ -323,7 +323,7 @@ def _simplified(module: Any, symbols: Sequence[str]) -> bytes:
     """
     keep_entries(module, symbols)
     module.verify()
-    tuning = llvm.create_pipeline_tuning_options(speed_level=2)
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
     tuning.loop_vectorization = tuning.slp_vectorization = False
     builder = llvm.create_pass_builder(target_machine(portable_target()), tuning)
     manager = builder.getModulePassManager()
