@@ -6,7 +6,7 @@ import math
 from time import perf_counter
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels.compiled import CompiledFunction
+from pepper_kin.kernels.compiled_function import CompiledFunction
 
 _SLICE = 0.25  # [s]
 

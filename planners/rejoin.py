@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 from .deadline import Deadline, load_code

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import INTERPRETED, compiled
+from pepper_kin.kernels.compiled_function import INTERPRETED, compiled
 
 from .search_space import SearchSpace
 from .vectors import FloatArray

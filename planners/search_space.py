@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from pepper_kin.core.clock import CLOCK
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 

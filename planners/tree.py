@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import eight_square_distances
 from pepper_kin.kernels.signatures import Floats1, Floats3, Ints1
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.core.linear_algebra import symmetric_eigen
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
 
 ACCELERATION, VELOCITY, POSITION, LOCKED = 0, 1, 2, 3

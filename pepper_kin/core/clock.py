@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import time
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_clock
 from pepper_kin.kernels.signatures import Ints1
 

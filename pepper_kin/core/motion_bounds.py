@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Floats3, Ints1
 
 _FOOT, _CHORD, _ORIGIN, _NEARER = range(4)  # which ball holds an arc; the last: the one that reaches less far

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.core.linear_algebra import cholesky, dot, solve_lower, solve_lower_transposed
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
 
 # A constraint broken by less than this counts as kept [rad/s or m/s]; so much of a normal counts as nothing.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Flags2, Floats1, Floats2
 
 # Angle kept from the tabulated range [rad].

@@ -159,8 +159,14 @@ def motion_scale(pepper: PepperModel, q: Array) -> Array:
     """
     from pepper_kin.dynamics import mass_matrix
 
-    inertia = np.maximum(np.diagonal(mass_matrix(pepper, q)), 1e-9)
-    return np.clip(np.sqrt(inertia / np.median(inertia)), 0.5, 4.0)
+    return scale_of(mass_matrix(pepper, q))
+
+
+def scale_of(inertia: Array) -> Array:
+    """Return the scale of `motion_scale` from a mass matrix, shape (n, n)."""
+    own = np.maximum(np.diagonal(inertia), 1e-9)
+    middle = np.sort(own)[[(own.size - 1) // 2, own.size // 2]].mean()  # np.median loads numpy.ma
+    return np.clip(np.sqrt(own / middle), 0.5, 4.0)
 
 
 def flatten_tasks(

@@ -117,7 +117,7 @@ def reach(
         return outcome("The hand is there already: nothing to move.")
     clock.enter("timing")
     try:
-        trajectory = retime(pepper, found.path, balance=BALANCE, solver="toppra")  # nothing to compile
+        trajectory = retime(pepper, found, balance=BALANCE)
     except InfeasibleError as error:
         return outcome(str(error))
     clock.enter("certificate")

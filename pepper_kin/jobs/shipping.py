@@ -1,18 +1,19 @@
-"""The machine code that comes with the package: which parts it has, and the command that makes the file.
+"""The code that comes with the package: what is in its two files, and the command that makes them.
 
-    python -m pepper_kin.jobs.shipping            # make the file beside the sources
-    python -m pepper_kin.jobs.shipping --check    # fail where it does not fit the sources
+    python -m pepper_kin.jobs.shipping            # make the files beside the sources
+    python -m pepper_kin.jobs.shipping --check    # fail where they do not fit the sources
 
-All compiled functions are in it, and the kernels that the everyday calls below ask for on the default
-Peppers.
+The portable code has all compiled functions.  The machine code has them too, made of the portable code, and
+the kernels that the everyday calls below ask for on the default Peppers.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,11 @@ from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.batch import kernel
 from pepper_kin.collision import Scene
 from pepper_kin.jobs.demo import run_demo
-from pepper_kin.kernels.compiled import unit_of
-from pepper_kin.kernels.shipping import shipped_keys, write_shipped
-from pepper_kin.kernels.store import recorded
+from pepper_kin.kernels.compiled_function import unit_of
+from pepper_kin.kernels.portable import portable_keys, portable_path, used, write_portable
+from pepper_kin.kernels.shipping import baseline_target, shipped_keys, shipped_path, write_shipped
+from pepper_kin.kernels.store import obtain, recorded
+from pepper_kin.kernels.target import Target
 from pepper_kin.kernels.warm_up import compiled_modules
 from pepper_kin.model import load_pepper
 from pepper_kin.motion import plan
@@ -31,7 +34,7 @@ from pepper_kin.trajectory import retime
 from pepper_kin.twin import Twin
 
 LARGEST = 1_000_000
-"""Size that the file must not exceed [bytes]."""
+"""Size that neither file must exceed [bytes]."""
 
 BATCHES = (
     "center_of_mass",
@@ -87,9 +90,37 @@ def _ik_calls(pepper: object) -> None:
         ik.solve(pepper, tasks)  # type: ignore[arg-type]
 
 
-def shipped_parts(tell: Callable[[str], None] = lambda line: None) -> dict[str, tuple[str, bytes]]:
-    """Return all parts that belong into the file, for the baseline processor: key -> name and content."""
-    with recorded() as parts:
+def portable_code() -> tuple[dict[str, str], bytes]:
+    """Return key -> name of all units, and the module that has their functions."""
+    units = unit_keys()
+    functions = [function for name in units.values() for function in unit_of(name).functions]
+
+    def make(target: Target) -> bytes:
+        from pepper_kin.kernels.numba_builder import portable_ir
+
+        return portable_ir(functions)
+
+    key = hashlib.sha256(f"portable {list(units)}".encode()).hexdigest()
+    return units, obtain("the portable code", key, make, target=baseline_target()).content
+
+
+def unit_keys() -> dict[str, str]:
+    """Return key -> name of all modules with compiled functions, by name."""
+    names = sorted(compiled_modules())
+    return {unit_of(name).key(): name for name in names if importlib.import_module(name)}
+
+
+def shipped_parts(
+    portable: tuple[dict[str, str], bytes], tell: Callable[[str], None] = lambda line: None
+) -> dict[str, tuple[str, bytes]]:
+    """Return all parts of the machine code, for the baseline processor: key -> name and content.
+
+    Args:
+        portable: The portable code, of which it is made.
+        tell: Called with the name of what is made next.
+    """
+    units, bitcode = portable
+    with used(units, bitcode), recorded() as parts:
         tell("the everyday calls")
         everyday_calls()
         for name in compiled_modules():
@@ -100,51 +131,61 @@ def shipped_parts(tell: Callable[[str], None] = lambda line: None) -> dict[str, 
 
 
 def stale_names() -> list[str]:
-    """Return the compiled modules whose code in the package's file was made from other sources."""
-    kept = shipped_keys()
-    names = compiled_modules()
-    return [name for name in names if importlib.import_module(name) and unit_of(name).key() not in kept]
+    """Return the compiled modules whose code in one of the package's files was made from other sources."""
+    made, portable = shipped_keys(), portable_keys()
+    return [name for key, name in unit_keys().items() if key not in made or key not in portable]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; the result is its exit code."""
     parser = argparse.ArgumentParser(prog="python -m pepper_kin.jobs.shipping", description=__doc__)
     parser.add_argument(
-        "--check", action="store_true", help="compare the file with the sources, write nothing"
+        "--check", action="store_true", help="compare the files with the sources, write nothing"
     )
     parser.add_argument(
         "--rebuild", action="store_true", help="with --check: make all parts, compare their list"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, help="where to write the file; beside the sources by default"
+        "-o", "--output", type=Path, help="folder to write the files to; beside the sources by default"
     )
     options = parser.parse_args(arguments)
     if options.check:
         return _check(options.rebuild)
-    parts = shipped_parts(lambda name: print(f"  {name}", flush=True))
-    size = write_shipped(parts, options.output)
-    print(f"{len(parts)} parts, {size} bytes")
-    return _report_size(size)
+    print("  the portable code", flush=True)
+    portable = portable_code()
+    parts = shipped_parts(portable, lambda name: print(f"  {name}", flush=True))
+    folder = options.output or shipped_path().parent
+    sizes = (
+        write_portable(*portable, folder / portable_path().name),
+        write_shipped(parts, folder / shipped_path().name),
+    )
+    print(f"portable code: {len(portable[0])} units, {sizes[0]} bytes; {len(parts)} parts, {sizes[1]} bytes")
+    return _report_sizes(sizes)
 
 
-def _report_size(size: int) -> int:
-    if size > LARGEST:
-        print(f"the file has {size} bytes, more than {LARGEST}", file=sys.stderr)
-    return int(size > LARGEST)
+def _report_sizes(sizes: Sequence[int]) -> int:
+    large = [size for size in sizes if size > LARGEST]
+    for size in large:
+        print(f"a file has {size} bytes, more than {LARGEST}", file=sys.stderr)
+    return int(bool(large))
 
 
 def _check(rebuild: bool) -> int:
     stale = stale_names()
     for name in stale:
         print(f"stale: {name}; run python -m pepper_kin.jobs.shipping", file=sys.stderr)
-    differs = rebuild and _differs(shipped_parts())
-    return int(bool(stale) or differs)
+    return int(bool(stale) or (rebuild and _differs()))
 
 
-def _differs(parts: Mapping[str, tuple[str, bytes]]) -> bool:
-    kept = shipped_keys()
-    missing = [name for key, (name, _) in parts.items() if key not in kept]
-    extra = [kept[key] for key in kept if key not in parts]
+def _differs() -> bool:
+    """Make everything anew and compare the lists."""
+    portable = portable_code()
+    parts = {key: name for key, (name, _) in shipped_parts(portable).items()}
+    missing: list[str] = []
+    extra: list[str] = []
+    for made, kept in ((portable[0], portable_keys()), (parts, shipped_keys())):
+        missing += [name for key, name in made.items() if key not in kept]
+        extra += [name for key, name in kept.items() if key not in made]
     for word, names in (("missing", missing), ("not needed", extra)):
         for name in names:
             print(f"{word}: {name}; run python -m pepper_kin.jobs.shipping", file=sys.stderr)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pepper_kin.kernels.compiled import unit_of
+from pepper_kin.kernels.compiled_function import unit_of
 from pepper_kin.kernels.store import cache_folder, can_write, find, prefer_native
 from pepper_kin.kernels.target import host_target
 from pepper_kin.kernels.warm_up import compiled_modules, make_all

@@ -13,7 +13,7 @@ disk.  This package knows nothing of robots: it needs numpy, casadi and llvmlite
 callers that Numba compiles, Numba.  `docs/kernels.md` tells more.
 """
 
-from pepper_kin.kernels.compiled import CompiledFunction, compiled, units
+from pepper_kin.kernels.compiled_function import CompiledFunction, compiled, units
 from pepper_kin.kernels.instructions import SUPPORTED_OPERATIONS, Signature, UnsupportedInstructionError
 from pepper_kin.kernels.kernel import Kernel, compile_function, kernel_ir
 from pepper_kin.kernels.memory import release_memory

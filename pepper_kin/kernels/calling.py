@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import _emit_call, floats_at, intrinsic, words_at
 from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
 
 if TYPE_CHECKING:
-    from pepper_kin.kernels.compiled import CompiledFunction
+    from pepper_kin.kernels.compiled_function import CompiledFunction
 
 BLOCK_WORDS = 768
 """Room for the arguments of a call: one word for a number, one and one for each axis for an array."""

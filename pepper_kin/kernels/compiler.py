@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from functools import cache
 
 import llvmlite.binding as llvm
@@ -39,6 +40,50 @@ def compile_ir(ir: str, target: Target) -> bytes:
         return bytes(target_machine(target).emit_object(_parsed(ir)))
 
 
+def compile_portable(bitcode: bytes, target: Target, symbols: Sequence[str]) -> bytes:
+    """Translate entry points of a portable module, and what they call, to an object file for a processor.
+
+    Args:
+        bitcode: The module, as `numba_builder.portable_ir` makes it.
+        target: The processor.
+        symbols: Names of the entry points; those of C functions, which end in `_direct`, come with them.
+
+    Raises:
+        RuntimeError: The functions need more than the C library.
+    """
+    with _LOCK:
+        machine = target_machine(target, opt=3)
+        module = llvm.parse_bitcode(bitcode)
+        module.triple, module.data_layout = target.triple, str(machine.target_data)
+        keep_entries(module, symbols)
+        for vectorize in (False, True):  # the first run inlines what the unit alone calls; loops come after
+            tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+            tuning.loop_vectorization = tuning.slp_vectorization = vectorize
+            builder = llvm.create_pass_builder(machine, tuning)
+            remover = llvm.create_new_module_pass_manager()
+            remover.add_global_dead_code_eliminate_pass()
+            remover.run(module, builder)
+            manager = builder.getModulePassManager()
+            manager.add_refprune_pass()
+            manager.run(module, builder)
+        module.verify()
+        foreign = [f.name for f in module.functions if f.is_declaration and not _is_known(f.name)]
+        if foreign:
+            raise RuntimeError(f"compiled functions need Numba's run time: {', '.join(foreign)}")
+        return bytes(machine.emit_object(module))
+
+
+def keep_entries(module: llvm.ModuleRef, symbols: Sequence[str]) -> None:
+    """Let linkers see the entry points of a module only: all else is taken into its callers, or removed."""
+    names = {name for symbol in symbols for name in (symbol, symbol + "_direct")}
+    for function in module.functions:
+        if not function.is_declaration:
+            function.linkage = "external" if function.name in names else "internal"
+    for variable in module.global_variables:
+        if not variable.is_declaration:
+            variable.linkage = "internal"  # names that nothing asks for are half of a small object file
+
+
 def assembly(ir: str, target: Target) -> str:
     """The same code as `compile_ir` makes, as assembly text to read."""
     with _LOCK:
@@ -62,6 +107,23 @@ def target_machine(target: Target, opt: int = 1) -> llvm.TargetMachine:
     return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=opt, reloc="pic", codemodel="jitdefault", jit=True
     )
+
+
+def _is_known(name: str) -> bool:
+    """Whether a function is LLVM's or the C library's."""
+    return name.startswith("llvm.") or name in _C_LIBRARY
+
+
+_C_LIBRARY = frozenset(
+    [
+        "abort", "malloc", "free", "aligned_alloc", "memcpy", "memset", "memmove", "memcmp", "sin",
+        "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "expm1", "exp2",
+        "log", "log1p", "log2", "pow", "sqrt", "cbrt", "fabs", "floor", "ceil",
+        "round", "trunc", "rint", "fmod", "hypot", "sinh", "cosh", "tanh", "fmin",
+        "fmax", "copysign", "ldexp", "frexp", "sinf", "cosf", "tanf", "sqrtf", "fabsf",
+        "floorf", "ceilf", "powf", "expf", "logf", "fminf", "fmaxf",
+    ]
+)  # fmt: skip
 
 
 @cache

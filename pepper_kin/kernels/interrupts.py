@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import INTERPRETED, compiled
+from pepper_kin.kernels.compiled_function import INTERPRETED, compiled
 from pepper_kin.kernels.intrinsics import _emit_call, call_kernel, intrinsic
 from pepper_kin.kernels.signatures import Ints1
 

@@ -1,10 +1,9 @@
-"""Object code of compiled functions, made by Numba's front end and LLVM.
+"""Portable code of compiled functions: LLVM IR, made by Numba's front end.
 
-All functions of a unit with a signature become one object file with C entry points that needs nothing but
-the C
-library: memory that arrays made inside need is taken by `malloc` (`_RUNTIME`, in place of Numba's run
-time), and an exception becomes a status.  The functions are optimized once, all together, not one after the
-other as Numba does.
+All functions with a signature become C entry points of one module that needs nothing but the C library:
+memory that arrays made inside need is taken by `malloc` (`_RUNTIME`, in place of Numba's run time), and an
+exception becomes a status.  The functions are simplified once, all together, not one after the other as
+Numba does; nothing of that depends on the processor.  `compiler.compile_portable` makes machine code of it.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ from numba import njit, types
 from numba.core import cgutils, codegen
 from numba.core.compiler_lock import global_compiler_lock
 
-from pepper_kin.kernels.compiler import target_machine
+from pepper_kin.kernels.compiler import keep_entries, target_machine
 from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
-from pepper_kin.kernels.target import Target
+from pepper_kin.kernels.target import portable_target
 
 if TYPE_CHECKING:
-    from pepper_kin.kernels.compiled import CompiledFunction
+    from pepper_kin.kernels.compiled_function import CompiledFunction
 
 _RUNTIME = """
 declare i8* @malloc(i64)
@@ -156,8 +155,8 @@ def make_dispatcher(function: CompiledFunction) -> Any:
 
 
 @global_compiler_lock
-def build_unit(functions: Sequence[CompiledFunction], target: Target) -> bytes:
-    """Return the object code of functions with signatures, for a processor."""
+def portable_ir(functions: Sequence[CompiledFunction]) -> bytes:
+    """Return the bitcode of functions with signatures; what several of them call is in it once."""
     from numba.core.registry import cpu_target
 
     context = cpu_target.target_context
@@ -173,7 +172,7 @@ def build_unit(functions: Sequence[CompiledFunction], target: Target) -> bytes:
     finally:
         generator._library_class = usual
         del generator.set_env
-    return _object_code(module, target, [f.symbol for f in functions])
+    return _simplified(module, [f.symbol for f in functions])
 
 
 def _add_entry(function: CompiledFunction, context: Any, library: Any) -> None:
@@ -317,43 +316,20 @@ def _linked(library: Any) -> Any:
 _EXCEPTIONS = frozenset(["PyErr_SetString", "PyUnicode_FromKindAndData", "PyObject_Hash", "PyTuple_Pack"])
 
 
-def _object_code(module: Any, target: Target, kept: Sequence[str]) -> bytes:
-    """Optimize a module and return its object code; all but the entry points is internal."""
-    names = {name for symbol in kept for name in (symbol, symbol + "_direct")}
-    for function in module.functions:
-        if not function.is_declaration:
-            function.linkage = "external" if function.name in names else "internal"
-    for variable in module.global_variables:
-        if not variable.is_declaration:
-            variable.linkage = "internal"  # names that nothing asks for are half of a small object file
+def _simplified(module: Any, symbols: Sequence[str]) -> bytes:
+    """Return the bitcode of a module without what only Numba needs: references, calls of small functions.
+
+    Loops are not vectorized: that is done for a known processor.
+    """
+    keep_entries(module, symbols)
     module.verify()
-    machine = target_machine(target, opt=3)
-    for vectorize in (False, True):  # the first run inlines, so that pairs of references meet and can go
-        tuning = llvm.create_pipeline_tuning_options(speed_level=3)
-        tuning.loop_vectorization = tuning.slp_vectorization = vectorize
-        builder = llvm.create_pass_builder(machine, tuning)
-        manager = builder.getModulePassManager()
-        manager.add_refprune_pass()
-        manager.run(module, builder)
-    module.verify()
-    foreign = [f.name for f in module.functions if f.is_declaration and not _is_known(f.name)]
-    if foreign:
-        raise RuntimeError(f"compiled functions need Numba's run time: {', '.join(foreign)}")
-    return bytes(machine.emit_object(module))
-
-
-def _is_known(name: str) -> bool:
-    """Whether a function is LLVM's or the C library's."""
-    return name.startswith("llvm.") or name in _C_LIBRARY
-
-
-_C_LIBRARY = frozenset(
-    [
-        "abort", "malloc", "free", "aligned_alloc", "memcpy", "memset", "memmove", "memcmp", "sin",
-        "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "expm1", "exp2",
-        "log", "log1p", "log2", "pow", "sqrt", "cbrt", "fabs", "floor", "ceil",
-        "round", "trunc", "rint", "fmod", "hypot", "sinh", "cosh", "tanh", "fmin",
-        "fmax", "copysign", "ldexp", "frexp", "sinf", "cosf", "tanf", "sqrtf", "fabsf",
-        "floorf", "ceilf", "powf", "expf", "logf", "fminf", "fmaxf",
-    ]
-)  # fmt: skip
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+    tuning.loop_vectorization = tuning.slp_vectorization = False
+    builder = llvm.create_pass_builder(target_machine(portable_target()), tuning)
+    manager = builder.getModulePassManager()
+    manager.add_refprune_pass()
+    manager.add_global_dead_code_eliminate_pass()
+    manager.add_strip_symbols_pass()  # names are a third of the file, and differ from run to run
+    manager.add_strip_dead_prototype_pass()
+    manager.run(module, builder)
+    return bytes(module.as_bitcode())

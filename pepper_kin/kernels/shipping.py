@@ -1,29 +1,26 @@
 """The machine code that comes with the package: one file for a baseline processor.
 
-The file is made by `pepper-kin ship` (see `docs/kernels.md`) from the sources beside it; a part whose
-sources have changed since has another key and is not found.  Its first 32 bytes are the checksum of the
-index, a line of JSON; each part is compressed and has a checksum of its own, so reading one part does not
-read the others.
+The file is made by `python -m pepper_kin.jobs.shipping` (see `docs/kernels.md`) from the sources beside it; a
+part whose sources have changed since has another key and is not found.  Each part is compressed and has a
+checksum of its own, so reading one part does not read the others.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
-import logging
 import lzma
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pepper_kin.kernels.package_file import read_file, read_head, tell, write_file
 from pepper_kin.kernels.target import Target, baseline_features, host_target, make_target
 
 FORMAT = 1
 BASELINE = "x86-64-v3"
 _FILTERS = [{"id": lzma.FILTER_X86}, {"id": lzma.FILTER_LZMA2, "preset": 9}]
-_DIGEST_SIZE = hashlib.sha256().digest_size
-_logger = logging.getLogger(__name__)
+_WHAT = "the machine code"
 
 
 def shipped_path() -> Path:
@@ -50,24 +47,19 @@ def shipped_part(name: str, key: str) -> tuple[bytes, Target] | None:
     entry = entries.get(key)
     if entry is None:
         if name.startswith("pepper_kin.") and name in {known for known, *_ in entries.values()}:
-            _tell(f"the machine code that comes with the package was made from other sources of {name}")
+            tell(f"{_WHAT} that comes with the package was made from other sources of {name}")
         return None
     _, begin, size, checksum = entry
     packed = data[begin : begin + size]
     if hashlib.sha256(packed).hexdigest()[:32] != checksum:
-        _tell(f"the machine code of {name} that comes with the package is damaged")
+        tell(f"{_WHAT} of {name} that comes with the package is damaged")
         return None
     return lzma.decompress(packed, lzma.FORMAT_RAW, filters=_FILTERS), baseline_target()
 
 
 def shipped_keys() -> dict[str, str]:
     """Key -> name of what the package's file holds, in the order in which it is needed, for any processor."""
-    try:
-        data = shipped_path().read_bytes()
-        head = json.loads(data[_DIGEST_SIZE : data.find(b"\n", _DIGEST_SIZE)])
-        return {key: str(entry[0]) for key, entry in head["entries"].items()}
-    except (OSError, ValueError, KeyError):
-        return {}
+    return {key: str(entry[0]) for key, entry in read_head(shipped_path()).get("entries", {}).items()}
 
 
 def write_shipped(parts: Mapping[str, tuple[str, bytes]], path: Path | None = None) -> int:
@@ -80,8 +72,6 @@ def write_shipped(parts: Mapping[str, tuple[str, bytes]], path: Path | None = No
     Returns:
         Size of the file [bytes].
     """
-    from pepper_kin.atomic_file import write_bytes
-
     entries: dict[str, tuple[str, int, int, str]] = {}
     body = b""
     for key, (name, content) in parts.items():
@@ -90,12 +80,7 @@ def write_shipped(parts: Mapping[str, tuple[str, bytes]], path: Path | None = No
         body += packed
     target = baseline_target()
     head = {"format": FORMAT, "triple": target.triple, "features": target.features, "entries": entries}
-    index = json.dumps(head).encode() + b"\n"
-    whole = hashlib.sha256(index).digest() + index + body
-    place = path or shipped_path()
-    place.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(place, whole)
-    return len(whole)
+    return write_file(path or shipped_path(), head, body)
 
 
 def is_usable() -> bool:
@@ -106,34 +91,18 @@ def is_usable() -> bool:
 @cache
 def _index() -> tuple[dict[str, Any], bytes] | None:
     """Entries and body of the file, or None where it cannot be used."""
-    try:
-        data = shipped_path().read_bytes()
-    except OSError as error:
-        _tell(f"the machine code that comes with the package cannot be read ({error.strerror})")
+    read = read_file(shipped_path(), _WHAT, FORMAT)
+    if read is None:
         return None
-    end = data.find(b"\n", _DIGEST_SIZE) + 1
-    index = data[_DIGEST_SIZE:end]
-    if hashlib.sha256(index).digest() != data[:_DIGEST_SIZE]:
-        _tell("the machine code that comes with the package is damaged")
-        return None
-    head = json.loads(index)
-    if head["format"] != FORMAT:
-        _tell(f"the machine code that comes with the package has format {head['format']}, not {FORMAT}")
-        return None
+    head, body = read
     host = host_target()
     present = {name for name in host.features.split(",") if name.startswith("+")}
     missing = [name[1:] for name in head["features"].split(",") if name not in present]
     if head["triple"] != host.triple or missing:
         what = f"has no {', '.join(missing)}" if missing else f"is {host.triple}"
-        _tell(f"no machine code comes with the package for this processor, which {what}")
+        tell(f"no machine code comes with the package for this processor, which {what}")
         return None
-    return head["entries"], data[end:]
-
-
-@cache
-def _tell(reason: str) -> None:
-    """Say once why machine code is made here."""
-    _logger.warning("%s; it is made here, once, and kept", reason)
+    return head["entries"], body
 
 
 __all__ = [

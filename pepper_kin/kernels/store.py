@@ -5,7 +5,8 @@ another key, so stale code is never read; it is just not found.  Three places ar
 
 1. The package's file, `data/x86-64-v3.code`, made for a baseline processor (`shipping`).
 2. The cache folder, for code made for this very processor.
-3. Its maker; the result is then kept in the cache folder.
+3. Its maker, which for compiled functions begins with the package's portable code (`portable`); the result
+   is then kept in the cache folder.
 
 After `pepper-kin warm-up --native` the package's file is left out.
 

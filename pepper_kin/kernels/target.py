@@ -52,6 +52,11 @@ def baseline_features() -> str:
     return _LEVEL_3
 
 
+def portable_target() -> Target:
+    """The processor for which portable code is simplified: the least of its kind."""
+    return make_target(llvm.get_process_triple(), "generic", "")
+
+
 @cache
 def host_target() -> Target:
     """The processor that runs this program, or the one that `PEPPER_KIN_CPU` names.

@@ -18,7 +18,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from pepper_kin.kernels.compiled import Unit, unit_of
+from pepper_kin.kernels.compiled_function import Unit, unit_of
 from pepper_kin.kernels.progress import expect, making
 from pepper_kin.kernels.shipping import is_usable, shipped_keys
 from pepper_kin.kernels.store import can_write, is_kept, is_recording, make_ahead
@@ -46,14 +46,12 @@ def compiled_modules() -> list[str]:
 
 
 def _packages() -> list[tuple[str, Path]]:
-    """Packages and their folders; the planners lie elsewhere where the package is installed for editing."""
+    """Packages and their folders; those of the planners lie elsewhere where it is installed for editing."""
     folder, planners = Path(__file__).parents[1], find_spec("pepper_kin.planners")
     assert planners is not None
     assert planners.submodule_search_locations is not None
     place = Path(next(iter(planners.submodule_search_locations)))
-    return [("pepper_kin", folder)] + (
-        [] if place.is_relative_to(folder) else [("pepper_kin.planners", place)]
-    )
+    return [("pepper_kin", folder), ("pepper_kin.planners", place)]
 
 
 def make_all(modules: Sequence[str], told: Callable[[int], None] | None = None) -> None:

@@ -159,6 +159,26 @@ class PepperModel:
         except (KeyError, TypeError):
             raise UnknownNameError("frame", name, self.frame_names) from None
 
+    def joints_above(self, frame: str) -> list[int]:
+        """Return the places of the joints that carry a link or sensor frame, ascending.
+
+        Of joints that follow another it is the place of that one.
+
+        Raises:
+            UnknownNameError: listing all frames.
+        """
+        self.frame_id(frame)
+        above = {joint.child: joint for joint in self.document.joints}
+        named = {joint.name: joint for joint in self.document.joints}
+        places = set()
+        while (joint := above.get(frame)) is not None:
+            frame = joint.parent
+            while joint.mimic is not None:
+                joint = named[joint.mimic[0]]
+            if joint.type != "fixed":
+                places.add(self.joint_index(joint.name))
+        return sorted(places)
+
     def joint_index(self, name: str) -> int:
         """Return the place of a joint in every joint vector.
 

@@ -19,7 +19,7 @@ from pepper_kin.core.simulation.actuator_model import (
 )
 from pepper_kin.core.simulation.implicit_step import RUNAWAY
 from pepper_kin.kernels import Kernel, compile_function, host_target, source_digest
-from pepper_kin.kernels.compiled import CompiledFunction
+from pepper_kin.kernels.compiled_function import CompiledFunction
 from pepper_kin.model import PepperModel, robot_digest
 from pepper_kin.symbolic.bodies import Inertia
 from pepper_kin.symbolic.composite import coupled_entries, first_moments, mass_entries

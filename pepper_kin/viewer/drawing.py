@@ -1,14 +1,15 @@
 """Lowering of drawables to meshcat commands.
 
-Every object is lowered by meshcat's own classes, so that a recorded page and a live page draw the same.
-meshcat is imported inside the functions: it brings IPython and ZeroMQ with it.
+The commands are those that meshcat's own classes make (a test compares them).  meshcat is not imported: it
+brings IPython, ZeroMQ and a web server with it, and takes longer than all else that draws.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,6 @@ from pepper_kin.viewer.surface import (
     split_at_creases,
 )
 
-if TYPE_CHECKING:
-    import meshcat.geometry
-    from meshcat.commands import SetObject, SetTransform
-
 LINK_ROOT = "links"
 WORLD_ROOT = "world"
 
@@ -37,8 +34,20 @@ PLATE = (4.0, 4.0, 0.01)
 LEAST_BALL = 0.002
 """Points of a cloud are drawn at least this large [m]."""
 
+FLOATS, INDICES = 0x17, 0x16
+"""meshcat's numbers for packed arrays of float32 and of uint32."""
+
 # three.js draws cylinders along y, the robot's description along z.
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+
+
+def meshcat_bundle() -> str:
+    """Return the JavaScript of meshcat's page."""
+    spec = find_spec("meshcat")  # does not import it
+    assert spec is not None
+    assert spec.origin is not None
+    bundle = Path(spec.origin).with_name("viewer") / "dist" / "main.min.js"
+    return bundle.read_text(encoding="utf-8")
 
 
 def link_path(link: str | None) -> tuple[str, ...]:
@@ -47,9 +56,7 @@ def link_path(link: str | None) -> tuple[str, ...]:
     return (WORLD_ROOT,) if link is None else (LINK_ROOT, link.replace("/", "_"))
 
 
-def draw_commands(
-    drawables: Iterable[Drawable], root: tuple[str, ...] = ()
-) -> Iterator[SetObject | SetTransform]:
+def draw_commands(drawables: Iterable[Drawable], root: tuple[str, ...] = ()) -> Iterator[dict[str, Any]]:
     """Turn drawables into meshcat commands: one sets the object, one its pose.
 
     Identifiers count up instead of being random, so the same input gives the same commands.
@@ -59,74 +66,114 @@ def draw_commands(
         root: Scene path of the group that they all go into.
 
     Yields:
-        Commands; their `lower()` is what meshcat's page takes.
+        Commands, as meshcat's page takes them.
 
     Raises:
         FileFormatError: A mesh file cannot be read.
     """
-    from meshcat.commands import SetObject, SetTransform
-    from meshcat.geometry import Mesh as MeshcatMesh
-    from meshcat.path import Path as ScenePath
-
     surfaces: dict[Path, Surface] = {}
     for index, drawable in enumerate(drawables):
-        path = ScenePath((*root, *link_path(drawable.link), f"{index} {drawable.name}".replace("/", "_")))
+        parts = (*root, *link_path(drawable.link), f"{index} {drawable.name}".replace("/", "_"))
+        path = "/" + "/".join(parts)
         solid, intrinsic = _geometry(drawable, surfaces)
-        body = MeshcatMesh(solid, _material(drawable.color))
-        for element, kind in ((solid, "geometry"), (body.material, "material"), (body, "object")):
-            element.uuid = f"{kind}-{index}"
-        yield SetObject(body, path=path)
-        yield SetTransform(drawable.transform_shape_to_link @ intrinsic, path)
+        body = {
+            "uuid": f"object-{index}",
+            "type": "Mesh",
+            "geometry": f"geometry-{index}",
+            "material": f"material-{index}",
+            "matrix": np.eye(4).ravel().tolist(),
+        }
+        content = {
+            "metadata": {"version": 4.5, "type": "Object"},
+            "geometries": [{"uuid": f"geometry-{index}", **solid}],
+            "materials": [{"uuid": f"material-{index}", **_material(drawable.color)}],
+            "object": body,
+        }
+        yield {"type": "set_object", "object": content, "path": path}
+        pose = drawable.transform_shape_to_link @ intrinsic
+        yield {"type": "set_transform", "path": path, "matrix": pose.T.ravel().tolist()}
 
 
 def _geometry(
     drawable: Drawable, surfaces: dict[Path, Surface]
-) -> tuple[meshcat.geometry.Geometry, NDArray[np.float64]]:
-    """Return meshcat's geometry and the transform (rotation or scale) from it to the drawable's shape."""
-    from meshcat import geometry as mg
-
+) -> tuple[dict[str, Any], NDArray[np.float64]]:
+    """Return a geometry of three.js and the transform (rotation or scale) from it to the drawable's shape."""
     shape = drawable.geometry
     match shape:
         case Box():
-            return mg.Box([float(length) for length in shape.size]), np.eye(4)
+            return _box(shape.size), np.eye(4)
         case Sphere():
-            return mg.Sphere(float(shape.radius)), np.eye(4)
+            return _sphere(float(shape.radius)), np.eye(4)
         case Cylinder():
-            return mg.Cylinder(float(shape.length), float(shape.radius)), _Y_TO_Z
+            return _cylinder(float(shape.length), float(shape.radius)), _Y_TO_Z
         case Capsule():
             surface = capsule_surface(shape.radius, shape.length)
-            return mg.TriangularMeshGeometry(surface.vertices, surface.faces), np.eye(4)
+            return _triangles(surface.vertices, surface.faces), np.eye(4)
         case Mesh():
             path = Path(shape.path)
             if path not in surfaces:
                 surfaces[path] = read_surface(path)
             surface = surfaces[path]
             scale = np.diag([*np.broadcast_to(np.asarray(shape.scale, dtype=float), 3), 1.0])
-            return mg.TriangularMeshGeometry(surface.vertices, surface.faces), scale
+            return _triangles(surface.vertices, surface.faces), scale
         case HalfSpace():
             plate = np.eye(4)
             plate[2, 3] = shape.offset - PLATE[2] / 2
-            return mg.Box(list(PLATE)), plate
+            return _box(PLATE), plate
         case Surface():
-            return mg.TriangularMeshGeometry(shape.vertices, shape.faces), np.eye(4)
+            return _triangles(shape.vertices, shape.faces), np.eye(4)
         case ConvexMesh() | TriangleMesh():
             surface = split_at_creases(shape.vertices, shape.faces, CREASE_ANGLE)
-            return mg.TriangularMeshGeometry(surface.vertices, surface.faces), np.eye(4)
+            return _triangles(surface.vertices, surface.faces), np.eye(4)
         case PointCloud():
             surface = balls_surface(shape.points, max(shape.radius, LEAST_BALL))
-            return mg.TriangularMeshGeometry(surface.vertices, surface.faces), np.eye(4)
+            return _triangles(surface.vertices, surface.faces), np.eye(4)
     raise AssertionError("Drawable accepts no other geometry")
 
 
-def _material(color: Color) -> meshcat.geometry.Material:
-    """Return a smooth plastic of the given colour."""
-    from meshcat.geometry import MeshPhongMaterial
+def _box(lengths: Sequence[float] | NDArray[np.float64]) -> dict[str, Any]:
+    width, height, depth = (float(length) for length in lengths)
+    return {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
 
+
+def _sphere(radius: float) -> dict[str, Any]:
+    return {"type": "SphereGeometry", "radius": radius, "widthSegments": 20, "heightSegments": 20}
+
+
+def _cylinder(length: float, radius: float) -> dict[str, Any]:
+    radii = {"radiusTop": radius, "radiusBottom": radius}
+    return {"type": "CylinderGeometry", **radii, "height": length, "radialSegments": 50}
+
+
+def _triangles(vertices: NDArray[Any], faces: NDArray[Any]) -> dict[str, Any]:
+    data = {
+        "attributes": {"position": _packed(np.asarray(vertices, "<f4"), "Float32Array", FLOATS)},
+        "index": _packed(np.asarray(faces, "<u4"), "Uint32Array", INDICES),
+    }
+    return {"type": "BufferGeometry", "data": data}
+
+
+def _packed(rows: NDArray[Any], kind: str, extension: int) -> dict[str, Any]:
+    """Return rows of three as meshcat's page takes arrays."""
+    from umsgpack import Ext
+
+    return {"itemSize": 3, "type": kind, "array": Ext(extension, rows.tobytes()), "normalized": False}
+
+
+def _material(color: Color) -> dict[str, Any]:
+    """Return a smooth plastic of the given color."""
     red, green, blue = (round(255 * channel) for channel in color[:3])
-    return MeshPhongMaterial(
-        color=red << 16 | green << 8 | blue,
-        opacity=color[3],
-        specular=0x2A2A2A,
-        shininess=45,
-        reflectivity=0.2,
-    )
+    return {
+        "type": "MeshPhongMaterial",
+        "color": red << 16 | green << 8 | blue,
+        "reflectivity": 0.2,
+        "side": 2,
+        "transparent": bool(color[3] != 1),
+        "opacity": color[3],
+        "linewidth": 1.0,
+        "wireframe": False,
+        "wireframeLinewidth": 1.0,
+        "vertexColors": 0,
+        "specular": 0x2A2A2A,
+        "shininess": 45,
+    }

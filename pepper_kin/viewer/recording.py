@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import atomic_file
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.viewer.drawable import Drawable
-from pepper_kin.viewer.drawing import draw_commands, link_path
+from pepper_kin.viewer.drawing import draw_commands, link_path, meshcat_bundle
 from pepper_kin.viewer.motion_frames import MotionFrames, motion_frames
 
 _SCRIPTS = ("stage.js", "motion.js", "plots.js", "panel.js")
@@ -87,7 +87,7 @@ def write_frames_page(
     buffers = _Buffers()
     content = {
         "title": title,
-        "commands": [buffers.embed(command.lower()) for command in draw_commands(everything)],
+        "commands": [buffers.embed(command) for command in draw_commands(everything)],
         "markers": [_legend_entry(ball) for ball in markers],
         "motion": _motion_data(frames, names, drawn, buffers),
         "buffers": buffers.contents,
@@ -164,11 +164,10 @@ def _legend_entry(ball: Drawable) -> dict[str, str]:
 def _page(title: str, content: dict[str, Any]) -> str:
     """Fill the template; every part is escaped for the place where it lands."""
     folder = files("pepper_kin.viewer") / "page"
-    bundle = (files("meshcat") / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
     parts = {
         "title": html.escape(title),
         "style": (folder / "page.css").read_text(encoding="utf-8"),
-        "meshcat": _inside_script(bundle),
+        "meshcat": _inside_script(meshcat_bundle()),
         "scripts": "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS),
         # "<" can only stand inside a JSON string, where its escape means the same: no tag can begin here.
         "content": json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),

@@ -93,14 +93,23 @@ def split_at_creases(vertices: NDArray, faces: NDArray, crease_angle: float) -> 
     smooth = same_edge & (bend >= np.cos(crease_angle))
     rows = np.concatenate([low[1:][smooth], high[1:][smooth]])
     columns = np.concatenate([low[:-1][smooth], high[:-1][smooth]])
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    firsts, patch = np.unique(_least_connected(faces.size, rows, columns), return_inverse=True)
+    source = vertex[firsts]
+    return Surface(np.asarray(vertices)[source], patch.reshape(-1, 3).astype(np.uint32))
 
-    graph = coo_array((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(faces.size, faces.size))
-    count, patch = connected_components(graph, directed=False)
-    source = np.empty(count, dtype=np.intp)
-    source[patch] = vertex
-    return Surface(np.asarray(vertices)[source], patch.reshape(-1, 3))
+
+def _least_connected(count: int, first: NDArray, second: NDArray) -> NDArray:
+    """Return the least node that each of `count` nodes is connected with, by edges from first to second.
+
+    Each round lets the least of two joined nodes stand for what stood for both, and halves the ways there.
+    """
+    least = np.arange(count)
+    while (least[first] != least[second]).any():
+        lower = np.minimum(least[first], least[second])
+        for ends in (first, second):
+            np.minimum.at(least, least[ends], lower)
+        least = least[least]
+    return least
 
 
 def capsule_surface(radius: float, length: float, segments: int = 24, rings: int = 8) -> Surface:

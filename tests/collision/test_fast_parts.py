@@ -149,7 +149,7 @@ def test_spheres_cover_and_fill_every_solid_of_the_robot():
             local = (center + radius * directions - solid.position) @ solid.rotation
             beyond = np.maximum(np.abs(local) - solid.half, 0.0)
             assert np.linalg.norm(beyond, axis=1).max() <= solid.radius + 1e-12
-        whole = ball([solid])
+        whole = ball((solid,))
         assert np.linalg.norm(points - whole.position, axis=1).max() <= whole.radius + 1e-12
 
 

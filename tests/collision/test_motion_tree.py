@@ -12,7 +12,7 @@ from pepper_kin.collision.motion_tree import (
     motion_bounds,
     motion_tree,
 )
-from pepper_kin.kernels.compiled import CompiledFunction
+from pepper_kin.kernels.compiled_function import CompiledFunction
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion.examination import hull_of
 from pepper_kin.trajectory.path import as_cubic_path

@@ -1,5 +1,6 @@
 """Tasks of a user's own classes, which the compiled search calls back, and what ends a search early."""
 
+import ctypes
 import math
 import os
 import signal
@@ -15,6 +16,10 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Status
 from pepper_kin.ik.fast import KINDS, structures_of
+from pepper_kin.ik.fast.compiled_tasks import PythonTasks
+from pepper_kin.kernels.compiler import LoadedCode, compile_ir
+from pepper_kin.kernels.interrupts import STOPPED
+from pepper_kin.kernels.target import host_target
 
 PEPPER = pk.load_pepper()
 POINT = (0.4, 0.25, 0.9)
@@ -157,8 +162,7 @@ def test_interrupts_are_heard(own):
         raise TimeoutError("alarm")
 
     before = signal.signal(signal.SIGALRM, handler)
-    # Again and again: one that comes as a call-back begins or ends is lost, as any exception there is.
-    signal.setitimer(signal.ITIMER_REAL, 0.3, 0.2)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
     begin = time.perf_counter()
     try:
         with pytest.raises(TimeoutError, match="alarm"):
@@ -168,6 +172,47 @@ def test_interrupts_are_heard(own):
         signal.signal(signal.SIGALRM, before)
     assert time.perf_counter() - begin < 1.3
     assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT)).success
+
+
+RAISE_AND_CALL = """
+declare i32 @raise(i32)
+
+define void @raise_and_call(i64 %number, i64 %kernel, i64 %given, i64 %result) {
+  %short = trunc i64 %number to i32
+  %done = call i32 @raise(i32 %short)
+  %function = inttoptr i64 %kernel to ptr
+  call void %function(i64 %given, i64 %result, i64 0)
+  ret void
+}
+"""
+
+
+@pytest.mark.parametrize("calls_before", [0, 1])
+def test_a_signal_as_a_call_back_begins_is_heard(calls_before, capfd):
+    """Machine code raises it: Python comes to know of it with its first instruction in the call-back."""
+    if not hasattr(signal, "raise_signal") or threading.current_thread() is not threading.main_thread():
+        pytest.skip("needs signals")
+    code = LoadedCode(compile_ir(RAISE_AND_CALL, host_target()), host_target())
+    raise_and_call = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 4)(code.address("raise_and_call"))
+    tasks = PythonTasks(PEPPER, [Reach()], np.arange(PEPPER.n))
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 3)(tasks.address)
+    q, result = PEPPER.neutral(), np.empty(1000)
+    for _ in range(calls_before):
+        call(q.ctypes.data, result.ctypes.data, 0)
+
+    def handler(number, frame):
+        raise TimeoutError("alarm")
+
+    before = signal.signal(signal.SIGTERM, handler)
+    try:
+        raise_and_call(signal.SIGTERM, tasks.address, q.ctypes.data, result.ctypes.data)
+        call(q.ctypes.data, result.ctypes.data, 0)  # the search may call until it sees that it is to stop
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert tasks.signals[STOPPED] == 1
+    with pytest.raises(TimeoutError, match="alarm"):
+        tasks.check()
+    assert capfd.readouterr().err == ""
 
 
 def test_the_same_source_runs_interpreted():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pepper_kin.kernels import compiled
-from pepper_kin.kernels.compiled import unit_of
+from pepper_kin.kernels.compiled_function import unit_of
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1, parse_signature
 from pepper_kin.kernels.target import host_target
@@ -185,7 +185,7 @@ def test_the_key_changes_with_sources_constants_and_signatures():
 
 
 def unit_ingredients(function):
-    from pepper_kin.kernels.compiled import _described, _named_values
+    from pepper_kin.kernels.compiled_function import _described, _named_values
 
     return [(name, _described(value)) for name, value in _named_values(function)]
 

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from pepper_kin.jobs import shipping as job
-from pepper_kin.kernels import shipping
+from pepper_kin.kernels import package_file, shipping
 from pepper_kin.kernels.target import make_target
 
 KEY, OTHER = "a" * 64, "b" * 64
@@ -29,7 +29,7 @@ def place(tmp_path, monkeypatch):
 
 def forget():
     shipping._index.cache_clear()
-    shipping._tell.cache_clear()
+    package_file.tell.cache_clear()
 
 
 def ask(caplog, name="pepper_kin.core.one", key=KEY):

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -111,3 +113,26 @@ def test_bad_q_is_named(q, message):
 def test_unknown_frame_lists_frames():
     with pytest.raises(UnknownNameError, match=r"unknown frame 'Hand'; available: .*LArm_effector"):
         pk.kinematics.frame_jacobian(pk.load_pepper(), np.zeros(15), "Hand")
+
+
+@pytest.mark.parametrize("options", [{}, {"base": "planar"}, {"hands": "mimic"}, {"hands": "independent"}])
+def test_joints_that_carry_a_frame_are_those_that_move_it(options):
+    pepper = pk.load_pepper(**options)
+    q = np.random.default_rng(3).uniform(
+        np.maximum(pepper.lower_limits, -1.0), np.minimum(pepper.upper_limits, 1.0)
+    )
+    for frame in pepper.frame_names:
+        moving = np.abs(pk.kinematics.frame_jacobian(pepper, q, frame)).max(axis=0) > 1e-9
+        assert pepper.joints_above(frame) == np.flatnonzero(moving).tolist(), frame
+    with pytest.raises(UnknownNameError, match="frame"):
+        pepper.joints_above("tail")
+
+
+def test_a_first_answer_of_ik_does_not_load_pinocchio():
+    code = (
+        "import sys, pepper_kin as pk; pepper = pk.load_pepper(); "
+        "assert pk.ik.solve(pepper, pk.ik.HandPosition('left', (0.38, 0.22, 0.82))).success; "
+        "print(sorted({'pinocchio', 'coal', 'casadi', 'scipy', 'numpy.ma'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

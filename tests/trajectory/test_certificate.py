@@ -175,7 +175,7 @@ def test_neighbours_that_touch_fail_without_a_distance(pepper):
 
 def test_the_check_shares_no_code_with_the_core(pepper, monkeypatch):
     """It evaluates and judges a trajectory alike while nothing of the core can be called."""
-    from pepper_kin.kernels.compiled import CompiledFunction
+    from pepper_kin.kernels.compiled_function import CompiledFunction
 
     q = pepper.posture("Stand")
     trajectory = pk.retime(pepper, [q, 0.8 * q], jerk="brisk")

@@ -5,8 +5,9 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.model.shapes import Box, Cylinder, Sphere
 from pepper_kin.viewer.drawable import Drawable
-from pepper_kin.viewer.drawing import PLATE, draw_commands
+from pepper_kin.viewer.drawing import _Y_TO_Z, PLATE, draw_commands
 from pepper_kin.viewer.surface import balls_surface
 
 
@@ -24,23 +25,57 @@ def scene():
 
 
 def drawn(geometry):
+    """Return the geometry that is drawn, its vertices and faces, and its pose."""
     set_object, set_transform = draw_commands([Drawable("it", None, geometry, np.eye(4), (1, 1, 1, 1))])
-    return set_object.object.geometry, np.array(set_transform.matrix)
+    (solid,) = set_object["object"]["geometries"]
+    data = solid.get("data")
+    vertices = data and np.frombuffer(data["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
+    faces = data and np.frombuffer(data["index"]["array"].data, "<u4").reshape(-1, 3)
+    return solid, vertices, faces, np.reshape(set_transform["matrix"], (4, 4)).T
 
 
 def test_each_kind_becomes_a_solid_of_its_extent():
     objects = scene().objects
-    plate, pose = drawn(pk.collision.HalfSpace(0.3))
-    assert plate.lengths == list(PLATE)
+    plate, _, _, pose = drawn(pk.collision.HalfSpace(0.3))
+    assert [plate[name] for name in ("width", "height", "depth")] == list(PLATE)
     assert pose[2, 3] + PLATE[2] / 2 == pytest.approx(0.3)
-    stone, _ = drawn(objects["stone"].geometry)
-    np.testing.assert_allclose(np.ptp(stone.vertices, axis=0), 0.2, atol=1e-6)
-    dust, _ = drawn(objects["dust"].geometry)
-    assert len(dust.vertices) == 600
+    _, stone, _, _ = drawn(objects["stone"].geometry)
+    np.testing.assert_allclose(np.ptp(stone, axis=0), 0.2, atol=1e-6)
+    _, dust, _, _ = drawn(objects["dust"].geometry)
+    assert len(dust) == 600
     np.testing.assert_allclose(
-        dust.vertices.reshape(100, 6, 3).mean(axis=1), objects["dust"].geometry.points, atol=1e-6
+        dust.reshape(100, 6, 3).mean(axis=1), objects["dust"].geometry.points, atol=1e-6
     )
-    assert len(drawn(objects["nothing"].geometry)[0].faces) == 1
+    assert len(drawn(objects["nothing"].geometry)[2]) == 1
+
+
+@pytest.mark.parametrize("opacity", [1.0, 0.4])
+@pytest.mark.parametrize("kind", ["box", "ball", "cylinder", "triangles"])
+def test_commands_are_those_of_meshcat_itself(kind, opacity):
+    from meshcat import commands, geometry
+    from meshcat.path import Path
+
+    sheet = scene().objects["sheet"].geometry
+    shape, theirs = {
+        "box": (Box((0.1, 0.2, 0.3)), geometry.Box([0.1, 0.2, 0.3])),
+        "ball": (Sphere(0.2), geometry.Sphere(0.2)),
+        "cylinder": (Cylinder(0.1, 0.4), geometry.Cylinder(0.4, 0.1)),
+        "triangles": (sheet, geometry.TriangularMeshGeometry(sheet.vertices, sheet.faces)),
+    }[kind]
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 2.0, 3.0
+    ours = list(draw_commands([Drawable("a/b", "Head", shape, pose, (1.0, 0.5, 0.0, opacity))], ("top",)))
+    material = geometry.MeshPhongMaterial(
+        color=0xFF8000, opacity=opacity, specular=0x2A2A2A, shininess=45, reflectivity=0.2
+    )
+    body = geometry.Mesh(theirs, material)
+    theirs.uuid, material.uuid, body.uuid = "geometry-0", "material-0", "object-0"
+    path = Path(("top", "links", "Head", "0 a_b"))
+    turned = pose if kind != "cylinder" else pose @ _Y_TO_Z
+    assert ours == [
+        commands.SetObject(body, path=path).lower(),
+        commands.SetTransform(turned, path).lower(),
+    ]
 
 
 def test_octahedra_face_outward_and_large_clouds_are_thinned():

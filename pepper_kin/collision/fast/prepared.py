@@ -68,7 +68,10 @@ class _Kernels:
         self.near = [coarse(pairs) for pairs in self.classes]
         members = [[solids[i] for i in group] for group in structure.groups]
         self.moved_by = moved_by(pepper, structure)
-        self.balls, self.spheres = [ball(group) for group in members], [group_spheres(g) for g in members]
+        self.balls, self.spheres = (
+            [ball(tuple(group)) for group in members],
+            [group_spheres(g) for g in members],
+        )
         self.radii = [
             [_radius(fine), _radius(rough)] for fine, rough in zip(self.classes, self.near, strict=True)
         ]

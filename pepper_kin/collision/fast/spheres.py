@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from pepper_kin.collision.fast.solids import BOX, Array, Solid
+from pepper_kin.model.shapes import read_only
 
 WASTE = 0.008
 """How much a covering sphere may be larger than the capsule that it helps to cover [m]."""
@@ -29,6 +31,7 @@ class Spheres(NamedTuple):
     inner: Array
 
 
+@lru_cache(maxsize=4096)  # the solids of a robot are asked for some twenty times each
 def spheres_of(solid: Solid, waste: float = WASTE, cell: float = CELL) -> Spheres:
     """Cover a solid by spheres.
 
@@ -59,4 +62,4 @@ def spheres_of(solid: Solid, waste: float = WASTE, cell: float = CELL) -> Sphere
         inside = (solid.half - np.abs(local)).min(axis=1) + solid.radius
         inners = inside if solid.kind == BOX else np.full(len(local), -1.0)
     centers = local @ solid.rotation.T + solid.position
-    return Spheres(centers, outers, inners)
+    return Spheres(read_only(centers), read_only(outers), read_only(inners))

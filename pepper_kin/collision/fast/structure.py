@@ -118,8 +118,8 @@ def coarse(pairs: Sequence[Pair]) -> list[Pair]:
         if not all(solid.segment for solid in large):
             small, large = large, small
         if all(solid.segment for solid in small) and len(small) > 3:
-            small = [ball(small)]
-        whole = ball(large) if all(solid.segment for solid in large) else None
+            small = [ball(tuple(small))]
+        whole = ball(tuple(large)) if all(solid.segment for solid in large) else None
         for solid in small:
             for other in [whole] if whole is not None else large:
                 key = tuple((s.joint, s.kind, *s.position, *s.half, s.radius) for s in (solid, other))
@@ -131,7 +131,8 @@ def _spheres_needed(solids: Sequence[Solid]) -> tuple[bool, int]:
     return all(s.segment for s in solids), sum(len(spheres_of(s).outer) for s in solids)
 
 
-def ball(solids: Sequence[Solid]) -> Solid:
+@lru_cache(maxsize=1024)
+def ball(solids: tuple[Solid, ...]) -> Solid:
     """Return a sphere that holds solids of one joint, nearly the smallest (Badoiu and Clarkson, 2003)."""
     points, radii = [], []
     for solid in solids:

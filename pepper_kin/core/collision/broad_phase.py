@@ -26,7 +26,7 @@ from pepper_kin.core.collision.layout import (
     section_bits,
     section_single,
 )
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 
 Lanes = NDArray[np.float32]
 

@@ -49,7 +49,7 @@ from pepper_kin.core.collision.layout import (
     FREE as MOVING,
 )
 from pepper_kin.core.collision.narrow_phase import settle
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel, floats_at
 
 FIRST_ROOM = 2 * LANES

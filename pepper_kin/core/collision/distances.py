@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.core.collision.layout import Array
 from pepper_kin.core.collision.segments import clamp, nearest_on_segments, nearest_to_box
 from pepper_kin.core.kinematic_tree import compose
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 SEGMENT, BOX, PLANE, BOXED = 0, 1, 2, 3

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.core.collision.layout import CYLINDER, HULL, Array
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 STEPS = 40

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.collision.layout import Array
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 
 HEAD = 7
 """Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, margin, first position, cells per rad."""

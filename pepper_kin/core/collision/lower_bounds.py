@@ -46,7 +46,7 @@ from pepper_kin.core.collision.layout import (
     section_single,
 )
 from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, pair_distance
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel
 
 SMALL = 0.03

@@ -41,7 +41,7 @@ from pepper_kin.core.collision.layout import (
     section_bits,
 )
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel
 
 TIE_WIDTH = 3e-6

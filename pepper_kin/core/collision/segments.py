@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from pepper_kin.core.collision.layout import Array
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 
 PARALLEL = 1e-9
 """Below this sine^2 two segments count as parallel."""

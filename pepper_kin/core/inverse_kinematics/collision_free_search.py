@@ -37,7 +37,7 @@ from pepper_kin.core.inverse_kinematics.search import (
     write_start,
     write_way_start,
 )
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 ROUNDS = (32, 96, 256, 512)

@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.core.clock import seconds_now
 from pepper_kin.core.inverse_kinematics.box_step import FREE, HIGH, LOW, solve_box, solve_free
 from pepper_kin.core.quadratic_program import QuadraticProgram, solve
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.interrupts import PULSE, STOPPED, interrupted
 from pepper_kin.kernels.intrinsics import call_four, call_kernel
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1

@@ -46,7 +46,7 @@ from pepper_kin.core.inverse_kinematics.search import (
     write_start,
     write_straightened,
 )
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60

@@ -14,7 +14,7 @@ from pepper_kin.core.inverse_kinematics.local_solver import (
     evaluate,
     fraction_of_tolerance,
 )
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 

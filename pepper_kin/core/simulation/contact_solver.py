@@ -18,7 +18,7 @@ import numpy as np
 from pepper_kin.core.linear_algebra import cholesky, solve_cholesky, solve_cholesky_columns
 from pepper_kin.core.simulation.narrow_phase import FREE, ON_ROBOT, BodyTable, ContactPoints, ShapeTable
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 

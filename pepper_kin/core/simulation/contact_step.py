@@ -24,7 +24,7 @@ from pepper_kin.core.simulation.narrow_phase import (
     place_shapes,
 )
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable, move_joints, tree_motion
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Array, Floats1, record_of
 

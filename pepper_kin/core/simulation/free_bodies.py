@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from pepper_kin.core.simulation.narrow_phase import BodyTable
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 ROUNDS = 50

@@ -37,7 +37,7 @@ from pepper_kin.core.simulation.actuator_model import (
     segment_at,
     servo_gain,
 )
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel
 from pepper_kin.kernels.signatures import Flags2, Floats1, Floats2, Floats3, Ints2
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from pepper_kin.core.simulation.tree_motion import TreeMotion
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 BALL, CAPSULE, BOX, CYLINDER, HALF_SPACE, OTHER = 0, 1, 2, 3, 4, 5

@@ -25,7 +25,7 @@ from pepper_kin.core.simulation.implicit_step import (
     is_sound,
     write_equation,
 )
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 DONE = -1

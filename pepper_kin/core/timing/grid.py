@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.timing.tables import PathGrid
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from pepper_kin.core.timing.constraints import (
 )
 from pepper_kin.core.timing.reachability import repeat_passes, reset_profile
 from pepper_kin.core.timing.tables import Instants, PathEffects, PathGrid, PathLimits, PathRows, ProfileSpace
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 
 Array = NDArray[np.float64]
 

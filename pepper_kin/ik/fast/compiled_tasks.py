@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.fast.structure import Structure, known_structures, target_of
-from pepper_kin.ik.problem import SearchBudget, generic_configurations, joints_used, motion_scale
+from pepper_kin.ik.problem import SearchBudget, generic_configurations, joints_used, scale_of
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt
@@ -133,7 +133,8 @@ class CompiledTasks:
 class PythonTasks:
     """Tasks of a user's own classes: machine code calls the address of their kernel, which runs Python.
 
-    What they raise ends the search and is raised by `check`.
+    What they raise ends the search and is raised by `check`; so is what the handler of a signal raises
+    meanwhile.
 
     Args:
         pepper: The robot.
@@ -150,28 +151,38 @@ class PythonTasks:
         self._upper = np.triu_indices(index.size)
         self._raised: BaseException | None = None
         self.signals = interrupt_table()
-        self._function = _KERNEL(self._call)
+        # Python runs handlers of signals as a function begins, where nothing in it catches what they raise,
+        # and as a generator goes on, where it can.  `max` sends it the three arguments one after the other.
+        answers = self._answers()
+        next(answers)
+        self._function = _KERNEL(partial(max, key=answers.send))
         self.address = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
 
     def check(self) -> None:
-        """Raise what a task has raised since the last time."""
-        raised, self._raised = self._raised, None
-        if raised is not None:
-            raise raised
+        """Raise what a task has raised; nothing is evaluated after that."""
+        if self._raised is not None:
+            raise self._raised
 
-    def _call(self, given: int, result: int, _: int) -> None:
-        n, t, k = self._pepper.n, len(self._tasks), self._index.size
-        size = t + 1 + k + k * (k + 1) // 2
-        output = floats_at(result, size)
+    def _answers(self) -> Generator[int, int, None]:
+        """Take the arguments of the kernel, call after call, and write its results."""
+        n, k = self._pepper.n, self._index.size
+        size = len(self._tasks) + 1 + k + k * (k + 1) // 2
         try:
-            if self._raised is None:
+            while True:
+                given, result, _ = (yield 0), (yield 0), (yield 0)
                 q = floats_at(given, n).copy()
-                output[:] = self._values(read_only(q))
-                return
+                floats_at(result, size)[:] = self._values(read_only(q))
+        except GeneratorExit:
+            return
         except BaseException as error:  # an exception cannot pass through machine code
-            self._raised = error
-        self.signals[STOPPED] = 1
-        output[:] = np.inf
+            self._raised, self.signals[STOPPED] = error, 1
+        while True:  # nothing is written from now on: the search sees that it is to stop
+            try:
+                yield 0
+            except GeneratorExit:
+                return
+            except BaseException:  # a second signal: the first one tells enough
+                continue
 
     def _values(self, q: Array) -> Array:
         pepper, residuals, slopes, errors = self._pepper, [], [], []
@@ -243,14 +254,17 @@ def _compiled(
         places.append(None if size is None else slice(place, place + size))
         place += size or 0
     limited = np.isfinite(pepper.effort_limits) & (pepper.effort_limits > 0)
-    joints = np.concatenate([index, np.setdiff1d(np.arange(pepper.n), index)]).astype(np.int64)
+    others = np.ones(pepper.n, dtype=bool)
+    others[index] = False
+    joints = np.concatenate([index, np.flatnonzero(others)]).astype(np.int64)
     tables = TaskTables(
         kernel=address,
         gravity=gravity.single_address,
         work_size=max(gravity.work_size, 0 if made is None else made.work_size) + 8,
         task_joints=index.size,
         joints=joints,
-        scale=motion_scale(pepper, pepper.neutral())[joints] ** 2,
+        # By its kernel: a first answer does not wait for Pinocchio to load.
+        scale=scale_of(np.asarray(kernel(pepper, "mass_matrix")(pepper.neutral())))[joints] ** 2,
         effort=np.where(limited, 1.0 / np.where(limited, pepper.effort_limits, 1.0), 0.0),
     )
     return CompiledTasks(
@@ -271,21 +285,21 @@ def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
     A joint moves a frame's task where it is on the way to the frame; whether its column vanishes by some
     symmetry is left to the search, which then leaves the joint where it is.
     """
-    from pepper_kin.dynamics import center_of_mass_jacobian
-    from pepper_kin.ik.fast.task_residuals import joints_of_relative
-    from pepper_kin.kinematics import frame_jacobian
-
     used = np.zeros(pepper.n, dtype=bool)
     for task in tasks:
         if task.reference:
+            from pepper_kin.ik.fast.task_residuals import joints_of_relative
+
             used |= joints_of_relative(pepper, task)
-        elif not task.frame and task.kind != "CenterOfMass":
-            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
-        else:
+        elif task.frame:
+            used[pepper.joints_above(task.frame)] = True
+        elif task.kind == "CenterOfMass":
+            from pepper_kin.dynamics import center_of_mass_jacobian
+
             for q in generic_configurations(pepper):
-                whole = center_of_mass_jacobian(pepper, q)[:2] if not task.frame else None
-                change = frame_jacobian(pepper, q, task.frame) if whole is None else whole
-                used |= np.abs(change).max(axis=0) > 1e-9
+                used |= np.abs(center_of_mass_jacobian(pepper, q)[:2]).max(axis=0) > 1e-9
+        else:
+            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
     return np.flatnonzero(used).astype(np.int64)
 
 

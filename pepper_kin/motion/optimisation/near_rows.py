@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Flags2, Floats1, Floats2, Ints1, Ints2
 from pepper_kin.motion.optimisation.nearest import Array, nearest_points, project
 

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 
 Array = NDArray[np.float64]
 Point: TypeAlias = tuple[float, float, float]

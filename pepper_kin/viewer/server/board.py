@@ -26,7 +26,7 @@ class Board:
     def draw(self, root: Root, drawables: Iterable[Drawable]) -> None:
         """Replace what a group holds."""
         self.erase(root)
-        commands = [_packed(command.lower()) for command in draw_commands(drawables, root)]
+        commands = [_packed(command) for command in draw_commands(drawables, root)]
         if commands:
             self._drawn[root] = commands
             for command in (*commands, *filter(None, [self._shown.get(root)])):

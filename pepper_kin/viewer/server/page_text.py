@@ -6,6 +6,8 @@ import html
 from functools import lru_cache
 from importlib.resources import files
 
+from pepper_kin.viewer.drawing import meshcat_bundle
+
 _SCRIPTS = (
     "stage.js",
     "live_link.js",
@@ -25,7 +27,7 @@ _SCRIPTS = (
 @lru_cache(maxsize=1)
 def _parts() -> dict[str, str]:
     folder = files("pepper_kin.viewer") / "page"
-    bundle = (files("meshcat") / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
+    bundle = meshcat_bundle()
     return {
         "template": (folder / "live.html").read_text(encoding="utf-8"),
         "style": (folder / "live.css").read_text(encoding="utf-8"),

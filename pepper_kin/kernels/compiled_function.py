@@ -14,8 +14,8 @@
 A function with a signature can be called from Python; one without is called by compiled functions only.
 Importing a module with such functions imports no compiler: on the first call, the machine code of all
 functions of the module with signatures is looked for in the file that comes with the package, then in the
-cache folder, and else made by Numba (`numba_builder`) and kept.  With NUMBA_DISABLE_JIT=1 the same source
-runs interpreted.
+cache folder, and else made and kept: of the portable code that comes with the package, or by Numba
+(`numba_builder`) where sources have changed.  With NUMBA_DISABLE_JIT=1 the same source runs interpreted.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.kernels.compiler import LoadedCode
+from pepper_kin.kernels.compiler import LoadedCode, compile_portable
+from pepper_kin.kernels.portable import portable_part
 from pepper_kin.kernels.signatures import Array, Record, Scalar, Signature, parse_signature, record_of
 from pepper_kin.kernels.sources import file_digest
 from pepper_kin.kernels.store import find, is_recording, obtain
@@ -233,10 +234,18 @@ class Unit:
             return self._code
 
     def build(self, target: Target) -> bytes:
-        """Return new object code."""
-        from pepper_kin.kernels.numba_builder import build_unit
+        """Return new object code, of the package's portable code or, where that is stale, by Numba."""
+        ir = portable_part(self.key())
+        if ir is None:
+            from pepper_kin.kernels.numba_builder import portable_ir
 
-        return build_unit(self.functions, target)
+            ir = portable_ir(self.functions)
+        return compile_portable(ir, target, self.symbols)
+
+    @property
+    def symbols(self) -> list[str]:
+        """Names of the entry points in the object file."""
+        return [function.symbol for function in self.functions]
 
 
 _units: dict[str, Unit] = {}
@@ -306,8 +315,8 @@ def _source_digest(function: FunctionType) -> str:
 def _builder_digest() -> bytes:
     """Hash of the files here that decide what machine code is made."""
     here = Path(__file__).parent
-    names = ("numba_builder.py", "compiled.py", "signatures.py", "intrinsics.py", "calling.py")
-    return "".join(file_digest(str(here / name)) for name in names).encode()
+    names = ("numba_builder", "compiler", "compiled_function", "signatures", "intrinsics", "calling")
+    return "".join(file_digest(str(here / f"{name}.py")) for name in names).encode()
 
 
 def _callback(function: CompiledFunction) -> Any:

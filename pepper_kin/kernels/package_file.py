@@ -1,0 +1,69 @@
+"""Files of code that come with the package: a checksum, a head, which is a line of JSON, and a body."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+_DIGEST_SIZE = hashlib.sha256().digest_size
+_logger = logging.getLogger(__name__)
+
+
+def read_file(path: Path, what: str, version: int) -> tuple[dict[str, Any], bytes] | None:
+    """Return head and body of a file, or None where it cannot be used; a line says why.
+
+    Args:
+        path: The file.
+        what: What is in it, for the line.
+        version: The format that is expected; it stands in the head.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        tell(f"{what} that comes with the package cannot be read ({error.strerror})")
+        return None
+    end = data.find(b"\n", _DIGEST_SIZE) + 1
+    line = data[_DIGEST_SIZE:end]
+    if hashlib.sha256(line).digest() != data[:_DIGEST_SIZE]:
+        tell(f"{what} that comes with the package is damaged")
+        return None
+    head = json.loads(line)
+    if head["format"] != version:
+        tell(f"{what} that comes with the package has format {head['format']}, not {version}")
+        return None
+    return head, data[end:]
+
+
+def read_head(path: Path) -> dict[str, Any]:
+    """Return the head of a file, whether or not it can be used; empty where there is none."""
+    try:
+        data = path.read_bytes()
+        return dict(json.loads(data[_DIGEST_SIZE : data.find(b"\n", _DIGEST_SIZE)]))
+    except (OSError, ValueError):
+        return {}
+
+
+def write_file(path: Path, head: Mapping[str, Any], body: bytes) -> int:
+    """Write a file.
+
+    Returns:
+        Its size [bytes].
+    """
+    from pepper_kin.atomic_file import write_bytes
+
+    line = json.dumps(head).encode() + b"\n"
+    whole = hashlib.sha256(line).digest() + line + body
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, whole)
+    return len(whole)
+
+
+@cache
+def tell(reason: str) -> None:
+    """Say once why machine code is made here."""
+    _logger.warning("%s; it is made here, once, and kept", reason)
