@@ -315,7 +315,7 @@ def _source_digest(function: FunctionType) -> str:
 def _builder_digest() -> bytes:
     """Hash of the files here that decide what machine code is made."""
     here = Path(__file__).parent
-    names = ("numba_builder", "compiler", "compiled_function", "signatures", "intrinsics", "calling")
+    names = ("numba_builder", "compiler", "compiled_function", "signatures", "intrinsics", "lanes", "calling")
     return "".join(file_digest(str(here / f"{name}.py")) for name in names).encode()
 
 

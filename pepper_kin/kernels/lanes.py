@@ -1,0 +1,296 @@
+"""Eight floats side by side, one value per lane, as compiled functions compute with them.
+
+    x = load_lanes(address)  # eight float32, one after the other
+    store_lanes(address, minimum(x * spread(2.0), x + x))
+
+Sums, differences, products and quotients of lanes, and of lanes and numbers, are written as usual; products
+and sums may be contracted.  Compiled, such a value is one vector register (two of half the width on
+processors without AVX); interpreted, it is an array of eight float32.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import operator
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.kernels.intrinsics import intrinsic
+
+LANES = 8
+"""Values side by side."""
+LANE_BYTES = 4 * LANES
+"""Bytes of such a value in memory."""
+
+Lanes: TypeAlias = NDArray[np.float32]
+
+_FAST = ("contract", "nsz", "nnan", "ninf")
+
+
+def _vector() -> Any:
+    from llvmlite import ir
+
+    return ir.VectorType(ir.FloatType(), LANES)
+
+
+def lanes_type() -> Any:
+    """Return Numba's type of such values; made once, with what operators do with it."""
+    if not _made:
+        _made.append(_register())
+    return _made[0]
+
+
+_made: list[Any] = []
+
+
+def _register() -> Any:
+    from numba import types
+    from numba.core.datamodel import models
+    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+    from numba.extending import lower_builtin, register_model
+
+    class LanesType(types.Type):
+        def __init__(self) -> None:
+            super().__init__(name="Lanes")
+
+    kind = LanesType()
+
+    @register_model(LanesType)
+    class LanesModel(models.PrimitiveModel):
+        def __init__(self, manager: Any, fe_type: Any) -> None:
+            super().__init__(manager, fe_type, _vector())
+
+    def lower(symbol: Any, name: str) -> None:
+        class Typing(AbstractTemplate):
+            def generic(self, given: Any, named: Any) -> Any:
+                if len(given) != 2 or named or not any(isinstance(g, LanesType) for g in given):
+                    return None
+                others = [g for g in given if not isinstance(g, LanesType)]
+                if not all(isinstance(g, (types.Float, types.Integer)) for g in others):
+                    return None
+                return signature(kind, *(g if isinstance(g, LanesType) else types.float32 for g in given))
+
+        infer_global(symbol)(Typing)
+
+        def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+            wide = [
+                v if isinstance(t, LanesType) else _spread(builder, v)
+                for v, t in zip(values, sig.args, strict=True)
+            ]
+            return getattr(builder, name)(*wide, flags=_FAST)
+
+        for types_given in ((kind, kind), (kind, types.float32), (types.float32, kind)):
+            lower_builtin(symbol, *types_given)(generate)
+
+    for symbol, name in (
+        (operator.add, "fadd"),
+        (operator.sub, "fsub"),
+        (operator.mul, "fmul"),
+        (operator.truediv, "fdiv"),
+    ):
+        lower(symbol, name)
+        in_place = getattr(operator, "i" + symbol.__name__)
+        lower(in_place, name)
+    return kind
+
+
+def _spread(builder: Any, value: Any) -> Any:
+    from llvmlite import ir
+
+    nothing = ir.Constant(_vector(), ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.IntType(32)(0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, nothing, zeros)
+
+
+def _emit_unary(name: str) -> Callable[..., Any]:
+    def make(typing_context: Any, x: Any) -> Any:
+        from llvmlite import ir
+
+        kind = lanes_type()
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            function = builder.module.declare_intrinsic(
+                f"llvm.{name}.v{LANES}f32", (), ir.FunctionType(_vector(), [_vector()])
+            )
+            return builder.call(function, values)
+
+        return kind(kind), generate
+
+    return make
+
+
+def _emit_extreme(sign: str) -> Callable[..., Any]:
+    def make(typing_context: Any, x: Any, y: Any) -> Any:
+        kind = lanes_type()
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return builder.select(builder.fcmp_ordered(sign, *values, flags=("nnan", "nsz")), *values)
+
+        return kind(kind, kind), generate
+
+    return make
+
+
+def _emit_load(typing_context: Any, address: Any) -> Any:
+    from numba import types
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return builder.load(builder.inttoptr(values[0], _vector().as_pointer()), align=4)
+
+    return lanes_type()(types.intp), generate
+
+
+def _emit_store(typing_context: Any, address: Any, x: Any) -> Any:
+    from numba import types
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        builder.store(values[1], builder.inttoptr(values[0], _vector().as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, lanes_type()), generate
+
+
+def _emit_scalar(name: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return what writes a load and a store of a scalar at an address."""
+
+    def kind() -> Any:
+        from llvmlite import ir
+
+        return {"float32": ir.FloatType(), "float64": ir.DoubleType(), "int64": ir.IntType(64)}[name]
+
+    def load(typing_context: Any, address: Any) -> Any:
+        from numba import types
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return builder.load(builder.inttoptr(values[0], kind().as_pointer()))
+
+        return getattr(types, name)(types.intp), generate
+
+    def store(typing_context: Any, address: Any, value: Any) -> Any:
+        from numba import types
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            builder.store(values[1], builder.inttoptr(values[0], kind().as_pointer()))
+            return context.get_dummy_value()
+
+        return types.void(types.intp, getattr(types, name)), generate
+
+    return load, store
+
+
+_load_single, _store_single = _emit_scalar("float32")
+_load_double, _ = _emit_scalar("float64")
+_load_word, _store_word = _emit_scalar("int64")
+
+
+def _emit_spread(typing_context: Any, value: Any) -> Any:
+    from numba import types
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return _spread(builder, values[0])
+
+    return lanes_type()(types.float32), generate
+
+
+def _emit_below(typing_context: Any, x: Any, y: Any) -> Any:
+    from llvmlite import ir
+    from numba import types
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        flags = builder.fcmp_ordered("<", *values)
+        bits = builder.bitcast(flags, ir.IntType(LANES))
+        return builder.zext(bits, ir.IntType(64))
+
+    return types.int64(lanes_type(), lanes_type()), generate
+
+
+def _at(address: int) -> Lanes:
+    return np.frombuffer((ctypes.c_float * LANES).from_address(int(address)), np.float32)
+
+
+@intrinsic(_emit_load)
+def load_lanes(address: int) -> Lanes:
+    """Return eight float32 at an address."""
+    return _at(address).copy()
+
+
+@intrinsic(_emit_store)
+def store_lanes(address: int, x: Lanes) -> None:
+    """Write eight float32 at an address."""
+    _at(address)[:] = x
+
+
+@intrinsic(_load_single)
+def single_at(address: int) -> float:
+    """Return the float32 at an address."""
+    return ctypes.c_float.from_address(int(address)).value
+
+
+@intrinsic(_store_single)
+def store_single(address: int, value: float) -> None:
+    """Write a float32 at an address."""
+    ctypes.c_float.from_address(int(address)).value = value
+
+
+@intrinsic(_load_double)
+def double_at(address: int) -> float:
+    """Return the float64 at an address."""
+    return ctypes.c_double.from_address(int(address)).value
+
+
+@intrinsic(_load_word)
+def word_at(address: int) -> int:
+    """Return the int64 at an address."""
+    return ctypes.c_int64.from_address(int(address)).value
+
+
+@intrinsic(_store_word)
+def store_word(address: int, value: int) -> None:
+    """Write an int64 at an address."""
+    ctypes.c_int64.from_address(int(address)).value = value
+
+
+@intrinsic(_emit_spread)
+def spread(value: float) -> Lanes:
+    """Return a number in all lanes."""
+    return np.full(LANES, value, np.float32)
+
+
+@intrinsic(_emit_extreme("<"))
+def lane_minimum(x: Lanes, y: Lanes) -> Lanes:
+    """Return the lesser in each lane."""
+    return np.minimum(x, y)
+
+
+@intrinsic(_emit_extreme(">"))
+def lane_maximum(x: Lanes, y: Lanes) -> Lanes:
+    """Return the greater in each lane."""
+    return np.maximum(x, y)
+
+
+@intrinsic(_emit_unary("fabs"))
+def lane_abs(x: Lanes) -> Lanes:
+    """Return |x| in each lane."""
+    return np.abs(x)
+
+
+@intrinsic(_emit_unary("sqrt"))
+def lane_sqrt(x: Lanes) -> Lanes:
+    """Return the square root in each lane."""
+    return np.sqrt(x)
+
+
+@intrinsic(_emit_unary("rint"))
+def lane_round(x: Lanes) -> Lanes:
+    """Return the nearest whole number in each lane."""
+    return np.rint(x)
+
+
+@intrinsic(_emit_below)
+def lanes_below(x: Lanes, y: Lanes) -> int:
+    """Return the bits of the lanes where x < y; bit i is that of lane i."""
+    return int(np.packbits(np.asarray(x < y), bitorder="little")[0])
