@@ -19,6 +19,10 @@ from pepper_kin.collision.solids import (
 from pepper_kin.exceptions import FileFormatError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 
+FLAT = 1e-3
+"""A closed mesh no point of which lies deeper than this in its convex hull is taken as that hull [m]."""
+MOST_FACES = 4000
+"""Meshes of more faces are not looked at for whether they are convex."""
 _SPECK = 1e-7 * np.array([[1.0, 0.0, 0.0], [-0.5, 1.0, 0.0], [-0.5, -1.0, 0.0]])
 """Corners of the triangle that stands for a point: coal's trees hold triangles, and of no size they fail."""
 
@@ -71,6 +75,42 @@ def _tree(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
     return tree
 
 
+def _as_solid(tree: Any) -> Any | None:
+    """Return the convex hull of a mesh that is closed and convex within FLAT; None of any other mesh.
+
+    How deep a point lies in a hull is a concave function, so that no point of a triangle lies deeper than
+    three times the depth of its middle.
+    A tree of triangles knows its surface only; as a convex polytope it is a solid, and its distances are
+    found faster.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    if not hasattr(tree, "tri_indices") or tree.num_tris > MOST_FACES:
+        return None
+    corners = np.array([[face[0], face[1], face[2]] for face in map(tree.tri_indices, range(tree.num_tris))])
+    points, places = np.unique(np.round(np.array(tree.vertices()), 7), axis=0, return_inverse=True)
+    faces = places.ravel()[corners]
+    sides = np.sort(np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    if (np.unique(sides, axis=0, return_counts=True)[1] != 2).any():
+        return None
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
+    middles = points[faces].mean(axis=1)
+    depth = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
+    if 3.0 * depth.max() > FLAT:
+        return None
+    order = np.full(len(points), -1)
+    order[hull.vertices] = np.arange(hull.vertices.size)
+    outward = np.cross(*(points[hull.simplices[:, k]] - points[hull.simplices[:, 0]] for k in (1, 2)))
+    turned = np.einsum("ij,ij->i", outward, hull.equations[:, :3]) < 0.0
+    simplices = np.where(turned[:, None], hull.simplices[:, [0, 2, 1]], hull.simplices)
+    solid = _tree(points[hull.vertices], order[simplices])
+    solid.buildConvexRepresentation(False)
+    return solid.convex
+
+
 def _mesh_of_file(mesh: Mesh) -> Any:
     check_is_file(mesh.path)
     state = mesh.path.stat()
@@ -83,6 +123,7 @@ def _read_mesh(mesh: Mesh, state: tuple[int, int]) -> Any:
     import coal
 
     try:
-        return coal.MeshLoader().load(str(mesh.path), np.array(mesh.scale))
+        tree = coal.MeshLoader().load(str(mesh.path), np.array(mesh.scale))
+        return _as_solid(tree) or tree
     except (RuntimeError, ValueError) as error:
         raise FileFormatError(mesh.path, f"cannot be read as a mesh: {error}") from error

@@ -228,8 +228,8 @@ def test_lower_bound_is_below_the_clearance_and_near_it(kind):
         (lambda f, q: f.compiled(q, [0, 0]), r"free: got \[0, 0\], .*different places of joints, 0 to 14"),
         (lambda f, q: f.compiled(q, [15]), r"free: got \[15\]"),
         (lambda f, q: f.compiled(q, [1], np.ones(3)), "effort_limits: .*15 numbers, one per joint"),
-        (lambda f, q: f.compiled(q, [1]).valid_prefix([0.0, 1.0], [0.0], 3), r"a: got shape \(2,\)"),
-        (lambda f, q: f.compiled(q, [1]).valid_prefix([0.0], [0.0], 0), "steps: got 0, .*at least 1"),
+        (lambda f, q: f.compiled(q, [1]).valid_steps([0.0, 1.0], [0.0], 3), r"a: got shape \(2,\)"),
+        (lambda f, q: f.compiled(q, [1]).valid_steps([0.0], [0.0], 0), "steps: got 0, .*at least 1"),
     ],
 )
 def test_misuse_is_named(call, message):

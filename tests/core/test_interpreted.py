@@ -81,6 +81,7 @@ def both():
         "servo",
         "masses",
         "quadratic program",
+        "sensors",
     ],
 )
 def test_the_same_source_gives_the_same_answers(both, algorithm):

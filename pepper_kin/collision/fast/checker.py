@@ -18,13 +18,15 @@ from pepper_kin.collision.fast.resting import resting_contact, resting_distance
 from pepper_kin.collision.fast.solids import OTHER, Array
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.layout import LANES, WIDEST
+from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
 TIE = 2
+MOST_KEPT = 4
+"""Validities that a checker keeps."""
 
 
 class FastChecker:
@@ -66,6 +68,7 @@ class FastChecker:
         self._lock = threading.Lock()
         self._still: float | None = None
         self._bare: tuple[Prepared, Array] | None = None
+        self._moving: dict[tuple[bytes, bytes], CompiledValidity] = {}
 
     @property
     def supported(self) -> bool:
@@ -216,6 +219,24 @@ class FastChecker:
             self.exact, self._prepared, self._block, self._resting, frozen, free, effort_limits
         )
 
+    def moving(self, frozen: Array, free: NDArray[np.int64]) -> CompiledValidity:
+        """Return `compiled` without effort limits, kept for the next call: examinations ask again and again.
+
+        Args:
+            frozen: A whole configuration, shape (n,) [rad or m].
+            free: Places of the joints that move, shape (k,).
+        """
+        key = frozen.tobytes(), free.tobytes()
+        with self._lock:
+            found = self._moving.get(key)
+        if found is None:
+            found = self.compiled(frozen, free)
+            with self._lock:
+                if len(self._moving) >= MOST_KEPT:
+                    self._moving.pop(next(iter(self._moving)))
+                self._moving[key] = found
+        return found
+
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
         n = self.pepper.n
         return as_joint_vectors(self.pepper, a, "a").reshape(n), as_joint_vectors(
@@ -271,7 +292,7 @@ class FastChecker:
         memory: Array | None = getattr(self._local, "bare", None)
         if memory is None:
             memory = self._local.bare = at.aligned_copy(at.pack(prepared.sections))
-        part_bounds(memory, flat, bounds, LANES)
+        part_bounds(memory, flat, bounds)
         bounds[np.abs(flat).max(axis=1, initial=0.0) > WIDEST] = -np.inf
         return bounds
 

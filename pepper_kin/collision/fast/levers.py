@@ -36,11 +36,6 @@ def part_levers(pepper: PepperModel, structure: Structure) -> Array:
     return np.where(gains > 0, np.where(gains > 0, full[:, :, None], 0.0) * gains, 0.0).sum(axis=1)
 
 
-def moved_by(pepper: PepperModel, structure: Structure) -> np.ndarray:
-    """Return which joints move the two sides of a part against one another, shape (classes + groups, n)."""
-    return part_levers(pepper, structure) > 0
-
-
 def _corners(solid: Solid) -> Array:
     """Return the corners of the box around a solid's core, in the frame of its joint."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T

@@ -9,13 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from pepper_kin.collision.checker import CollisionChecker, checker_for
-from pepper_kin.collision.fast.solids import BOX, OTHER, Solid, parts_of, solid_of
-from pepper_kin.collision.fast.spheres import Spheres, spheres_of
+from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
+from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, parts_of, solid_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
-
-Pair = tuple[Solid, Solid]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +24,7 @@ class Structure:
         objects: The scene's solids.
         classes: Pairs (places in `solids`) of the robot with itself, by parts of the robot.
         groups: Places in `solids` of what moves against the scene: solids of one joint that are compared with
-            the same objects.
+            the same objects, joint by joint, those of the world last.
         compared: For each group, which objects it is compared with, shape (groups, objects).
         resting: Numbers of the checker's pairs that never move against one another.
     """
@@ -71,14 +68,15 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     groups: dict[tuple[int, frozenset[int]], list[int]] = {}
     for i, objects in met.items():
         groups.setdefault((all_solids[i].joint, frozenset(objects)), []).append(i)
+    in_order = sorted(groups, key=lambda group: group[0] or len(limbs))
     compared = np.zeros((len(groups), len(all_solids) - count), dtype=bool)
-    for row, (_, together) in zip(compared, groups, strict=True):
+    for row, (_, together) in zip(compared, in_order, strict=True):
         row[list(together)] = True
     return Structure(
         all_solids[:count],
         all_solids[count:],
         tuple(tuple(pairs) for pairs in classes.values()),
-        tuple(tuple(group) for group in groups.values()),
+        tuple(tuple(groups[group]) for group in in_order),
         compared,
         tuple(resting),
     )
@@ -103,55 +101,22 @@ def _limbs(pepper: PepperModel) -> list[int]:
     return limbs
 
 
-def coarse(pairs: Sequence[Pair]) -> list[Pair]:
-    """Return fewer pairs, which are near one another wherever any of the pairs given is.
-
-    Solids of one joint become a ball, unless they are few and would fill it badly.
-    """
-    sides: dict[tuple[int, int], tuple[dict[Solid, None], dict[Solid, None]]] = {}
-    for a, b in pairs:
-        first, second = sides.setdefault((a.joint, b.joint), ({}, {}))
-        first[a] = second[b] = None
-    result: dict[tuple[object, ...], Pair] = {}
-    for first, second in sides.values():
-        small, large = sorted((list(first), list(second)), key=_spheres_needed)
-        if not all(solid.segment for solid in large):
-            small, large = large, small
-        if all(solid.segment for solid in small) and len(small) > 3:
-            small = [ball(tuple(small))]
-        whole = ball(tuple(large)) if all(solid.segment for solid in large) else None
-        for solid in small:
-            for other in [whole] if whole is not None else large:
-                key = tuple((s.joint, s.kind, *s.position, *s.half, s.radius) for s in (solid, other))
-                result[key] = (solid, other)
-    return list(result.values())
+def roles(first: Solid, second: Solid) -> tuple[Solid, Solid]:
+    """Return of a pair the solid of which the balls are compared and the one that is taken as it is."""
+    order = sorted((first, second), key=lambda s: (not s.segment, len(ball_cover(s).outer)))
+    return order[0], order[1]
 
 
-def _spheres_needed(solids: Sequence[Solid]) -> tuple[bool, int]:
-    return all(s.segment for s in solids), sum(len(spheres_of(s).outer) for s in solids)
-
-
-@lru_cache(maxsize=1024)
-def ball(solids: tuple[Solid, ...]) -> Solid:
-    """Return a sphere that holds solids of one joint, nearly the smallest (Badoiu and Clarkson, 2003)."""
+def bounding_ball(solids: Sequence[Solid]) -> tuple[Array, float]:
+    """Return centre, in the frame of their joint, and radius of a ball that holds solids of one joint [m]."""
     points, radii = [], []
     for solid in solids:
-        corners = solid.half * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        points.append(np.unique(corners, axis=0) @ solid.rotation.T + solid.position)
-        radii += [solid.radius] * len(points[-1])
-    corners, reaches = np.concatenate(points), np.array(radii)
-    center = corners.mean(axis=0)
-    for k in range(60):
-        furthest = np.argmax(np.linalg.norm(corners - center, axis=1) + reaches)
-        center = center + (corners[furthest] - center) / (k + 2)
-    radius = float((np.linalg.norm(corners - center, axis=1) + reaches).max())
-    return Solid(
-        "", solids[0].joint, read_only(np.eye(3)), read_only(center), BOX, read_only(np.zeros(3)), radius,
-        read_only(np.zeros((0, 3))),
-    )  # fmt: skip
+        corners = solid.vertices
+        if solid.kind != HULL:
+            corners = np.unique(solid.half * _SIGNS, axis=0)
+        points.append(corners @ solid.rotation.T + solid.position)
+        radii += [solid.radius] * len(corners)
+    return ball_around(np.concatenate(points), np.array(radii))
 
 
-def group_spheres(solids: Sequence[Solid]) -> Spheres:
-    """Return the spheres of several solids together."""
-    parts = [spheres_of(solid) for solid in solids]
-    return Spheres(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+_SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T

@@ -1,77 +1,22 @@
-"""The compiled check of many configurations: joint ranges, spheres, then exact cores for what is in doubt."""
+"""The compiled check of configurations: joint ranges, balls, then exact cores for what is in doubt."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.core.collision.broad_phase import WORDS, check_world
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.ball_check import ALL, Tables, check_block, place_all, tables_of
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE
 from pepper_kin.core.collision.joint_ranges import violations
-from pepper_kin.core.collision.layout import (
-    BLOCKED,
-    CENTER_KERNEL,
-    CLASS_ACTIVE,
-    CLASS_KERNELS,
-    CLASSES,
-    DOUBT_CLASSES,
-    DOUBT_GROUPS,
-    EFFORT,
-    FROZEN,
-    GRAVITY_KERNEL,
-    GROUPS,
-    LANES,
-    LANES_IN,
-    LANES_OUT,
-    LANES_WORK,
-    NEAR_KERNEL,
-    NUMBERS,
-    OBJECT_COUNT,
-    QUEUE,
-    QUEUE_LENGTH,
-    ROOM,
-    ROWS,
-    SECTIONS,
-    SELF_MARGIN,
-    SINGLE_WORK,
-    STATUS,
-    TABLE_CELLS,
-    TABLE_HEADS,
-    TABLES,
-    WIDEST,
-    Array,
-    N,
-    section,
-    section_bits,
-    section_single,
-)
-from pepper_kin.core.collision.layout import (
-    FREE as MOVING,
-)
+from pepper_kin.core.collision.layout import ROOM, WIDEST, Array, section, section_bits, section_single
 from pepper_kin.core.collision.narrow_phase import settle
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel, floats_at
+from pepper_kin.kernels.lanes import LANE_BYTES, LANES, double_at, store_single, word_at
 
-FIRST_ROOM = 2 * LANES
-"""States of an edge that are checked before the rest: edges in collision mostly are so early."""
-
-SIGNS = np.int64(-0x7FFFFFFF80000000)
-"""The sign bits of two floats in a word."""
-
-Places = NDArray[np.int64]
-
-
-@compiled
-def gather(memory: Array, queue: Places, first: int, last: int) -> None:
-    """Write configurations of a queue into LANES_IN, side by side; the last is repeated to fill all lanes."""
-    numbers, rows, lanes = section(memory, NUMBERS), section(memory, ROWS), section_single(memory, LANES_IN)
-    n = int(numbers[N])
-    for i in range(LANES):
-        row = queue[min(first + i, last - 1)]
-        q, column = rows[n * row : n * row + n], lanes[i:]
-        for k in range(n):
-            column[k * LANES] = q[k]
-        column[n * LANES] = numbers[SELF_MARGIN]
+MOST_BITS = 61
+"""Classes of pairs and groups from here on share a bit."""
 
 
 @compiled
@@ -84,13 +29,13 @@ def _all_within(values: Array, widest: float) -> bool:
 
 
 @compiled
-def _start(memory: Array, count: int) -> int:
+def _start(memory: Array, rows: Array, count: int) -> int:
     """Settle what joint ranges settle; queue the rest.  Returns how many are queued."""
-    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section_bits(memory, QUEUE)
-    status, heads = section_bits(memory, STATUS), section(memory, TABLE_HEADS)
-    tables, cells = section(memory, TABLES), section(memory, TABLE_CELLS)
-    classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
-    n, kept = int(numbers[N]), 0
+    numbers, queue = section(memory, at.NUMBERS), section_bits(memory, at.QUEUE)
+    status, heads = section_bits(memory, at.STATUS), section(memory, at.TABLE_HEADS)
+    tables, cells = section(memory, at.TABLES), section(memory, at.TABLE_CELLS)
+    classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
+    n, kept = int(numbers[at.N]), 0
     violations(heads, tables, cells, rows, n, status[:count])
     for i in range(count):
         classes[i] = groups[i] = 0
@@ -110,173 +55,206 @@ def _start(memory: Array, count: int) -> int:
 
 
 @compiled
-def _sort(memory: Array, kept: int) -> None:
-    """Compare the robot's parts coarsely; queue the configurations for each class of pairs that is near."""
-    numbers, queues, active = (
-        section(memory, NUMBERS),
-        section_bits(memory, QUEUE),
-        section(memory, CLASS_ACTIVE),
-    )
-    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
-    lengths, work = section_bits(memory, QUEUE_LENGTH), section(memory, LANES_WORK)
-    classes = int(numbers[CLASSES])
-    signs = section_bits(memory, LANES_OUT)
-    lengths[:] = 0
-    if classes == 0:
-        return
+def _take_doubts(memory: Array, t: Tables, first: int, count: int, contact: int) -> int:
+    """Note what of the last block is in doubt; return the lanes.
+
+    Args:
+        memory: The block.
+        t: Its tables.
+        first: Place in QUEUE of the configuration in the first lane.
+        count: Number of configurations.
+        contact: Lanes in contact, of which no doubt is noted.
+    """
+    queue, doubts = section_bits(memory, at.QUEUE), 0
+    classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
+    for g in range(t.group_count):
+        found = word_at(t.group_doubts + 8 * g) & ~contact
+        doubts |= found
+        for i in range(count if found != 0 else 0):
+            groups[queue[first + i]] |= ((found >> i) & 1) << min(g, MOST_BITS)
+    for c in range(t.class_count):
+        found = word_at(t.class_doubts + 8 * c) & ~contact
+        doubts |= found
+        for i in range(count if found != 0 else 0):
+            classes[queue[first + i]] |= ((found >> i) & 1) << min(c, MOST_BITS)
+    return doubts
+
+
+@compiled(inline=True, lean=True)
+def _gather(places: int, rows: int, n: int, queue: int, count: int) -> None:
+    """Write configurations of a queue side by side; the last is repeated to fill all lanes."""
+    for i in range(LANES):
+        row, place = rows + 8 * n * word_at(queue + 8 * min(i, count - 1)), places + 4 * i
+        for k in range(n):
+            store_single(place + LANE_BYTES * k, double_at(row + 8 * k))
+
+
+@compiled("int64(float64[::1], float64[::1], int64)")
+def check_rows(memory: Array, rows: Array, count: int) -> int:
+    """Write the verdicts on configurations into STATUS; returns how many were in doubt.
+
+    Args:
+        memory: The block.
+        rows: Configurations, one after the other, shape (count n,).
+        count: How many, ROOM at most.
+    """
+    kept, t, doubts = _start(memory, rows, count), tables_of(memory), 0
+    n, status = int(section(memory, at.NUMBERS)[at.N]), section_bits(memory, at.STATUS)
+    queue, places = section_bits(memory, at.QUEUE), at.address_of(memory, at.COORDINATES)
     for first in range(0, kept, LANES):
-        gather(memory, queues, first, kept)
-        call_kernel(int(numbers[NEAR_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
-        for c in range(classes):
-            bound = found[c * LANES : (c + 1) * LANES]
-            found_signs = 0
-            for k in range(WORDS):
-                found_signs |= signs[c * WORDS + k]
-            if found_signs & SIGNS == 0 or active[c] == 0.0:
-                continue
-            length, queue = lengths[c], queues[ROOM * (c + 1) : ROOM * (c + 2)]
-            for i in range(min(LANES, kept - first)):
-                queue[length] = queues[first + i]
-                length += bound[i] < 0
-            lengths[c] = length
-
-
-@compiled
-def _check_self(memory: Array) -> None:
-    """Compare the robot's spheres with its own cores, class by class, where queued."""
-    numbers, status, queues = (
-        section(memory, NUMBERS),
-        section_bits(memory, STATUS),
-        section_bits(memory, QUEUE),
-    )
-    kernels, lengths = section(memory, CLASS_KERNELS), section_bits(memory, QUEUE_LENGTH)
-    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
-    work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_CLASSES)
-    for c in range(int(numbers[CLASSES])):
-        queue = queues[ROOM * (c + 1) : ROOM * (c + 2)]
-        length = 0
-        for i in range(lengths[c]):
-            queue[length] = queue[i]
-            length += status[queue[i]] == FREE
-        for first in range(0, length, LANES):
-            gather(memory, queue, first, length)
-            call_kernel(int(kernels[c]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
-            for i in range(min(LANES, length - first)):
-                row = queue[first + i]
-                if found[LANES + i] < 0:
-                    status[row] = CONTACT
-                elif found[i] < 0:
-                    doubt[row] |= 1 << min(c, 61)
-
-
-@compiled
-def _check_scene(memory: Array, kept: int) -> None:
-    """Compare the robot's spheres with the scene, for what touches nothing yet."""
-    numbers, status, queue = (
-        section(memory, NUMBERS),
-        section_bits(memory, STATUS),
-        section_bits(memory, QUEUE),
-    )
-    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
-    work, doubt = section(memory, LANES_WORK), section_bits(memory, DOUBT_GROUPS)
-    if numbers[OBJECT_COUNT] == 0 or numbers[GROUPS] == 0:
-        return
-    length = 0
-    for i in range(kept):
-        if status[queue[i]] == FREE:
-            queue[length] = queue[i]
-            length += 1
-    contact, bits = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    for first in range(0, length, LANES):
-        gather(memory, queue, first, length)
-        call_kernel(int(numbers[CENTER_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
-        check_world(memory, contact, bits)
-        for i in range(min(LANES, length - first)):
-            row = queue[first + i]
-            if contact[i]:
-                status[row] = CONTACT
-            doubt[row] = bits[i]
-
-
-@compiled
-def _held(memory: Array, row: int) -> bool:
-    """Whether the joints can hold a configuration against gravity; true where that is not asked for."""
-    numbers, effort = section(memory, NUMBERS), section(memory, EFFORT)
-    if numbers[GRAVITY_KERNEL] == 0:
-        return True
-    n = int(numbers[N])
-    q, torque = section(memory, ROWS)[n * row : n * row + n], section(memory, LANES_OUT)
-    work = section(memory, SINGLE_WORK)
-    call_kernel(int(numbers[GRAVITY_KERNEL]), q.ctypes.data, torque.ctypes.data, work.ctypes.data)
-    held = True
-    for i in range(n):
-        held = held and abs(torque[i]) <= effort[i]
-    return held
-
-
-@compiled("int64(float64[::1], int64)")
-def check_rows(memory: Array, count: int) -> int:
-    """Write the verdicts on the first `count` configurations into STATUS; returns how many were in doubt."""
-    kept = _start(memory, count)
-    _sort(memory, kept)
-    _check_self(memory)
-    _check_scene(memory, kept)
-    return int(settle(memory, count))
+        filled = min(LANES, kept - first)
+        _gather(places, rows.ctypes.data, n, queue.ctypes.data + 8 * first, filled)
+        contact = check_block(t, False)
+        if contact != ALL:
+            doubts |= _take_doubts(memory, t, first, filled, contact)
+        for i in range(filled):
+            status[queue[first + i]] = CONTACT if (contact >> i) & 1 else FREE
+    if doubts == 0:
+        return 0
+    return int(settle(memory, rows, count))
 
 
 @compiled("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)")
 def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int, end: int) -> int:
-    """Write the verdicts on rows of q from `begin` to `end`; returns how many spheres left in doubt."""
-    n, doubts = q.shape[1], 0
-    rows, status = section(memory, ROWS), section_bits(memory, STATUS)
+    """Write the verdicts on rows of q from `begin` to `end`; returns how many balls left in doubt."""
+    n, doubts, status = q.shape[1], 0, section_bits(memory, at.STATUS)
+    flat = q.reshape(-1)
     for first in range(begin, end, ROOM):
         count = min(ROOM, end - first)
-        for i in range(count):
-            for k in range(n):
-                rows[n * i + k] = q[first + i, k]
-        doubts += check_rows(memory, count)
+        doubts += check_rows(memory, flat[n * first : n * (first + count)], count)
         for i in range(count):
             verdicts[first + i] = status[i]
     return doubts
 
 
 @compiled
-def count_valid(memory: Array, a: Array, b: Array, steps: int) -> int:
-    """Return how many of the states a + (b - a) j / steps, j = 1 .. steps, come before the first invalid one.
+def _state(memory: Array, row: int, a: Array, b: Array, fraction: float) -> None:
+    """Write a state of an edge into ROWS."""
+    rows, moving, frozen = section(memory, at.ROWS), section(memory, at.FREE), section(memory, at.FROZEN)
+    n = frozen.size
+    for k in range(n):
+        rows[n * row + k] = frozen[k]
+    for k in range(moving.size):
+        value = b[k] if fraction == 1.0 else a[k] + (b[k] - a[k]) * fraction
+        rows[n * row + int(moving[k])] = value
+
+
+@compiled
+def _within_ranges(memory: Array, a: Array, b: Array, blocks: int) -> bool:
+    """Whether the states of an edge keep the tabulated ranges of joints."""
+    status, heads = section_bits(memory, at.STATUS), section(memory, at.TABLE_HEADS)
+    tables, cells = section(memory, at.TABLES), section(memory, at.TABLE_CELLS)
+    rows, n = section(memory, at.ROWS), section(memory, at.FROZEN).size
+    if heads.size == 0:
+        return True
+    for k in range(blocks):
+        for i in range(LANES):
+            _state(memory, i, a, b, (i + 1) / LANES - k / (LANES * blocks))
+        violations(heads, tables, cells, rows, n, status[:LANES])
+        for i in range(LANES):
+            if status[i] != 0:
+                return False
+    return True
+
+
+@compiled
+def _settled_free(memory: Array, count: int) -> bool:
+    """Whether the exact check finds the first configurations in ROWS, all in doubt, free."""
+    status = section_bits(memory, at.STATUS)
+    for i in range(count):
+        status[i] = FREE
+    settle(memory, section(memory, at.ROWS), count)
+    worst = FREE
+    for i in range(count):
+        worst = max(worst, status[i])
+    return worst == FREE
+
+
+@compiled
+def _held(memory: Array, row: int) -> bool:
+    """Whether the joints can hold a configuration against gravity; true where that is not asked for."""
+    numbers, effort, room = (
+        section(memory, at.NUMBERS),
+        section(memory, at.EFFORT),
+        section(memory, at.GRAVITY),
+    )
+    n = int(numbers[at.N])
+    q, torque = section(memory, at.ROWS)[n * row : n * row + n], room[:n]
+    call_kernel(int(numbers[at.GRAVITY_KERNEL]), q.ctypes.data, torque.ctypes.data, room[n:].ctypes.data)
+    held = True
+    for i in range(n):
+        held = held and abs(torque[i]) <= effort[i]
+    return held
+
+
+@compiled
+def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
+    """Whether at least `steps` states from a to b, evenly spaced and b among them, are valid.
+
+    Eight states are checked side by side.  The first eight are spread from end to end, the next lie a little
+    before them, and so on, since what an edge meets is mostly wider than the space between two states.  What
+    balls leave in doubt waits until all of the edge has been looked at.
 
     Args:
         memory: The block; its section FREE tells which joints a and b are, FROZEN where the others stand.
         a: Values of the free joints, shape (k,) [rad or m].
         b: The same at the end.
-        steps: Number of states.
+        steps: Number of states, which is rounded up to a multiple of eight.
     """
-    numbers, status = section(memory, NUMBERS), section_bits(memory, STATUS)
-    rows, moving, frozen = section(memory, ROWS), section(memory, MOVING), section(memory, FROZEN)
-    n, done, room = int(numbers[N]), 0, FIRST_ROOM
-    if numbers[BLOCKED] > 0:
-        return 0
-    while done < steps:
-        count = min(room, steps - done)
-        for i in range(count):
-            q = rows[n * i : n * i + n]
-            q[:] = frozen
-            j = done + i + 1
-            for k in range(moving.size):
-                way = b[k] - a[k]
-                q[int(moving[k])] = b[k] if j == steps else a[k] + way * j / steps
-        check_rows(memory, count)
-        for i in range(count):
-            if status[i] != FREE or not _held(memory, i):
-                return done + i
-        done += count
-        room = ROOM
-    return steps
+    numbers, moving = section(memory, at.NUMBERS), section(memory, at.FREE)
+    coordinates, queue = section_single(memory, at.COORDINATES), section_bits(memory, at.QUEUE)
+    classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
+    if numbers[at.BLOCKED] > 0 or not (_all_within(a, WIDEST) and _all_within(b, WIDEST)):
+        return False
+    blocks, waiting, t = (steps + LANES - 1) // LANES, 0, tables_of(memory)
+    if not _within_ranges(memory, a, b, blocks):
+        return False
+    for k in range(blocks):
+        for j in range(moving.size):
+            place, way = LANES * int(moving[j]), b[j] - a[j]
+            last = k / (LANES * blocks)
+            for i in range(LANES):
+                coordinates[place + i] = a[j] + way * ((i + 1) * (1.0 / LANES) - last)
+        if check_block(t, True) != 0:
+            return False
+        if waiting + LANES > ROOM:
+            if not _settled_free(memory, waiting):
+                return False
+            waiting = 0
+        for i in range(LANES):
+            queue[waiting + i] = waiting + i
+            classes[waiting + i] = groups[waiting + i] = 0
+        doubts, found = _take_doubts(memory, t, waiting, LANES, 0), waiting
+        for i in range(LANES if doubts != 0 else 0):
+            if (doubts >> i) & 1:
+                classes[found], groups[found] = classes[waiting + i], groups[waiting + i]
+                _state(memory, found, a, b, (i + 1) / LANES - k / (LANES * blocks))
+                found += 1
+        waiting = found
+    if waiting > 0 and not _settled_free(memory, waiting):
+        return False
+    if numbers[at.GRAVITY_KERNEL] != 0:
+        for k in range(LANES * blocks):
+            _state(memory, 0, a, b, (k + 1) / (LANES * blocks))
+            if not _held(memory, 0):
+                return False
+    return True
+
+
+@compiled("void(float64[::1])")
+def place_frozen(memory: Array) -> None:
+    """Place all bodies where FROZEN has the joints; those that no free joint moves stay there."""
+    frozen, coordinates = section(memory, at.FROZEN), section_single(memory, at.COORDINATES)
+    for k in range(frozen.size):
+        for i in range(LANES):
+            coordinates[LANES * k + i] = frozen[k]
+    place_all(tables_of(memory))
 
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
-def valid_prefix(a: int, b: int, steps: int, memory: int) -> int:
-    """Call `count_valid` for those who have addresses only."""
-    spans = floats_at(memory, 2 * SECTIONS)
-    whole = floats_at(memory, int(spans[2 * SECTIONS - 1]))
-    count = int(spans[2 * MOVING + 1] - spans[2 * MOVING])
-    return count_valid(whole, floats_at(a, count), floats_at(b, count), steps)
+def valid_steps(a: int, b: int, steps: int, memory: int) -> int:
+    """Return `steps` if `is_edge_valid`, and else 0, for those who have addresses only."""
+    spans = floats_at(memory, 2 * at.SECTIONS)
+    whole = floats_at(memory, int(spans[2 * at.SECTIONS - 1]))
+    count = int(spans[2 * at.FREE + 1] - spans[2 * at.FREE])
+    return steps if is_edge_valid(whole, floats_at(a, count), floats_at(b, count), steps) else 0

@@ -25,13 +25,48 @@ class ConvexCore(NamedTuple):
         kind: BOX, CYLINDER or HULL.
         half: Its half lengths, shape (3,) [m].
         pose: Its center, x, y and z axis, shape (12,).
-        vertices: Of a HULL, shape (k, 3) [m].
+        vertices: Of a HULL, x, y and z, shape (3, k) [m].
     """
 
     kind: float
     half: Floats1
     pose: Floats1
     vertices: Floats2
+
+
+@compiled(vector=True)
+def _greatest_height(x: Array, y: Array, z: Array, u: float, v: float, w: float) -> float:
+    """Return the greatest of u x + v y + w z."""
+    best = -1e300
+    for k in range(x.size):
+        height = u * x[k] + v * y[k] + w * z[k]
+        best = height if height > best else best
+    return best
+
+
+@compiled
+def _highest(x: Array, y: Array, z: Array, u: float, v: float, w: float) -> int:
+    """Return the place of the greatest u x + v y + w z, but for rounding."""
+    best = _greatest_height(x, y, z, u, v, w)
+    least = best - 1e-12 * abs(best)
+    for k in range(x.size):
+        if u * x[k] + v * y[k] + w * z[k] >= least:
+            return k
+    return 0
+
+
+@compiled
+def _height(core: ConvexCore, x: float, y: float, z: float) -> float:
+    """Return how far a core reaches beyond its centre in a direction, times the direction's length."""
+    half, pose, vertices = core.half, core.pose, core.vertices
+    u = x * pose[3] + y * pose[4] + z * pose[5]
+    v = x * pose[6] + y * pose[7] + z * pose[8]
+    w = x * pose[9] + y * pose[10] + z * pose[11]
+    if core.kind == HULL:
+        return _greatest_height(vertices[0], vertices[1], vertices[2], u, v, w)
+    if core.kind == CYLINDER:
+        return math.sqrt(u * u + v * v) * half[0] + abs(w) * half[2]
+    return abs(u) * half[0] + abs(v) * half[1] + abs(w) * half[2]
 
 
 @compiled
@@ -43,12 +78,8 @@ def _subtract_support(core: ConvexCore, direction: Array, result: Array, sign: f
     v = x * pose[6] + y * pose[7] + z * pose[8]
     w = x * pose[9] + y * pose[10] + z * pose[11]
     if core.kind == HULL:
-        best, place = -math.inf, 0
-        for k in range(vertices.shape[0]):
-            height = u * vertices[k, 0] + v * vertices[k, 1] + w * vertices[k, 2]
-            if height > best:
-                best, place = height, k
-        u, v, w = vertices[place, 0], vertices[place, 1], vertices[place, 2]
+        place = _highest(vertices[0], vertices[1], vertices[2], u, v, w)
+        u, v, w = vertices[0, place], vertices[1, place], vertices[2, place]
     else:
         if core.kind == CYLINDER:
             across = math.sqrt(u * u + v * v)
@@ -134,7 +165,18 @@ def _nearest_in_hull(points: Array, count: int, now: Array, new: Array, room: Ar
 
 
 @compiled
-def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float) -> int:
+def _separates(a: ConvexCore, b: ConvexCore, axis: Array, least: float) -> bool:
+    """Whether a plane across an axis, given in the frame of the first core, parts the cores by a distance."""
+    pose, other = a.pose, b.pose
+    x = axis[0] * pose[3] + axis[1] * pose[6] + axis[2] * pose[9]
+    y = axis[0] * pose[4] + axis[1] * pose[7] + axis[2] * pose[10]
+    z = axis[0] * pose[5] + axis[1] * pose[8] + axis[2] * pose[11]
+    apart = (pose[0] - other[0]) * x + (pose[1] - other[1]) * y + (pose[2] - other[2]) * z
+    return apart - _height(a, -x, -y, -z) - _height(b, x, y, z) > least
+
+
+@compiled
+def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis: Array) -> int:
     """Tell whether two convex cores are nearer than a threshold.
 
     Gilbert, Johnson and Keerthi (1988) with the point of least norm by Wolfe (1976): v, a point of the
@@ -146,9 +188,14 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float) -> i
         b: The other.
         threshold: Distance [m].
         tie: Distances within this of the threshold are ties [m].
+        axis: Direction that parted the cores when they were last asked about, a unit vector in the frame of
+            the first, or zero; it is tried first.  Written where they are parted.
     """
+    known = axis[0] != 0.0 or axis[1] != 0.0 or axis[2] != 0.0
+    if known and _separates(a, b, axis, threshold + tie):
+        return FREE
     points, now, new, room = np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros((4, 4))
-    v = a.pose[:3] - b.pose[:3]
+    v, w = a.pose[:3] - b.pose[:3], np.zeros(3)
     if v[0] * v[0] + v[1] * v[1] + v[2] * v[2] < TOUCHING**2:
         v[0] = 1.0
     count = 0
@@ -156,11 +203,14 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float) -> i
         size = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
         if count > 0 and (size <= TOUCHING or size < threshold - tie):
             return CONTACT
-        w = np.zeros(3)
+        w[0] = w[1] = w[2] = 0.0
         _subtract_support(a, v, w, -1.0)
         _subtract_support(b, v, w, 1.0)
         lower = (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]) / size
         if lower > threshold + tie:
+            for i in range(3):
+                row = a.pose[3 + 3 * i : 6 + 3 * i]
+                axis[i] = (v[0] * row[0] + v[1] * row[1] + v[2] * row[2]) / size
             return FREE
         if count == 4 or (count > 0 and size - lower < 1e-12):
             return TIE

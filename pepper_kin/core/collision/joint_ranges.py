@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.core.collision.layout import Array
 from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.lanes import double_at, store_word, word_at
 
 HEAD = 7
 """Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, margin, first position, cells per rad."""
@@ -47,18 +48,19 @@ def violations(
         left: Written, one number per configuration.
     """
     left[:] = 0
+    places, states, stride = left.ctypes.data, rows.ctypes.data, 8 * n
     for k in range(heads.size // HEAD):
         h = HEAD * k
-        a, b, begin, density = int(heads[h]), int(heads[h + 1]), heads[h + 5], heads[h + 6]
-        own = cells[CELL * CELLS * k : CELL * CELLS * (k + 1)]
+        begin, density, own = heads[h + 5], heads[h + 6], cells.ctypes.data + 8 * CELL * CELLS * k
+        first, second = states + 8 * int(heads[h]), states + 8 * int(heads[h + 1])
         for i in range(left.size):
-            y, place = rows[n * i + b], (rows[n * i + a] - begin) * density
+            y, place = double_at(second + stride * i), (double_at(first + stride * i) - begin) * density
             place = place if place > 0.0 else 0.0  # also keeps NaN from becoming a place
             place = place if place < CELLS - 1.0 else CELLS - 1.0
-            c = CELL * int(place)
-            surely = (y < own[c]) | (y > own[c + 1])
-            perhaps = (y < own[c + 2]) | (y > own[c + 3])
-            left[i] |= surely + 2 * perhaps
+            cell = own + 8 * CELL * int(place)
+            surely = (y < double_at(cell)) | (y > double_at(cell + 8))
+            perhaps = (y < double_at(cell + 16)) | (y > double_at(cell + 24))
+            store_word(places + 8 * i, word_at(places + 8 * i) | (surely + 2 * perhaps))
     for i in range(left.size):
         state, left[i] = left[i], left[i] & 1
         if state == 2:

@@ -11,12 +11,6 @@ from pepper_kin.kernels.compiled_function import compiled
 
 Array: TypeAlias = NDArray[np.float64]
 
-VECTOR_BYTES = 32
-"""Width of the vectors of lanes, the same on every processor."""
-LANES = VECTOR_BYTES // 4
-"""Configurations side by side in a vector."""
-POSE_LANES = VECTOR_BYTES // 8
-"""The same of configurations whose exact poses are wanted."""
 ROOM = 64
 """Configurations that go through the stages together."""
 WIDEST = 16.0
@@ -27,64 +21,72 @@ ALIGNMENT = 8
 
 (
     NUMBERS,
-    CLASS_KERNELS,
-    CLASS_ACTIVE,
-    CLASS_RADII,
     TABLE_HEADS,
     TABLES,
     TABLE_CELLS,
-    PAIR_FIRST,
-    PAIRS,
-    SOLIDS,
-    SOLID_HALF,
-    GROUP_FIRST,
-    GROUP_SOLIDS,
-    GROUP_RADII,
-    REACH,
+    BODIES,
+    FRAMES,
+    GROUPS,
+    BALLS,
+    OBJECT_LISTS,
     OBJECTS,
-    OBJECT_BOXES,
-    GROUP_OBJECTS,
+    LINKS,
+    SIDES,
+    RANGES,
+    CORES,
+    JOINTS,
+    FULL,
+    SOLIDS,
+    SOLID_PLACES,
+    SOLID_HALF,
     VERTEX_FIRST,
     VERTICES,
+    PAIR_FIRST,
+    PAIRS,
+    GROUP_SOLIDS,
+    GROUP_OBJECTS,
     FROZEN,
     FREE,
     EFFORT,
+    FLAGS,
+    COORDINATES,
+    POSES,
+    CENTERS,
+    PLACED,
+    CLASS_DOUBTS,
+    GROUP_DOUBTS,
     ROWS,
     STATUS,
-    DOUBT_CLASSES,
-    DOUBT_GROUPS,
     QUEUE,
-    QUEUE_LENGTH,
-    LANES_IN,
-    LANES_OUT,
-    LANES_WORK,
-    WORLD,
-    POSES,
-    SINGLE_WORK,
-) = range(35)
-"""Sections, in order; `memory.py` says what is in each."""
-SECTIONS = 35
+    ROW_CLASSES,
+    ROW_GROUPS,
+    Q_FULL,
+    JOINT_POSES,
+    JOINT_AXES,
+    SOLID_POSES,
+    AXES,
+    GRAVITY,
+) = range(46)
+"""Sections, in order; `collision/fast/prepared.py` says what is in each."""
+SECTIONS = 46
 
 BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
 
 (
     N,
-    CLASSES,
-    GROUPS,
-    SPHERES,
+    CLASS_COUNT,
+    GROUP_COUNT,
+    BODY_COUNT,
+    LINK_COUNT,
     OBJECT_COUNT,
     SELF_MARGIN,
     MARGIN,
-    NEAR_KERNEL,
-    CENTER_KERNEL,
-    POSE_KERNEL,
     GRAVITY_KERNEL,
     BLOCKED,
-    POSE_LANES_KERNEL,
-) = range(13)
+) = range(10)
 """Places in the section NUMBERS."""
-NUMBERS_SIZE = 13
+NUMBERS_SIZE = 10
 
 
 @compiled
@@ -97,6 +99,12 @@ def section(memory: Array, which: int) -> Array:
 def section_single(memory: Array, which: int) -> NDArray[np.float32]:
     """Return a section of the block as floats."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.float32)
+
+
+@compiled(inline=True)
+def address_of(memory: Array, which: int) -> int:
+    """Return the address of a section."""
+    return int(memory.ctypes.data) + 8 * int(memory[2 * which])
 
 
 @compiled

@@ -5,143 +5,136 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
-from pepper_kin.core.collision.broad_phase import OBJECT_SIZE, least_excess, squared_distances
-from pepper_kin.core.collision.check import gather
-from pepper_kin.core.collision.layout import (
-    CENTER_KERNEL,
-    CLASS_KERNELS,
-    CLASS_RADII,
-    CLASSES,
-    GROUP_FIRST,
-    GROUP_OBJECTS,
-    GROUP_RADII,
-    GROUP_SOLIDS,
-    GROUPS,
-    LANES,
-    LANES_IN,
-    LANES_OUT,
-    LANES_WORK,
-    NEAR_KERNEL,
-    NUMBERS,
-    OBJECT_COUNT,
-    OBJECTS,
-    PAIR_FIRST,
-    PAIRS,
-    POSE_KERNEL,
-    POSES,
-    QUEUE,
-    REACH,
-    ROOM,
-    ROWS,
-    SINGLE_WORK,
-    SOLIDS,
-    SPHERES,
-    WORLD,
-    Array,
-    N,
-    section,
-    section_bits,
-    section_single,
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.ball_check import (
+    BALL_SINGLES,
+    CORE_LANES,
+    CORE_SINGLES,
+    GROUP_WORDS,
+    LINK_WORDS,
+    OBJECT_SINGLES,
+    RANGE_WORDS,
+    SIDE_WORDS,
+    Tables,
+    core_distance,
+    place_all,
+    squared_distance,
+    tables_of,
 )
-from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, pair_distance
+from pepper_kin.core.collision.layout import ROOM, Array, section, section_single
+from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, pair_distance, place_solids
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_kernel
+from pepper_kin.kernels.lanes import (
+    LANE_BYTES,
+    LANES,
+    lane_minimum,
+    lane_sqrt,
+    lanes_below,
+    load_lanes,
+    single_at,
+    spread,
+    store_lanes,
+    word_at,
+)
 
 SMALL = 0.03
-"""Bounds by spheres below this are replaced by exact distances where there is a closed form [m]."""
+"""Bounds by balls below this are replaced by exact distances where there is a closed form [m]."""
+FAR = 1e30
+"""Where there is nothing to be near to [m]."""
 
 
-@compiled
-def distance_bound(excess: float, greatest: float) -> float:
-    """Return the least d - R for which d^2 - R^2 is at least `excess`, R being at most `greatest` [m].
-
-    d - R = sqrt(excess + R^2) - R falls with R.  Below zero nothing is known: d is the distance to a core,
-    not how deep it is entered.
-
-    Args:
-        excess: A lower bound of d^2 - R^2 [m^2].
-        greatest: Greatest radius R [m].
-    """
-    if excess >= 0.0:
-        return math.sqrt(excess + greatest * greatest) - greatest
-    return -math.inf
+@compiled(inline=True, lean=True)
+def _less_reach(squared: Any, reach: float) -> Any:
+    """Return d - R in lanes; -FAR where d is zero, since a core entered says nothing of how deep."""
+    distance = lane_sqrt(squared)
+    inside = lane_minimum(distance * 1e30 - 1.0, spread(0.0))  # -1 where the distance is zero
+    return distance - reach + inside * FAR
 
 
-@compiled
-def _self_bounds(memory: Array, bounds: Array, first: int, count: int) -> None:
-    """Write the bounds of all classes of pairs for the configurations in LANES_IN."""
-    numbers, kernels, radii = (
-        section(memory, NUMBERS),
-        section(memory, CLASS_KERNELS),
-        section(memory, CLASS_RADII),
+@compiled(lean=True)
+def _link_bound(t: Tables, k: int, least: Any) -> Any:
+    """Return a bound in lanes, or the distance of a body's balls from another's cores where less."""
+    words = t.links + 8 * LINK_WORDS * k
+    first, second = word_at(words + 8), word_at(words + 24)
+    place, other = t.centers + 3 * LANE_BYTES * first, t.centers + 3 * LANE_BYTES * second
+    x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+    dx, dy, dz = x - load_lanes(other), y - load_lanes(other + 32), z - load_lanes(other + 64)
+    wide = single_at(t.balls + 4 * BALL_SINGLES * first + 12)
+    apart = (
+        lane_sqrt(dx * dx + dy * dy + dz * dz) - wide - single_at(t.balls + 4 * BALL_SINGLES * second + 12)
     )
-    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
-    work, classes = section(memory, LANES_WORK), int(numbers[CLASSES])
-    if classes > 0:
-        call_kernel(int(numbers[NEAR_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
-    for c in range(classes):
-        for i in range(count):
-            rough = distance_bound(found[c * LANES + i], radii[2 * c + 1])
-            bounds[first + i, c] = rough
-    for c in range(classes):
-        call_kernel(int(kernels[c]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
-        for i in range(count):
-            fine = distance_bound(found[i], radii[2 * c])
-            bounds[first + i, c] = max(bounds[first + i, c], fine)
+    if lanes_below(apart, least) == 0:
+        return least
+    for s in range(word_at(words + 48), word_at(words + 56)):
+        side = t.sides + 8 * SIDE_WORDS * s
+        e = word_at(side)
+        core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
+        apart = lane_sqrt(core_distance(core, room, x, y, z)) - wide - single_at(core + 4)
+        if lanes_below(apart, least) == 0:
+            continue
+        for r in range(word_at(side + 8), word_at(side + 16)):
+            pair = t.ranges + 8 * RANGE_WORDS * r
+            for i in range(word_at(pair), word_at(pair + 8)):
+                ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+                squared = core_distance(
+                    core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+                )
+                least = lane_minimum(least, _less_reach(squared, single_at(ball + 12) + single_at(core + 4)))
+    return least
+
+
+@compiled(lean=True)
+def _group_bound(t: Tables, g: int) -> Any:
+    """Return in lanes how far the balls of a group are from the objects of its list."""
+    words = t.groups + 8 * GROUP_WORDS * g
+    coarse = word_at(words + 8)
+    reach = single_at(t.balls + 4 * BALL_SINGLES * coarse + 12)
+    place = t.centers + 3 * LANE_BYTES * coarse
+    x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+    least = spread(FAR)
+    for k in range(word_at(words + 32), word_at(words + 40)):
+        item = t.objects + 4 * OBJECT_SINGLES * word_at(t.lists + 8 * k)
+        radius = single_at(item + 4)
+        apart = lane_sqrt(squared_distance(item, x, y, z)) - reach - radius
+        if lanes_below(apart, least) == 0:
+            continue
+        for i in range(word_at(words + 16), word_at(words + 24)):
+            ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+            squared = squared_distance(
+                item, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+            )
+            least = lane_minimum(least, _less_reach(squared, single_at(ball + 12) + radius))
+    return least
 
 
 @compiled
-def _scene_bounds(memory: Array, bounds: Array, first: int, count: int, lanes: int) -> None:
-    """Write the bounds of all groups of solids to the scene for the configurations in LANES_IN."""
-    numbers, objects, starts = (
-        section(memory, NUMBERS),
-        section(memory, OBJECTS),
-        section(memory, GROUP_FIRST),
-    )
-    compared, radii = section(memory, GROUP_OBJECTS), section(memory, GROUP_RADII)
-    given, found = section_single(memory, LANES_IN), section_single(memory, LANES_OUT)
-    reach, room, work = (
-        section_single(memory, REACH),
-        section_single(memory, WORLD),
-        section(memory, LANES_WORK),
-    )
-    groups, classes = int(numbers[GROUPS]), int(numbers[CLASSES])
-    size = (groups + int(numbers[SPHERES])) * LANES
-    if groups == 0 or numbers[OBJECT_COUNT] == 0:
-        return
-    call_kernel(int(numbers[CENTER_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
-    x, y, z = found[:size], found[size : 2 * size], found[2 * size : 3 * size]
-    least = room[size : size + LANES]
-    for g in range(groups):
-        a, b = (groups + int(starts[g])) * LANES, (groups + int(starts[g + 1])) * LANES
-        squared = room[: b - a]
-        for i in range(count):
-            bounds[first + i, classes + g] = math.inf
-        for o in range(int(numbers[OBJECT_COUNT])):
-            if compared[o * groups + g] == 0.0:
-                continue
-            item = objects[OBJECT_SIZE * o : OBJECT_SIZE * (o + 1)]
-            radius: Any = np.float32(item[1])
-            squared_distances(x[a:b], y[a:b], z[a:b], item, squared)
-            least_excess(squared, reach[a:b], radius, lanes, least)
-            for i in range(count):
-                bound = distance_bound(least[i], radii[g] + item[1])
-                bounds[first + i, classes + g] = min(bounds[first + i, classes + g], bound)
+def _write(memory: Array, least: Any, bounds: Array, first: int, count: int, part: int) -> None:
+    """Write the bounds of a part of the robot in all lanes."""
+    room = section_single(memory, at.QUEUE)
+    store_lanes(room.ctypes.data, least)
+    for i in range(count):
+        value = float(room[i])
+        bounds[first + i, part] = math.inf if value >= FAR else (value if value > 0.0 else -math.inf)
 
 
 @compiled
-def _sharpen(memory: Array, bounds: Array, row: int) -> None:
-    """Raise those bounds of a configuration in ROWS that are small, by exact distances."""
-    numbers, solids, poses = section(memory, NUMBERS), section(memory, SOLIDS), section(memory, POSES)
-    first, pairs, members = section(memory, PAIR_FIRST), section(memory, PAIRS), section(memory, GROUP_SOLIDS)
-    compared, work = section(memory, GROUP_OBJECTS), section(memory, SINGLE_WORK)
-    n, classes, groups = int(numbers[N]), int(numbers[CLASSES]), int(numbers[GROUPS])
-    objects, q = int(numbers[OBJECT_COUNT]), section(memory, ROWS)[n * row : n * row + n]
+def _sharpen(memory: Array, bounds: Array, q: Array) -> None:
+    """Raise those bounds of a configuration that are small, by exact distances."""
+    numbers, solids, poses = (
+        section(memory, at.NUMBERS),
+        section(memory, at.SOLIDS),
+        section(memory, at.SOLID_POSES),
+    )
+    first, pairs, members = (
+        section(memory, at.PAIR_FIRST),
+        section(memory, at.PAIRS),
+        section(memory, at.GROUP_SOLIDS),
+    )
+    compared, objects = section(memory, at.GROUP_OBJECTS), int(numbers[at.OBJECT_COUNT])
+    classes, groups = int(numbers[at.CLASS_COUNT]), int(numbers[at.GROUP_COUNT])
     if bounds.size == 0 or bounds.min() > SMALL:
         return
-    call_kernel(int(numbers[POSE_KERNEL]), q.ctypes.data, poses.ctypes.data, work.ctypes.data)
+    place_solids(memory, q)
     for c in range(classes):
         if bounds[c] > SMALL:
             continue
@@ -165,27 +158,32 @@ def _sharpen(memory: Array, bounds: Array, row: int) -> None:
         bounds[classes + g] = max(bounds[classes + g], least)
 
 
-@compiled("void(float64[::1], float64[:, ::1], float64[:, ::1], int64)")
-def part_bounds(memory: Array, q: Array, bounds: Array, lanes: int) -> None:
+@compiled("void(float64[::1], float64[:, ::1], float64[:, ::1])")
+def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
     """Write lower bounds of the distance of each class of pairs and of each group to the scene [m].
 
     Args:
-        memory: A block whose margins are zero.
+        memory: A block whose margins are zero and in which all joints are free.
         q: Configurations, shape (m, n).
         bounds: Written, shape (m, classes + groups).
-        lanes: LANES; see `least_excess`.
     """
-    numbers, rows, queue = section(memory, NUMBERS), section(memory, ROWS), section_bits(memory, QUEUE)
-    n = int(numbers[N])
+    coordinates, n = section_single(memory, at.COORDINATES), q.shape[1]
     for start in range(0, q.shape[0], ROOM):
         count = min(ROOM, q.shape[0] - start)
-        for i in range(count):
-            queue[i] = i
-            for k in range(n):
-                rows[n * i + k] = q[start + i, k]
+        t = tables_of(memory)
         for first in range(0, count, LANES):
-            gather(memory, queue, first, count)
-            _self_bounds(memory, bounds, start + first, min(LANES, count - first))
-            _scene_bounds(memory, bounds, start + first, min(LANES, count - first), lanes)
+            for i in range(LANES):
+                for k in range(n):
+                    coordinates[LANES * k + i] = q[start + min(first + i, count - 1), k]
+            place_all(t)
+            filled = min(LANES, count - first)
+            for c in range(t.class_count):
+                least = spread(FAR)
+                for k in range(t.link_count):
+                    if word_at(t.links + 8 * LINK_WORDS * k + 40) == c:
+                        least = _link_bound(t, k, least)
+                _write(memory, least, bounds, start + first, filled, c)
+            for g in range(t.group_count):
+                _write(memory, _group_bound(t, g), bounds, start + first, filled, t.class_count + g)
         for i in range(count):
-            _sharpen(memory, bounds[start + i], i)
+            _sharpen(memory, bounds[start + i], q[start + i])

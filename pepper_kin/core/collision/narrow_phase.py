@@ -4,33 +4,31 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
 from pepper_kin.core.collision.layout import (
+    AXES,
     BOX,
-    CLASSES,
-    DOUBT_CLASSES,
-    DOUBT_GROUPS,
+    CLASS_COUNT,
+    FULL,
+    GROUP_COUNT,
     GROUP_OBJECTS,
     GROUP_SOLIDS,
-    GROUPS,
-    LANES_IN,
-    LANES_OUT,
-    LANES_WORK,
+    JOINT_AXES,
+    JOINT_POSES,
+    JOINTS,
     MARGIN,
     NUMBERS,
     OBJECT_COUNT,
     OTHER,
     PAIR_FIRST,
     PAIRS,
-    POSE_LANES,
-    POSE_LANES_KERNEL,
-    POSES,
-    ROWS,
+    Q_FULL,
+    ROW_CLASSES,
+    ROW_GROUPS,
     SELF_MARGIN,
     SOLID_HALF,
+    SOLID_PLACES,
+    SOLID_POSES,
     SOLIDS,
     STATUS,
     VERTEX_FIRST,
@@ -41,8 +39,9 @@ from pepper_kin.core.collision.layout import (
     section_bits,
 )
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
+from pepper_kin.core.kinematic_tree import JOINT, compose, place_joints
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_kernel
+from pepper_kin.kernels.signatures import Floats2
 
 TIE_WIDTH = 3e-6
 """Distances within this of the threshold are ties: coal's own iterations end at 1e-6 [m]."""
@@ -50,11 +49,24 @@ ROUNDING = 1e-9
 """More than double precision loses in a distance [m]."""
 SOLID_SIZE = 4
 """Numbers of a solid in SOLIDS: kind, radius, bounding radius, whether it is filled."""
+PLACE_SIZE = 13
+"""Numbers of a solid of the robot in SOLID_PLACES: its joint, its pose there (centre, x, y and z axis)."""
+FULL_SIZE = 3
+"""Numbers of a coordinate of the Pinocchio model in FULL: the one of q on which it depends, gain and
+offset."""
 
 
 @compiled
-def _pair(memory: Array, solids: Array, poses: Array, a: int, b: int, margin: float) -> int:
-    """Return the verdict on two solids of the section SOLIDS."""
+def _vertices(memory: Array, a: int) -> Floats2:
+    """Return the vertices of a solid, shape (3, k)."""
+    first = section(memory, VERTEX_FIRST)
+    begin, end = 3 * int(first[a]), 3 * int(first[a + 1])
+    return section(memory, VERTICES)[begin:end].reshape((3, (end - begin) // 3))
+
+
+@compiled
+def _pair(memory: Array, solids: Array, poses: Array, a: int, b: int, margin: float, slot: int) -> int:
+    """Return the verdict on two solids of the section SOLIDS; `slot` is their place in AXES."""
     pose_a, pose_b = poses[12 * a : 12 * a + 12], poses[12 * b : 12 * b + 12]
     row_a, row_b = (
         solids[SOLID_SIZE * a : SOLID_SIZE * (a + 1)],
@@ -82,11 +94,11 @@ def _pair(memory: Array, solids: Array, poses: Array, a: int, b: int, margin: fl
         if abs(distance - threshold) > TIE_WIDTH:
             verdict = CONTACT if distance < threshold else FREE
     else:
-        first, vertices = section(memory, VERTEX_FIRST), section(memory, VERTICES)
-        corners = vertices.reshape((-1, 3))
-        core_a = ConvexCore(row_a[0], half_a, pose_a, corners[int(first[a]) : int(first[a + 1])])
-        core_b = ConvexCore(row_b[0], half_b, pose_b, corners[int(first[b]) : int(first[b + 1])])
-        verdict = nearer_than(core_a, core_b, threshold, TIE_WIDTH)
+        axes = section(memory, AXES)
+        axis = axes[3 * (slot % (axes.size // 3)) :][:3]
+        core_a = ConvexCore(row_a[0], half_a, pose_a, _vertices(memory, a))
+        core_b = ConvexCore(row_b[0], half_b, pose_b, _vertices(memory, b))
+        verdict = nearer_than(core_a, core_b, threshold, TIE_WIDTH, axis)
     if verdict == CONTACT and (row_a[3] == 0.0 or row_b[3] == 0.0):
         return TIE
     return verdict
@@ -99,7 +111,7 @@ def pair_distance(memory: Array, solids: Array, poses: Array, a: int, b: int, le
     Args:
         memory: The block.
         solids: Its section SOLIDS.
-        poses: Its section POSES.
+        poses: Its section SOLID_POSES.
         a: A solid.
         b: Another.
         least: Distances above this need not be known.
@@ -131,65 +143,44 @@ def pair_distance(memory: Array, solids: Array, poses: Array, a: int, b: int, le
 
 
 @compiled
-def _pose(memory: Array, rows: NDArray[np.int64], count: int) -> None:
-    """Write poses of the solids at up to POSE_LANES configurations into LANES_OUT, side by side."""
-    numbers, given, found = section(memory, NUMBERS), section(memory, LANES_IN), section(memory, LANES_OUT)
-    n, q, work = int(numbers[N]), section(memory, ROWS), section(memory, LANES_WORK)
-    for lane in range(POSE_LANES):
-        first = n * rows[min(lane, count - 1)]
-        for k in range(n):
-            given[k * POSE_LANES + lane] = q[first + k]
-    call_kernel(int(numbers[POSE_LANES_KERNEL]), given.ctypes.data, found.ctypes.data, work.ctypes.data)
+def place_solids(memory: Array, q: Array) -> None:
+    """Write the poses of the robot's solids at a configuration into SOLID_POSES."""
+    full, q_full = section(memory, FULL), section(memory, Q_FULL)
+    places, poses = section(memory, SOLID_PLACES), section(memory, SOLID_POSES)
+    joints = section(memory, JOINTS).reshape((-1, JOINT))
+    frames, axes = (
+        section(memory, JOINT_POSES).reshape((-1, 12)),
+        section(memory, JOINT_AXES).reshape((-1, 3)),
+    )
+    for k in range(q_full.size):
+        q_full[k] = q[int(full[FULL_SIZE * k])] * full[FULL_SIZE * k + 1] + full[FULL_SIZE * k + 2]
+    place_joints(joints, q_full, frames, axes)
+    for k in range(places.size // PLACE_SIZE):
+        place = places[PLACE_SIZE * k : PLACE_SIZE * (k + 1)]
+        compose(frames[int(place[0])], place[1:], poses[12 * k : 12 * k + 12])
 
 
 @compiled
-def _may_touch(
-    solids: Array, poses: Array, found: Array, lane: int, a: int, b: int, count: int, margin: float
-) -> bool:
-    """Whether the bounding balls of a solid of the robot and another come nearer than a margin.
-
-    Where they do, the poses of both in this lane are copied to where `_pair` looks for them.
-    """
-    reach = solids[SOLID_SIZE * a + 2] + solids[SOLID_SIZE * b + 2] + margin + TIE_WIDTH
-    square = 0.0
-    for i in range(3):
-        there = found[(12 * b + i) * POSE_LANES + lane] if b < count else poses[12 * b + i]
-        apart = found[(12 * a + i) * POSE_LANES + lane] - there
-        square += apart * apart
-    if square > reach * reach:
-        return False
-    for i in range(12):
-        poses[12 * a + i] = found[(12 * a + i) * POSE_LANES + lane]
-        if b < count:
-            poses[12 * b + i] = found[(12 * b + i) * POSE_LANES + lane]
-    return True
-
-
-@compiled
-def _verdict(memory: Array, lane: int, classes: int, groups: int) -> int:
+def _verdict(memory: Array, classes: int, groups: int) -> int:
     """Return FREE, CONTACT, or TIE where some pair is too near to the threshold to tell and none is nearer.
 
     Args:
-        memory: The block, with poses in LANES_OUT.
-        lane: Which of them.
+        memory: The block, with poses in SOLID_POSES.
         classes: Bits of the classes of pairs in doubt; bit 61 stands for all from there on.
         groups: Bits of the groups of solids in doubt about the scene; the same.
     """
-    numbers, solids, poses = section(memory, NUMBERS), section(memory, SOLIDS), section(memory, POSES)
-    found, worst = section(memory, LANES_OUT), FREE
-    objects, count_groups = int(numbers[OBJECT_COUNT]), int(numbers[GROUPS])
+    numbers, solids, poses = section(memory, NUMBERS), section(memory, SOLIDS), section(memory, SOLID_POSES)
+    objects, count_groups, worst = int(numbers[OBJECT_COUNT]), int(numbers[GROUP_COUNT]), FREE
     count = solids.size // SOLID_SIZE - objects
     first, pairs, margin = section(memory, PAIR_FIRST), section(memory, PAIRS), numbers[SELF_MARGIN]
-    for c in range(int(numbers[CLASSES])):
+    for c in range(int(numbers[CLASS_COUNT])):
         if not (classes >> min(c, 61)) & 1:
             continue
         for k in range(int(first[c]), int(first[c + 1])):
-            a, b = int(pairs[2 * k]), int(pairs[2 * k + 1])
-            if _may_touch(solids, poses, found, lane, a, b, count, margin):
-                verdict = _pair(memory, solids, poses, a, b, margin)
-                if verdict == CONTACT:
-                    return CONTACT
-                worst = max(worst, verdict)
+            verdict = _pair(memory, solids, poses, int(pairs[2 * k]), int(pairs[2 * k + 1]), margin, k)
+            if verdict == CONTACT:
+                return CONTACT
+            worst = max(worst, verdict)
     members, compared = section(memory, GROUP_SOLIDS), section(memory, GROUP_OBJECTS)
     margin = numbers[MARGIN]
     for k in range(members.size // 2):
@@ -199,33 +190,31 @@ def _verdict(memory: Array, lane: int, classes: int, groups: int) -> int:
         for o in range(objects):
             if compared[o * count_groups + group] == 0.0:
                 continue
-            if _may_touch(solids, poses, found, lane, a, count + o, count, margin):
-                verdict = _pair(memory, solids, poses, a, count + o, margin)
-                if verdict == CONTACT:
-                    return CONTACT
-                worst = max(worst, verdict)
+            slot = pairs.size // 2 + k * objects + o
+            verdict = _pair(memory, solids, poses, a, count + o, margin, slot)
+            if verdict == CONTACT:
+                return CONTACT
+            worst = max(worst, verdict)
     return worst
 
 
 @compiled
-def settle(memory: Array, count: int) -> int:
-    """Settle those of the first `count` configurations in ROWS that spheres leave in doubt.
+def settle(memory: Array, rows: Array, count: int) -> int:
+    """Settle those of some configurations that balls leave in doubt.
 
     Their verdicts are written into STATUS: FREE, CONTACT, or TIE where some pair is too near to the threshold
     to tell and none is nearer.  Returns how many were in doubt.
+
+    Args:
+        memory: The block.
+        rows: Configurations, one after the other, shape (count n,).
+        count: How many.
     """
-    status, rows = section_bits(memory, STATUS), np.empty(POSE_LANES, np.int64)
-    classes, groups = section_bits(memory, DOUBT_CLASSES), section_bits(memory, DOUBT_GROUPS)
-    doubts = waiting = 0
+    status, doubts, n = section_bits(memory, STATUS), 0, int(section(memory, NUMBERS)[N])
+    classes, groups = section_bits(memory, ROW_CLASSES), section_bits(memory, ROW_GROUPS)
     for i in range(count):
         if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
-            rows[waiting] = i
-            waiting += 1
             doubts += 1
-        if waiting == POSE_LANES or (waiting > 0 and i == count - 1):
-            _pose(memory, rows, waiting)
-            for lane in range(waiting):
-                row = rows[lane]
-                status[row] = _verdict(memory, lane, classes[row], groups[row])
-            waiting = 0
+            place_solids(memory, rows[n * i : n * i + n])
+            status[i] = _verdict(memory, classes[i], groups[i])
     return doubts

@@ -90,14 +90,14 @@ class CollisionTests(NamedTuple):
     """Addresses of functions that know the scene, each `int64 f(int64, int64, int64, int64)`; 0 for none.
 
     Attributes:
-        valid_prefix: Of `pepper_kin.core.collision.check` over all joints; what it calls free is free.
+        valid_steps: Of `pepper_kin.core.collision.check` over all joints; what it calls free is free.
         memory: Address of its memory.
-        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `valid_prefix` does not say so.
+        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `valid_steps` does not say so.
         near: (q, rows, count, 0) -> number of rows written, at most `count`: half-spaces g . q' >= b of
             configurations q' near q, a row being g, shape (n,), and b.
     """
 
-    valid_prefix: int
+    valid_steps: int
     memory: int
     is_free: int
     near: int
@@ -194,7 +194,7 @@ def is_free(tests: CollisionTests, q: Floats1) -> bool:
     if tests.is_free == 0:
         return True
     place = q.ctypes.data
-    if tests.valid_prefix != 0 and call_four(tests.valid_prefix, place, place, 1, tests.memory) == 1:
+    if tests.valid_steps != 0 and call_four(tests.valid_steps, place, place, 1, tests.memory) == 1:
         return True
     return call_four(tests.is_free, place, 0, 0, 0) == 1
 

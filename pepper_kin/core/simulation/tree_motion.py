@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.core.kinematic_tree import place_joints
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Floats3, Ints1
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 
 class TreeTable(NamedTuple):

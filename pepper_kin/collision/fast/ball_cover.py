@@ -1,0 +1,187 @@
+"""Balls that cover a solid, and balls inside it."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Array, Solid
+from pepper_kin.model.shapes import read_only
+
+WASTE = 0.008
+"""How much a covering ball may be larger than the capsule that it helps to cover [m]."""
+CELL = 0.11
+"""Boxes and cylinders are cut into cells no longer than this, each of which gets a ball [m]."""
+PROTRUSION = 0.012
+"""Pieces of a hull are halved as long as the ball around one reaches farther out of the hull than this
+[m],"""
+MOST = 10
+"""and there are fewer than this."""
+MOST_INNER = 5
+"""Inner balls that are not about the centres of outer ones, at most."""
+LEAST_INNER = 0.01
+"""Least radius of these [m]."""
+_ROUNDING = 1e-9
+_ROUNDS = 40
+
+
+class BallCover(NamedTuple):
+    """Balls of one solid.
+
+    Attributes:
+        centers: (k, 3), in the frame of the joint that carries the solid [m].
+        outer: (k,), radii; the balls together cover the solid, some are there for the inner ones only [m].
+        inner: (k,), radii; each of these balls lies inside the solid; below zero where none does [m].
+    """
+
+    centers: Array
+    outer: Array
+    inner: Array
+
+
+@lru_cache(maxsize=4096)  # the solids of a robot are asked for some twenty times each
+def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCover:
+    """Cover a solid by balls.
+
+    A capsule of radius r gets k balls with centres on its axis, from one end to the other.  At spacing s they
+    cover it if their radius is sqrt(r^2 + (s / 2)^2), while those of radius r about the same centres lie
+    inside.  A box or a cylinder is cut into cells, each with the ball around it; the largest ball about the
+    cell's centre that stays in the solid is the inner one.  The convex hull of points is halved again and
+    again, see `_hull_cover`.
+
+    Args:
+        solid: A solid with bounds.
+        waste: Greatest difference of outer and inner radius of a capsule [m].
+        cell: Greatest length of a cell [m].
+    """
+    if solid.kind == HULL:
+        local, outers, inners = _hull_cover(solid.vertices.tobytes())
+        outers, inners = outers + solid.radius, inners + solid.radius
+    elif solid.segment:
+        length = 2.0 * float(solid.half[2])
+        count, outer = 1, solid.radius + length / 2
+        while outer - solid.radius > waste:
+            count += 1
+            outer = math.hypot(solid.radius, length / (count - 1) / 2)
+        along = np.zeros(1) if count == 1 else np.linspace(-length / 2, length / 2, count)
+        local = along[:, None] * np.array([0.0, 0.0, 1.0])
+        outers, inners = np.full(count, outer), np.full(count, solid.radius)
+    else:
+        counts = np.maximum(1, np.ceil(2 * solid.half / cell)).astype(int)
+        steps = [h / n * np.arange(1 - n, n, 2) for h, n in zip(solid.half, counts, strict=True)]
+        local = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        outers = np.full(len(local), float(np.linalg.norm(solid.half / counts)) + solid.radius)
+        depth = solid.half - np.abs(local)
+        if solid.kind == CYLINDER:
+            depth[:, 0] = depth[:, 1] = solid.half[0] - np.hypot(local[:, 0], local[:, 1])
+        inners = depth.min(axis=1) + solid.radius
+        inners = inners if solid.kind in (BOX, CYLINDER) else np.full(len(local), -1.0)
+    if not solid.filled:
+        inners = np.full(len(local), -1.0)
+    centers = local @ solid.rotation.T + solid.position
+    return BallCover(read_only(centers), read_only(outers), read_only(inners))
+
+
+def ball_around(points: Array, radii: Array) -> tuple[Array, float]:
+    """Return centre and radius of a small ball that holds balls (Badoiu and Clarkson, 2003)."""
+    center = points.mean(axis=0)
+    for k in range(_ROUNDS):
+        furthest = np.argmax(np.linalg.norm(points - center, axis=1) + radii)
+        center = center + (points[furthest] - center) / (k + 2)
+    return center, float((np.linalg.norm(points - center, axis=1) + radii).max())
+
+
+@lru_cache(maxsize=512)
+def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
+    """Return centres, outer and inner radii of balls for the convex hull of points.
+
+    The hull's bounding box is halved across its longest side, the piece first whose ball reaches farthest out
+    of the hull.  The ball around a piece holds the corners of what the box and the hull share: the hull's
+    corners in the box, where the hull's edges pass through the box's faces, and the ends of what the hull
+    leaves of the box's edges.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = np.frombuffer(vertices).reshape(-1, 3)
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):  # all in a plane
+        center, radius = ball_around(points, np.zeros(len(points)))
+        return center[None], np.array([radius]), np.array([-1.0])
+    planes = np.unique(np.round(hull.equations, 12), axis=0)
+    sides = np.concatenate([hull.simplices[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    edges = points[np.unique(np.sort(sides, axis=1), axis=0)]
+    corners = points[hull.vertices]
+    pieces = [_piece(corners, edges, planes, corners.min(axis=0), corners.max(axis=0))]
+    while len(pieces) < MOST:
+        widest = max(range(len(pieces)), key=lambda k: pieces[k][1] - pieces[k][2])
+        _, outer, inner, low, high = pieces[widest]
+        if outer - inner <= PROTRUSION:
+            break
+        axis = int(np.argmax(high - low))
+        middle = (low[axis] + high[axis]) / 2
+        below, above = high.copy(), low.copy()
+        below[axis] = above[axis] = middle
+        halves = (low, below), (above, high)
+        pieces[widest : widest + 1] = [_piece(corners, edges, planes, *half) for half in halves]
+    centers, outers, inners = (np.array([piece[k] for piece in pieces]) for k in range(3))
+    deeper = [_deepest(planes, *piece[3:]) for piece in pieces]
+    found: list[tuple[Array, float]] = []
+    for center, radius in sorted(deeper, key=lambda ball: -ball[1])[:MOST_INNER]:
+        if all(np.linalg.norm(center - other) > 0.5 * radius for other, _ in found) and radius > LEAST_INNER:
+            found.append((center, radius))
+    radii = np.array([radius for _, radius in found])
+    centers = np.concatenate([centers, np.array([center for center, _ in found]).reshape(-1, 3)])
+    return centers, np.concatenate([outers, radii]), np.concatenate([inners, radii])
+
+
+def _deepest(planes: Array, low: Array, high: Array) -> tuple[Array, float]:
+    """Return centre and radius of a large ball inside a hull whose centre is in a box, by steps inward."""
+    center = best = (low + high) / 2
+    radius, step = -np.inf, float((high - low).max())
+    for _ in range(_ROUNDS):
+        depths = planes[:, :3] @ center + planes[:, 3]
+        nearest = int(np.argmax(depths))
+        if -depths[nearest] > radius:
+            best, radius = center, -float(depths[nearest])
+        else:
+            step *= 0.8
+        center = np.clip(center - step * planes[nearest, :3], low, high)
+    return best, radius - _ROUNDING
+
+
+_FACES = [(axis, side) for axis in range(3) for side in (0, 1)]
+
+
+def _piece(
+    corners: Array, edges: Array, planes: Array, low: Array, high: Array
+) -> tuple[Array, float, float, Array, Array]:
+    """Return the ball around what a box and a hull share, its inner radius, and its bounds."""
+    low, high = low - _ROUNDING, high + _ROUNDING
+    found = [corners]
+    start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for axis, side in _FACES:
+            share = ((low, high)[side][axis] - start[:, axis]) / way[:, axis]
+            crossing = (share >= 0) & (share <= 1)
+            found.append(start[crossing] + share[crossing, None] * way[crossing])
+        ends = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
+        box = low + ends * (high - low)
+        for axis in range(3):
+            first = box[ends[:, axis] == 0]
+            step = np.eye(3)[axis] * (high - low)
+            rate, room = planes[:, :3] @ step, -(first @ planes[:, :3].T + planes[:, 3])
+            bound = room / rate
+            enter = np.where(rate < 0, bound, 0.0).max(axis=1, initial=0.0)
+            leave = np.where(rate > 0, bound, 1.0).min(axis=1, initial=1.0)
+            outside = ((rate == 0) & (room < -_ROUNDING)).any(axis=1)
+            kept = (enter <= leave + _ROUNDING) & ~outside
+            found += [first[kept] + share[kept, None] * step for share in (enter, leave)]
+    points = np.concatenate(found)
+    points = points[((points >= low - _ROUNDING) & (points <= high + _ROUNDING)).all(axis=1)]
+    center, outer = ball_around(points, np.zeros(len(points)))
+    inner = -float((planes[:, :3] @ center + planes[:, 3]).max()) - 2 * _ROUNDING
+    return center, outer + 4 * _ROUNDING, inner, points.min(axis=0), points.max(axis=0)

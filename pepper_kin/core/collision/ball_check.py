@@ -1,0 +1,431 @@
+"""Balls that cover a robot against a scene and against the robot itself, eight configurations side by side.
+
+Each convex piece of the robot is covered by balls with outer radii R_i and holds balls of inner radii r_i
+about the same centres.  Where no outer ball comes near anything, the configuration is free; where an inner
+ball does, it is in contact; all else is in doubt.  Joint after joint, the bodies are placed, a coarse ball
+of each is compared first and its fine balls where it is near, so that a contact near the base costs little.
+
+Numbers are single precision; radii carry an allowance for that (`collision/fast/allowance.py`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.layout import CYLINDER
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.lanes import (
+    LANE_BYTES,
+    lane_abs,
+    lane_maximum,
+    lane_minimum,
+    lane_round,
+    lane_sqrt,
+    lanes_below,
+    load_lanes,
+    single_at,
+    spread,
+    store_lanes,
+    store_word,
+    word_at,
+)
+
+POSE_BYTES = 12 * LANE_BYTES
+"""Bytes of a pose in lanes: the rotation row by row, then the origin."""
+ALL = 255
+"""Bits of all lanes."""
+
+BODY_WORDS, FRAME_SINGLES = 11, 14
+"""Numbers of a body: pose it hangs on, slides, coordinate, moves, first group, end of groups, coarse ball,
+first ball, end of balls, first core, end of cores.  Of its frame: rotation row by row, origin, then gain
+and offset of its own coordinate."""
+GROUP_WORDS, BALL_SINGLES = 6, 5
+"""Numbers of a group: body, coarse ball, first ball, end of balls, first object, end of objects.  Of a ball:
+centre, outer radius, inner radius."""
+OBJECT_SINGLES = 19
+"""Numbers of an object: kind, radius, whether inner balls count, half lengths, centre, x, y and z axis,
+radius of the ball around its core."""
+LINK_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 3, 2
+"""Numbers of a pair of bodies: the one with balls, its coarse ball, the one with cores, its coarse ball, the
+square of the distance at which these touch (a float32), class, first and end of its rows in SIDES; of a row
+of SIDES: core, first and end of its rows in RANGES; of a row there: first and end of balls."""
+CORE_SINGLES, CORE_LANES = 18, 12
+"""Numbers of a core: kind, outer radius, inner radius, half lengths, centre, x, y and z axis in its body;
+values in lanes when it is placed: centre, z, x and y axis."""
+POINT, SEGMENT, BLOCK = 0, 1, 2
+"""Kinds of cores."""
+CENTERED, PLACED = 1, 2
+"""Flags of a body whose balls, and whose cores, have been placed."""
+
+
+class Tables(NamedTuple):
+    """Addresses of the tables in a block, and how long they are; see the constants above for their rows."""
+
+    body_count: int
+    group_count: int
+    class_count: int
+    link_count: int
+    bodies: int
+    frames: int
+    flags: int
+    groups: int
+    balls: int
+    lists: int
+    objects: int
+    links: int
+    sides: int
+    ranges: int
+    cores: int
+    coordinates: int
+    poses: int
+    centers: int
+    placed: int
+    group_doubts: int
+    class_doubts: int
+
+
+@compiled
+def tables_of(memory: at.Array) -> Tables:
+    """Return the tables of a block."""
+    numbers, here = at.section(memory, at.NUMBERS), at.address_of
+    return Tables(
+        int(numbers[at.BODY_COUNT]),
+        int(numbers[at.GROUP_COUNT]),
+        int(numbers[at.CLASS_COUNT]),
+        int(numbers[at.LINK_COUNT]),
+        here(memory, at.BODIES),
+        here(memory, at.FRAMES),
+        here(memory, at.FLAGS),
+        here(memory, at.GROUPS),
+        here(memory, at.BALLS),
+        here(memory, at.OBJECT_LISTS),
+        here(memory, at.OBJECTS),
+        here(memory, at.LINKS),
+        here(memory, at.SIDES),
+        here(memory, at.RANGES),
+        here(memory, at.CORES),
+        here(memory, at.COORDINATES),
+        here(memory, at.POSES),
+        here(memory, at.CENTERS),
+        here(memory, at.PLACED),
+        here(memory, at.GROUP_DOUBTS),
+        here(memory, at.CLASS_DOUBTS),
+    )
+
+
+@compiled(inline=True, lean=True)
+def sine_cosine(x: Any) -> tuple[Any, Any]:
+    """Return sine and cosine in each lane, with an error below 2.5e-7 for |x| of at most 16.
+
+    x is reduced by a whole multiple of pi, in three parts, to at most pi / 2; the polynomials are
+    least-maximum fits there.
+    """
+    turns = lane_round(x * 0.31830988618379067)
+    r = x - turns * 3.140625
+    r = r - turns * 0.0009670257568359375
+    r = r - turns * 6.2771141529083252e-07
+    half = turns * 0.5
+    sign = 1.0 - lane_abs(half - lane_round(half)) * 4.0
+    s = r * r
+    sine = (
+        (((s * -2.3889859e-08 + 2.7525562e-06) * s - 1.9840874e-04) * s + 8.3333310e-03) * s - 1.6666667e-01
+    ) * s
+    sine = (sine * r + r) * sign
+    cosine = (
+        ((((s * 1.9896851e-09 - 2.7529682e-07) * s + 2.4801168e-05) * s - 1.3888881e-03) * s + 4.1666664e-02)
+        * s
+        - 0.5
+    ) * s + 1.0
+    return sine, cosine * sign
+
+
+@compiled(inline=True, lean=True)
+def _rotate_row(x: Any, y: Any, z: Any, frame: int, column: int) -> Any:
+    """Return one entry of a row (x, y, z) times the rotation of a frame."""
+    return (
+        x * single_at(frame + 4 * column)
+        + y * single_at(frame + 12 + 4 * column)
+        + z * single_at(frame + 24 + 4 * column)
+    )
+
+
+@compiled(lean=True)
+def place_body(t: Tables, b: int) -> None:
+    """Write the pose of a body, whose parent's is known."""
+    words, frame = t.bodies + 8 * BODY_WORDS * b, t.frames + 4 * FRAME_SINGLES * b
+    above, here = t.poses + POSE_BYTES * word_at(words), t.poses + POSE_BYTES * (b + 1)
+    q = load_lanes(t.coordinates + LANE_BYTES * word_at(words + 16)) * single_at(frame + 48) + single_at(
+        frame + 52
+    )
+    tx, ty, tz = single_at(frame + 36), single_at(frame + 40), single_at(frame + 44)
+    if word_at(words + 8) != 0:
+        for i in range(3):
+            row = above + 3 * LANE_BYTES * i
+            x, y, z = load_lanes(row), load_lanes(row + LANE_BYTES), load_lanes(row + 2 * LANE_BYTES)
+            axis = _rotate_row(x, y, z, frame, 2)
+            place = 3 * LANE_BYTES * i
+            store_lanes(here + place, _rotate_row(x, y, z, frame, 0))
+            store_lanes(here + place + LANE_BYTES, _rotate_row(x, y, z, frame, 1))
+            store_lanes(here + place + 2 * LANE_BYTES, axis)
+            origin = load_lanes(above + LANE_BYTES * (9 + i)) + (x * tx + y * ty + z * tz) + axis * q
+            store_lanes(here + LANE_BYTES * (9 + i), origin)
+        return
+    sine, cosine = sine_cosine(q)
+    for i in range(3):
+        row = above + 3 * LANE_BYTES * i
+        x, y, z = load_lanes(row), load_lanes(row + LANE_BYTES), load_lanes(row + 2 * LANE_BYTES)
+        u, v = _rotate_row(x, y, z, frame, 0), _rotate_row(x, y, z, frame, 1)
+        place = 3 * LANE_BYTES * i
+        store_lanes(here + place, u * cosine + v * sine)
+        store_lanes(here + place + LANE_BYTES, v * cosine - u * sine)
+        store_lanes(here + place + 2 * LANE_BYTES, _rotate_row(x, y, z, frame, 2))
+        origin = load_lanes(above + LANE_BYTES * (9 + i)) + (x * tx + y * ty + z * tz)
+        store_lanes(here + LANE_BYTES * (9 + i), origin)
+
+
+@compiled(inline=True, lean=True)
+def _point(pose: int, x: float, y: float, z: float) -> tuple[Any, Any, Any]:
+    """Return where a point of a body is in the world."""
+    return (
+        load_lanes(pose + 288)
+        + (load_lanes(pose) * x + load_lanes(pose + 32) * y + load_lanes(pose + 64) * z),
+        load_lanes(pose + 320)
+        + (load_lanes(pose + 96) * x + load_lanes(pose + 128) * y + load_lanes(pose + 160) * z),
+        load_lanes(pose + 352)
+        + (load_lanes(pose + 192) * x + load_lanes(pose + 224) * y + load_lanes(pose + 256) * z),
+    )
+
+
+@compiled(inline=True, lean=True)
+def _direction(pose: int, x: float, y: float, z: float) -> tuple[Any, Any, Any]:
+    """Return where a direction of a body points in the world."""
+    return (
+        load_lanes(pose) * x + load_lanes(pose + 32) * y + load_lanes(pose + 64) * z,
+        load_lanes(pose + 96) * x + load_lanes(pose + 128) * y + load_lanes(pose + 160) * z,
+        load_lanes(pose + 192) * x + load_lanes(pose + 224) * y + load_lanes(pose + 256) * z,
+    )
+
+
+@compiled(inline=True, lean=True)
+def squared_distance(item: int, x: Any, y: Any, z: Any) -> Any:
+    """Return the squared distance of points to the core of an object at an address [m^2]."""
+    dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
+    u = dx * single_at(item + 36) + dy * single_at(item + 40) + dz * single_at(item + 44)
+    v = dx * single_at(item + 48) + dy * single_at(item + 52) + dz * single_at(item + 56)
+    w = lane_abs(dx * single_at(item + 60) + dy * single_at(item + 64) + dz * single_at(item + 68))
+    zero = spread(0.0)
+    w = lane_maximum(w - single_at(item + 20), zero)
+    if single_at(item) == CYLINDER:
+        r = lane_maximum(lane_sqrt(u * u + v * v) - single_at(item + 12), zero)
+        return r * r + w * w
+    u = lane_maximum(lane_abs(u) - single_at(item + 12), zero)
+    v = lane_maximum(lane_abs(v) - single_at(item + 16), zero)
+    return u * u + v * v + w * w
+
+
+@compiled(inline=True, lean=True)
+def _center_ball(t: Tables, pose: int, k: int) -> None:
+    """Write where the centre of a ball is."""
+    ball, place = t.balls + 4 * BALL_SINGLES * k, t.centers + 3 * LANE_BYTES * k
+    x, y, z = _point(pose, single_at(ball), single_at(ball + 4), single_at(ball + 8))
+    store_lanes(place, x)
+    store_lanes(place + LANE_BYTES, y)
+    store_lanes(place + 2 * LANE_BYTES, z)
+
+
+@compiled(lean=True)
+def _center_body(t: Tables, b: int) -> None:
+    """Write where the centres of a body's balls are, if that is not known yet."""
+    flags, words = word_at(t.flags + 8 * b), t.bodies + 8 * BODY_WORDS * b
+    if (flags & CENTERED) != 0:
+        return
+    store_word(t.flags + 8 * b, flags | CENTERED)
+    for k in range(word_at(words + 56), word_at(words + 64)):
+        _center_ball(t, t.poses + POSE_BYTES * (b + 1), k)
+
+
+@compiled(lean=True)
+def _place_cores(t: Tables, b: int) -> None:
+    """Write where a body's cores are, if that is not known yet."""
+    flags, words = word_at(t.flags + 8 * b), t.bodies + 8 * BODY_WORDS * b
+    if (flags & PLACED) != 0:
+        return
+    store_word(t.flags + 8 * b, flags | PLACED)
+    pose = t.poses + POSE_BYTES * (b + 1)
+    for k in range(word_at(words + 72), word_at(words + 80)):
+        core, place = t.cores + 4 * CORE_SINGLES * k, t.placed + CORE_LANES * LANE_BYTES * k
+        x, y, z = _point(pose, single_at(core + 24), single_at(core + 28), single_at(core + 32))
+        store_lanes(place, x)
+        store_lanes(place + 32, y)
+        store_lanes(place + 64, z)
+        kind = single_at(core)
+        if kind == POINT:
+            continue
+        x, y, z = _direction(pose, single_at(core + 60), single_at(core + 64), single_at(core + 68))
+        store_lanes(place + 96, x)
+        store_lanes(place + 128, y)
+        store_lanes(place + 160, z)
+        if kind == SEGMENT:
+            continue
+        x, y, z = _direction(pose, single_at(core + 36), single_at(core + 40), single_at(core + 44))
+        store_lanes(place + 192, x)
+        store_lanes(place + 224, y)
+        store_lanes(place + 256, z)
+        x, y, z = _direction(pose, single_at(core + 48), single_at(core + 52), single_at(core + 56))
+        store_lanes(place + 288, x)
+        store_lanes(place + 320, y)
+        store_lanes(place + 352, z)
+
+
+@compiled(inline=True, lean=True)
+def _check_group(t: Tables, g: int, settled: int) -> int:
+    """Compare the balls of a group with the objects of its list; return the lanes in contact.
+
+    Lanes in doubt are written to `group_doubts`.
+    """
+    words = t.groups + 8 * GROUP_WORDS * g
+    b, coarse = word_at(words), t.balls + 4 * BALL_SINGLES * word_at(words + 8)
+    first, end = word_at(words + 16), word_at(words + 24)
+    pose = t.poses + POSE_BYTES * (b + 1)
+    x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
+    reach = single_at(coarse + 12)
+    contact, doubt = settled, 0
+    for k in range(word_at(words + 32), word_at(words + 40)):
+        item = t.objects + 4 * OBJECT_SINGLES * word_at(t.lists + 8 * k)
+        radius = single_at(item + 4)
+        wide = reach + radius + single_at(item + 72)
+        dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
+        if (lanes_below(dx * dx + dy * dy + dz * dz, spread(wide * wide)) & ~contact) == 0:
+            continue
+        near = lanes_below(squared_distance(item, x, y, z), spread((reach + radius) * (reach + radius)))
+        if (near & ~contact) == 0:
+            continue
+        _center_body(t, b)
+        exact = single_at(item + 8) > 0.0
+        for i in range(first, end):
+            ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+            squared = squared_distance(
+                item, load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
+            )
+            outer, inner = single_at(ball + 12) + radius, single_at(ball + 16) + radius
+            touched = lanes_below(squared, spread(outer * outer))
+            if touched != 0:
+                doubt |= touched
+                if exact and inner > 0.0:
+                    contact |= lanes_below(squared, spread(inner * inner))
+    store_word(t.group_doubts + 8 * g, doubt & ~contact)
+    return contact
+
+
+@compiled(inline=True, lean=True)
+def core_distance(core: int, place: int, x: Any, y: Any, z: Any) -> Any:
+    """Return the squared distance of points to a core that has been placed [m^2]."""
+    x, y, z = x - load_lanes(place), y - load_lanes(place + 32), z - load_lanes(place + 64)
+    kind = single_at(core)
+    if kind == POINT:
+        return x * x + y * y + z * z
+    zx, zy, zz = load_lanes(place + 96), load_lanes(place + 128), load_lanes(place + 160)
+    along = x * zx + y * zy + z * zz
+    if kind == SEGMENT:
+        half = spread(single_at(core + 20))
+        along = lane_maximum(lane_minimum(along, half), spread(0.0) - half)
+        x, y, z = x - along * zx, y - along * zy, z - along * zz
+        return x * x + y * y + z * z
+    zero = spread(0.0)
+    w = lane_maximum(lane_abs(along) - single_at(core + 20), zero)
+    along = x * load_lanes(place + 192) + y * load_lanes(place + 224) + z * load_lanes(place + 256)
+    u = lane_maximum(lane_abs(along) - single_at(core + 12), zero)
+    along = x * load_lanes(place + 288) + y * load_lanes(place + 320) + z * load_lanes(place + 352)
+    v = lane_maximum(lane_abs(along) - single_at(core + 16), zero)
+    return u * u + v * v + w * w
+
+
+@compiled(inline=True, lean=True)
+def _check_link(t: Tables, k: int, settled: int) -> int:
+    """Compare the balls of one body with the cores of another; return the lanes in contact."""
+    words = t.links + 8 * LINK_WORDS * k
+    first = word_at(words + 8)
+    place, other = t.centers + 3 * LANE_BYTES * first, t.centers + 3 * LANE_BYTES * word_at(words + 24)
+    x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+    dx, dy, dz = x - load_lanes(other), y - load_lanes(other + 32), z - load_lanes(other + 64)
+    near = lanes_below(dx * dx + dy * dy + dz * dz, spread(single_at(words + 32)))
+    if (near & ~settled) == 0:
+        return settled
+    a, b = word_at(words), word_at(words + 16)
+    wide = single_at(t.balls + 4 * BALL_SINGLES * first + 12)
+    contact, doubt = settled, 0
+    _place_cores(t, b)
+    for s in range(word_at(words + 48), word_at(words + 56)):
+        side = t.sides + 8 * SIDE_WORDS * s
+        e = word_at(side)
+        core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
+        reach = wide + single_at(core + 4)
+        if (lanes_below(core_distance(core, room, x, y, z), spread(reach * reach)) & ~contact) == 0:
+            continue
+        _center_body(t, a)
+        for r in range(word_at(side + 8), word_at(side + 16)):
+            pair = t.ranges + 8 * RANGE_WORDS * r
+            for i in range(word_at(pair), word_at(pair + 8)):
+                ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+                squared = core_distance(
+                    core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+                )
+                outer = single_at(ball + 12) + single_at(core + 4)
+                inner = single_at(ball + 16) + single_at(core + 8)
+                touched = lanes_below(squared, spread(outer * outer))
+                if touched != 0:
+                    doubt |= touched
+                    if inner > 0.0:
+                        contact |= lanes_below(squared, spread(inner * inner))
+    if doubt != 0:
+        place = t.class_doubts + 8 * word_at(words + 40)
+        store_word(place, word_at(place) | doubt)
+    return contact
+
+
+@compiled(lean=True)
+def place_all(t: Tables) -> None:
+    """Place all bodies, with all balls and cores, for those that will not be moved."""
+    for b in range(t.body_count):
+        words = t.bodies + 8 * BODY_WORDS * b
+        if word_at(words + 24) != 0:
+            place_body(t, b)
+        store_word(t.flags + 8 * b, 0)
+        _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
+        _center_body(t, b)
+        _place_cores(t, b)
+        for g in range(word_at(words + 32), word_at(words + 40)):
+            _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(t.groups + 8 * GROUP_WORDS * g + 8))
+
+
+@compiled(lean=True)
+def check_block(t: Tables, first_contact: bool) -> int:
+    """Check the configurations in `coordinates`; return the lanes that are surely in contact.
+
+    Lanes in doubt are written to `group_doubts` and `class_doubts`, where not all lanes are in contact.
+
+    Args:
+        t: The tables.
+        first_contact: Whether one lane in contact ends the check.
+    """
+    contact = 0
+    for g in range(t.group_count):
+        store_word(t.group_doubts + 8 * g, 0)
+    for c in range(t.class_count):
+        store_word(t.class_doubts + 8 * c, 0)
+    for b in range(t.body_count):
+        words = t.bodies + 8 * BODY_WORDS * b
+        if word_at(words + 24) != 0:
+            place_body(t, b)
+            store_word(t.flags + 8 * b, 0)
+            _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
+        for g in range(word_at(words + 32), word_at(words + 40)):
+            contact = _check_group(t, g, contact)
+        if contact == ALL or (first_contact and contact != 0):
+            return contact
+    for k in range(t.link_count):
+        contact = _check_link(t, k, contact)
+        if contact == ALL or (first_contact and contact != 0):
+            return contact
+    return contact
