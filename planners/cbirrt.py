@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_kin.core.clock import seconds_now
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels.compiled import compiled
+from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 from .constraint_manifold import (

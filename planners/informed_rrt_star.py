@@ -526,13 +526,8 @@ def _step(space: SearchSpace, tree: Tree, best: float) -> None:
     ):
         return
     steps = step_count(length, space.resolution)
-    last = last_valid_step(space, tree.states[near], new, steps, tree.counters)
-    if last == 0:
+    if last_valid_step(space, tree.states[near], new, steps, tree.counters) < steps:
         return
-    if last < steps:
-        moved = True
-        for i in range(n):
-            new[i] = tree.states[near, i] + (new[i] - tree.states[near, i]) * last / steps
     known = 0
     if moved:
         count, known = _neighbors(space, tree, new), -1

@@ -75,8 +75,9 @@ class CompiledMotionValidator:
         int64_t last_valid_step(const double *a, const double *b, int64_t steps, double *memory)
 
     which tests the states ``a + (b - a) j / steps`` for j = 1 .. steps (the last one is exactly b; a itself
-    is not tested) and returns how many of them, counted from the first, are valid: `steps` if all are, and
-    otherwise any number such that all those counted are valid, and 0 if the first is not.  It must not keep
+    is not tested), or more that are spaced evenly, and returns `steps` if all are valid and otherwise less.
+    It may look at them in any order: what an edge meets is found soonest if the first are spread over it.  It
+    must not keep
     the addresses, and must give the same answer for the same arguments.  Several threads may call it at once,
     each with its own memory.
 

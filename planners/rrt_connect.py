@@ -21,9 +21,12 @@ from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_st
 from .tree import LANES, grown, nearest, set_lane, whole_blocks
 from .vectors import FloatArray, positive_number, whole_number
 
-_STEP = 0.1  # of the diagonal: spacing of nodes on a long extension
+_STEP = 0.1  # of the diagonal: longest extension
+_UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
+_ROUND = 16_384  # samples of the shortest round
+_FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's domain, in diagonals
 _FIRST_CAPACITY = 512
-_CLOCK_EVERY = 64  # goals
+_CLOCK_EVERY = 64  # goals or samples
 
 # How a call ends.
 GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
@@ -44,6 +47,7 @@ class Trees(NamedTuple):
         states: Shape (2, m, n).
         lanes: Scaled states, shape (2, m / 8, n, 8).
         parents: Parents; of a root -1 less the number of its goal, shape (2, m).
+        radii: Distances of samples up to which nodes are extended [length unit of the metric], shape (2, m).
         rows: Room, shape (6, n).
         room: Eight numbers.
         counters: See the places above.
@@ -52,6 +56,7 @@ class Trees(NamedTuple):
     states: Floats3
     lanes: Floats4
     parents: Ints2
+    radii: Floats2
     rows: Floats2
     room: Floats1
     counters: Ints1
@@ -62,19 +67,28 @@ def rrt_connect(
     *,
     seed: int = 0,
     timeout: float = 5.0,
-    max_iterations: int = 1_000_000,
+    max_iterations: int = 100_000_000,
     step: float | None = None,
 ) -> Result:
     """Search a path with two trees that grow towards samples and towards each other.
 
-    One tree grows from the start, one from all valid goals at once.  In turn, a tree is extended from its
-    node nearest to a uniform sample straight towards it, as far as the edge is valid, and the other tree is
-    extended towards the new node; if it gets there, the path is found.  Both extensions are greedy
-    ("connect"), so that one call of the validity function checks many steps.  Before any of this, the
-    straight edges from the start to the goals are tried, nearest goal first.
+    One tree grows from the start, one from all valid goals at once.  A tree is extended from its node nearest
+    to a uniform sample towards it, by no more than `step`; if all of that is valid, it goes on from there to
+    the nearest node of the other tree in equal parts, as far as they are valid.  If it gets there, the path
+    is found.  The trees take turns until one has twice the nodes of the other; then the smaller one grows
+    alone, since what shuts it in is what the search must find a way through.  A node from which an extension
+    failed is taken for samples in a ball around it only.  Such searches mostly find a path soon or go on for
+    very long; so they begin anew, with other samples, after rounds of 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, ... times
+    16,384 samples.  Before any of this, the straight edges from the
+    start to the goals are tried, nearest goal first.
 
-    Source: J. J. Kuffner and S. M. LaValle, RRT-Connect: an efficient approach to single-query path planning,
-    ICRA 2000.
+    Sources: J. J. Kuffner and S. M. LaValle, RRT-Connect: an efficient approach to single-query path
+    planning, ICRA 2000; J. J. Kuffner and S. M. LaValle, An efficient approach to path planning using
+    balanced bidirectional RRT search, CMU-RI-TR-05-34, 2005; A. Yershova, L. Jaillet, T. Simeon and S. M.
+    LaValle, Dynamic-domain RRTs, ICRA 2005, with radii that adapt as in L. Jaillet, A. Yershova, S. M.
+    LaValle and T. Simeon, Adaptive tuning of the sampling domain for dynamic-domain RRTs, IROS 2005; M.
+    Luby, A. Sinclair and D. Zuckerman, Optimal speedup of Las Vegas algorithms, Information Processing
+    Letters 47, 1993, for the rounds.
 
     The path is valid at the problem's resolution (see `MotionValidator` for what that promises), is in no way
     short, and its length is not bounded: pass it to `shortcut`.  The planner cannot prove that there is no
@@ -92,8 +106,8 @@ def rrt_connect(
         timeout: Time budget [s]; overrun by one edge, by one batch of at most 256 states of a Python checker,
             or by one call of a sampler of goals.
         max_iterations: Greatest number of samples.
-        step: Distance of neighboring nodes on a long extension [length unit of the metric]; a tenth of the
-            box's diagonal if omitted.
+        step: Greatest length of an extension [length unit of the metric]; a tenth of the box's diagonal if
+            omitted.
 
     Returns:
         The result; without a path its status tells why.
@@ -125,6 +139,13 @@ def rrt_connect(
     )
 
 
+def luby(k: int) -> int:
+    """Return the k-th number, from 1, of the sequence 1, 1, 2, 1, 1, 2, 4, ..."""
+    while (k + 1) & k:
+        k -= (1 << (k.bit_length() - 1)) - 1
+    return (k + 1) >> 1
+
+
 class _Search:
     """One run: the arrays of the trees, which grow, the goals, and the way back."""
 
@@ -133,12 +154,13 @@ class _Search:
     ) -> None:
         n = problem.n
         self._problem, self._key = problem, stream_key(seed, 0)
-        self._space = space_of(problem, code, problem.spacing)
-        self._stride = max(1, int(step / problem.spacing))
+        self._round, self._round_end = 1, _ROUND
+        self._space = space_of(problem, code, problem.spacing, step)
         self._trees = Trees(
             states=np.empty((2, 0, n)),
             lanes=np.empty((2, 0, n, LANES)),
             parents=np.empty((2, 0), dtype=np.int64),
+            radii=np.empty((2, 0)),
             rows=np.empty((_ROWS, n)),
             room=np.empty(LANES),
             counters=counters,
@@ -178,14 +200,32 @@ class _Search:
         """Grow both trees up to a number of iterations in all; return how it ended."""
         trees = self._trees
         while True:
-            ended = grow(self._space, trees, deadline.time_slice, self._stride, self._key, iterations)
+            until = min(iterations, self._round_end)
+            ended = grow(self._space, trees, deadline.time_slice, self._key, until)
             if ended == TIME_UP and not (deadline.expired or trees.counters[STOP]):
+                continue
+            if ended == GOING_ON and until < iterations:
+                self._begin_anew()
                 continue
             if ended != FULL:
                 return ended
-            spare = int(self._problem.diagonal / self._problem.spacing) // self._stride + 4
+            spare = int(self._problem.diagonal / self._space.reach) + 4
             self._reserve(2 * trees.states.shape[1] + spare)
             trees = self._trees
+
+    def _begin_anew(self) -> None:
+        """Forget all nodes but the roots."""
+        trees, self._round = self._trees, self._round + 1
+        self._round_end += _ROUND * luby(self._round)
+        for side in range(2):
+            size = int(trees.counters[START_SIZE + side])
+            roots = np.flatnonzero(trees.parents[side, :size] < 0)
+            kept, places = trees.states[side, roots], np.arange(roots.size)
+            trees.counters[START_SIZE + side] = roots.size
+            trees.states[side, places], trees.parents[side, places] = kept, trees.parents[side, roots]
+            trees.radii[side, places] = math.inf
+            trees.lanes[side, : roots.size // LANES + 1] = math.inf
+            trees.lanes[side, places // LANES, :, places % LANES] = kept * self._space.weights
 
     def path(self) -> tuple[FloatArray, int]:
         """Return the way-points of the path along which the trees have met, and its goal."""
@@ -232,6 +272,7 @@ class _Search:
             states=grown(trees.states, capacity, axis=1),
             lanes=grown(trees.lanes, capacity // LANES, axis=1),
             parents=grown(trees.parents, capacity, axis=1),
+            radii=grown(trees.radii, capacity, axis=1),
         )
 
 
@@ -244,33 +285,57 @@ def _add(space: SearchSpace, trees: Trees, side: int, parent: int, state: FloatA
         trees.states[side, node, i] = state[i]
     set_lane(trees.lanes[side], node, state, space.weights)
     trees.parents[side, node] = parent
+    trees.radii[side, node] = math.inf
     return node
 
 
 @compiled
-def _extend(space: SearchSpace, trees: Trees, side: int, target: FloatArray, stride: int) -> tuple[int, bool]:
-    """Grow a tree straight towards a target as far as valid; return the last node or -1, and if it got there.
+def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -> int:
+    """Return the node of a tree nearest to a state."""
+    scaled = trees.rows[SCALED]
+    for i in range(state.size):
+        scaled[i] = state[i] * space.weights[i]
+    return nearest(trees.lanes[side], trees.counters[START_SIZE + side], scaled, trees.room)
 
-    Nodes are set every `stride` steps on the way.
-    """
-    n, rows = target.size, trees.rows
+
+@compiled
+def _extend(space: SearchSpace, trees: Trees, side: int, sample: FloatArray, diagonal: float) -> int:
+    """Extend a tree from its node nearest to a sample towards it; return the new node or -1."""
+    n, near, state = sample.size, _nearest(space, trees, side, sample), trees.rows[TARGET]
+    origin, radii, reach = trees.states[side, near], trees.radii[side], space.reach
+    apart = distance(origin, sample, space.weights)
+    if radii[near] < apart:
+        return -1
+    share = 1.0 if apart < reach else reach / apart
     for i in range(n):
-        rows[SCALED, i] = target[i] * space.weights[i]
-    near = nearest(trees.lanes[side], trees.counters[START_SIZE + side], rows[SCALED], trees.room)
-    origin = trees.states[side, near]
-    steps = step_count(distance(origin, target, space.weights), space.resolution)
-    last = last_valid_step(space, origin, target, steps, trees.counters)
-    if last == 0:
-        return -1, False
-    node, done = near, 0
-    while done < last:
-        done = min(done + stride, last)
-        for i in range(n):
-            rows[ORIGIN, i] = origin[i] + (target[i] - origin[i]) * done / steps
-            if done == steps:
-                rows[ORIGIN, i] = target[i]
-        node = _add(space, trees, side, node, rows[ORIGIN])
-    return node, last == steps
+        state[i] = origin[i] + (sample[i] - origin[i]) * share
+    steps = step_count(apart * share, space.resolution)
+    if last_valid_step(space, origin, state, steps, trees.counters) < steps:
+        if radii[near] == math.inf:
+            radii[near] = _FIRST_RADIUS * diagonal
+        else:
+            radii[near] = max(radii[near] * (1.0 - _RADIUS_CHANGE), _LEAST_RADIUS * diagonal)
+        return -1
+    radii[near] *= 1.0 + _RADIUS_CHANGE
+    return _add(space, trees, side, near, state)
+
+
+@compiled
+def _connect(space: SearchSpace, trees: Trees, side: int, node: int) -> tuple[int, int]:
+    """Extend a tree from a node to the nearest of the other one; return both where they meet, or -1."""
+    counters, state = trees.counters, trees.rows[ORIGIN]
+    goal = _nearest(space, trees, 1 - side, trees.states[side, node])
+    target, origin = trees.states[1 - side, goal], trees.states[side, node]
+    apart = distance(origin, target, space.weights)
+    parts = step_count(apart, space.reach)
+    steps = step_count(apart / parts, space.resolution)
+    for k in range(1, parts + 1):
+        for i in range(state.size):
+            state[i] = target[i] if k == parts else origin[i] + (target[i] - origin[i]) * k / parts
+        if last_valid_step(space, trees.states[side, node], state, steps, counters) < steps:
+            return -1, -1
+        node = _add(space, trees, side, node, state)
+    return node, goal
 
 
 @compiled("int64(SearchSpace, Trees, float64, float64[::1], float64[:, ::1], int64[::1], int64)")
@@ -322,17 +387,14 @@ def plant(
     return TIME_UP if counters[STOP] != 0 else GOING_ON
 
 
-@compiled("int64(SearchSpace, Trees, float64, int64, uint64, int64)")
-def grow(
-    space: SearchSpace, trees: Trees, seconds: float, stride: int, key: np.uint64, iterations: int
-) -> int:
+@compiled("int64(SearchSpace, Trees, float64, uint64, int64)")
+def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, iterations: int) -> int:
     """Grow both trees until they meet; see `rrt_connect` for the method.
 
     Args:
         space: Box, metric and validity.
         trees: The trees.
         seconds: Time budget [s].
-        stride: Number of steps between neighboring nodes of a long extension.
         key: Of the stream of random numbers.
         iterations: Number of samples in all, those of earlier calls included.
 
@@ -343,23 +405,24 @@ def grow(
     place, counters, rows = np.empty(2, np.int64), trees.counters, trees.rows
     end = seconds_now(space.clock, place) + seconds
     n = space.lower.size
-    longest = distance(space.lower, space.lower + space.extent, space.weights)
-    spare = step_count(longest, space.resolution) // stride + 2
+    diagonal = distance(space.lower, space.lower + space.extent, space.weights)
+    spare = step_count(diagonal, space.reach) + 2
     while counters[ITERATIONS] < iterations:
-        if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
+        late = counters[ITERATIONS] % _CLOCK_EVERY == 0 and seconds_now(space.clock, place) >= end
+        if late or counters[STOP] != 0:
             return TIME_UP
         if max(counters[START_SIZE], counters[GOAL_SIZE]) + spare > trees.states.shape[1]:
             return FULL
+        side = counters[GROWING]
+        own, other = counters[START_SIZE + side], counters[GOAL_SIZE - side]
+        if abs(own - other) < _UNEVEN * own:
+            side = counters[GROWING] = 1 - side
         random_state(space, key, counters[ITERATIONS] * n, rows[SAMPLE])
         counters[ITERATIONS] += 1
-        side = counters[GROWING]
-        new, _ = _extend(space, trees, side, rows[SAMPLE], stride)
+        new = _extend(space, trees, side, rows[SAMPLE], diagonal)
         if new >= 0:
-            for i in range(n):
-                rows[TARGET, i] = trees.states[side, new, i]
-            meeting, reached = _extend(space, trees, 1 - side, rows[TARGET], stride)
-            if reached:
-                counters[START_NODE + side], counters[GOAL_NODE - side] = new, meeting
+            meeting, goal = _connect(space, trees, side, new)
+            if meeting >= 0:
+                counters[START_NODE + side], counters[GOAL_NODE - side] = meeting, goal
                 return FOUND
-        counters[GROWING] = 1 - side
     return GOING_ON

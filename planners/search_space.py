@@ -96,7 +96,7 @@ def step_count(length: float, resolution: float) -> int:
 
 @compiled("int64(SearchSpace, float64[::1], float64[::1], int64, int64[::1])")
 def last_valid_step(space: SearchSpace, a: Floats1, b: Floats1, steps: int, counters: Ints1) -> int:
-    """Return how many of the states a + (b - a) j / steps, j = 1 .. steps, are valid from the first on.
+    """Return `steps` if the states a + (b - a) j / steps, j = 1 .. steps, are valid, and else less.
 
     Args:
         space: The space.

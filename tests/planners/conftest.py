@@ -112,7 +112,7 @@ SIGNATURE = types.int64(
 
 
 @cfunc(SIGNATURE, error_model="numpy")
-def valid_prefix(a, b, steps, memory):  # type: ignore[no-untyped-def]
+def valid_steps(a, b, steps, memory):  # type: ignore[no-untyped-def]
     """A `World` as machine code: its memory holds n, the numbers of boxes and balls, and then these."""
     n = int(memory[0])
     for j in range(1, steps + 1):
@@ -141,7 +141,7 @@ def machine_code_of(world: World, margin: float | np.ndarray = 0.0) -> CompiledM
     box_rows = np.hstack((world.box_lower - margin, world.box_upper + margin))
     ball_rows = np.column_stack((world.centers, world.radii + np.max(margin)))
     table = np.concatenate(([n, len(box_rows), len(ball_rows)], box_rows.ravel(), ball_rows.ravel()))
-    return CompiledMotionValidator(valid_prefix.address, n, table.copy, keep_alive=valid_prefix)
+    return CompiledMotionValidator(valid_steps.address, n, table.copy, keep_alive=valid_steps)
 
 
 @pytest.fixture

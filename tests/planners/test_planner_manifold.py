@@ -261,7 +261,7 @@ def ellipsoid(given, out, work):  # type: ignore[no-untyped-def]
         types.CPointer(types.float64),
     )
 )
-def valid_prefix(a, b, steps, memory):  # type: ignore[no-untyped-def]
+def valid_steps(a, b, steps, memory):  # type: ignore[no-untyped-def]
     for j in range(1, steps + 1):
         z = b[2] if j == steps else a[2] + (b[2] - a[2]) * j / steps
         x = b[0] if j == steps else a[0] + (b[0] - a[0]) * j / steps
@@ -290,7 +290,7 @@ def test_machine_code_for_constraints_and_validity_gives_what_python_gives():
     box = [-1.2, -1.2, -2.2], [1.2, 1.2, 2.2]
     ends = [-0.6, 0.0, 1.6], [-0.6, 0.0, -1.6]
     paths = []
-    for function, oracle in ((code, CompiledMotionValidator(valid_prefix.address, 3)), (python, valid)):
+    for function, oracle in ((code, CompiledMotionValidator(valid_steps.address, 3)), (python, valid)):
         manifold = ConstraintManifold(function, 3, 1, 1e-3)
         found = cbirrt(Problem(*box, *ends, oracle, resolution=0.03), manifold, seed=2, timeout=60.0)
         assert found.success
