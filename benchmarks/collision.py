@@ -81,7 +81,7 @@ def edges(fast: FastChecker, q: np.ndarray) -> tuple[float, float, float]:
     for k, (a, b) in enumerate(zip(*free, strict=True)):
         b = a + 0.05 * (b - a)
         start = time.perf_counter()
-        valid = validity.valid_prefix(a, b, 32, memory)
+        valid = validity.valid_steps(a, b, 32, memory)
         if valid == 32:
             spent, states = spent + time.perf_counter() - start, states + 32
         if k < 300:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.batch.kernels_of import kernel
 from pepper_kin.core.plain_vectors import are_three_plain, are_two_plain, is_plain
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels.compiled import INTERPRETED
+from pepper_kin.kernels.compiled_function import INTERPRETED
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 

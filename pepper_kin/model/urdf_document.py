@@ -210,7 +210,7 @@ def _joint(element: ET.Element) -> Joint:
     upper = number_of(limit, "upper", 0.0, f"joint {name}") if bounded else math.inf
     if lower > upper:
         raise ModelError(f"URDF: joint {name}: lower limit {lower} is above upper limit {upper}")
-    mimic, dynamics = element.find("mimic"), element.find("dynamics")
+    mimic, dynamics = element.find("mimic"), element.find("dynamics")  # a fixed joint follows nothing
     dynamics = ET.Element("dynamics") if dynamics is None else dynamics
     return Joint(
         name=name,
@@ -223,7 +223,7 @@ def _joint(element: ET.Element) -> Joint:
         acceleration=number_of(limit, "acceleration", math.inf, f"joint {name}"),
         effort=number_of(limit, "effort", math.inf, f"joint {name}"),
         mimic=None
-        if mimic is None
+        if mimic is None or kind == "fixed"
         else (
             attribute_of(mimic, "joint", f"joint {name}"),
             number_of(mimic, "multiplier", 1.0, f"mimic of {name}"),

@@ -13,6 +13,7 @@ from pepper_kin import planners
 from pepper_kin.batch import kernel
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.fast import fast_checker_for
+from pepper_kin.collision.fast.checker import TIE
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.model import PepperModel
 
@@ -58,6 +59,27 @@ class Checks:
         See `FastChecker.surely_free`.
         """
         return fast_checker_for(self.pepper, self.scene, margin, self_margin).surely_free(q)
+
+    def along(
+        self, states: Array, moving: Array, margins: tuple[float, float], *, surely: bool = False
+    ) -> NDArray[np.bool_]:
+        """Return what `free`, or `surely_free`, does of states of one motion; what stands is looked at once.
+
+        Args:
+            states: Shape (m, n), m > 0.
+            moving: Which joints differ between states, shape (n,); the others are as in the first.
+            margins: To the scene and to the robot itself [m].
+            surely: Whether what machine code cannot tell counts as near, so that coal is never asked.
+        """
+        checker = fast_checker_for(self.pepper, self.scene, *margins)
+        if moving.all() or not checker.supported or (surely and not checker.alone):
+            return checker.surely_free(states) if surely else ~checker.in_collision(states)
+        verdicts = checker.moving(np.where(moving, 0.0, states[0]), np.flatnonzero(moving)).verdicts(states)
+        touching = verdicts != 0
+        ties = np.flatnonzero(verdicts == TIE)
+        if ties.size and not surely:
+            touching[ties] = checker.exact.in_collision(states[ties])
+        return ~touching
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""

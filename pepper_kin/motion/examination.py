@@ -54,18 +54,19 @@ def is_clear(
         margins: To the scene and to the robot itself [m].
     """
     breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
+    moving = (coefficients[:, 1:] != 0.0).any(axis=(0, 1)) | (np.ptp(coefficients[:, 0], axis=0) > 0.0)
     parts = cut(breaks, coefficients, reach, STEPS[0])
     for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
         states = middles(coefficients, parts)
         if step == STEPS[0] and not checks.holds(states).all():
             return False
         if shorter is None:
-            return bool(checks.free(states, *margins).all())
+            return bool(checks.along(states, moving, margins).all())
         far = max(margins[0], step / 2), max(margins[1], step / 2)
-        near = ~checks.surely_free(states, *far)
+        near = ~checks.along(states, moving, far, surely=True)
         if not near.any():
             return True
-        if not checks.free(states[near], *margins).all():
+        if not checks.along(states[near], moving, margins).all():
             return False
         count = round(step / shorter)
         width = np.repeat(parts.width[near] / count, count)
