@@ -209,7 +209,7 @@ def _emit_below(typing_context: Any, x: Any, y: Any) -> Any:
 
 
 def _at(address: int) -> Lanes:
-    return np.frombuffer((ctypes.c_float * LANES).from_address(int(address)), np.float32)
+    return np.frombuffer(memoryview((ctypes.c_float * LANES).from_address(int(address))), np.float32)
 
 
 @intrinsic(_emit_load)

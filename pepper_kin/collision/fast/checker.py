@@ -62,7 +62,7 @@ class FastChecker:
         self._supported = self._prepared.structure.supported
         every = (*self._prepared.structure.solids, *self._prepared.structure.objects)
         self._decided = self._supported and all(s.filled and s.kind != OTHER for s in every)
-        self._resting = resting_contact(self.exact, self._prepared.structure.resting)
+        self._resting = resting_contact(self.exact, self._prepared.structure)
         self._block = at.pack(self._prepared.sections)
         self._local = threading.local()
         self._lock = threading.Lock()

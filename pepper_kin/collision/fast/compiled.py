@@ -147,9 +147,11 @@ class _Parts:
         self._pairs = at.section(memory, at.PAIRS).reshape(-1, 2)
         self._first = at.section(memory, at.PAIR_FIRST)
         self._all = self._links.copy(), self._groups[:, 5].copy(), self._pairs.copy(), self._first.copy()
-        self._moved = carried.any(axis=1)
+        self._moved: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
         ends = self._links[:, [0, 2]].T, solids[self._pairs.astype(np.int64)].T
-        self._links_move, self._pairs_move = ((carried[a] ^ carried[b]).any(axis=1) for a, b in ends)
+        self._links_move, self._pairs_move = (
+            np.asarray((carried[a] ^ carried[b]).any(axis=1)) for a, b in ends
+        )
 
     def keep(self, *, moving: bool) -> None:
         """Compare only pairs that move against one another, or only those that do not."""

@@ -86,7 +86,12 @@ class _Tables:
                 body = tree.bodies[b]
                 source, gain, offset = full_rows[b]
                 self.bodies[b, :4] = body.parent + 1, body.slides, source, 1
-                self.frames[b] = [*np.ravel(body.rotation), *body.translation, gain, offset]
+                self.frames[b] = [
+                    *np.array(body.rotation, dtype=float).ravel(),
+                    *body.translation,
+                    gain,
+                    offset,
+                ]
             self._add_body(b, [i for i, s in enumerate(solids) if s.joint == joint], groups_of.get(joint, []))
         self.groups = np.array([self._group(members) for members in structure.groups], np.int64).reshape(
             -1, GROUP_WORDS
@@ -155,13 +160,15 @@ class _Tables:
     def _pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Return the sections LINKS, SIDES and RANGES."""
         solids, world = self._structure.solids, len(self._tree.bodies)
-        links, sides, ranges = [], [], []
+        links: list[list[int]] = []
+        sides: list[list[int]] = []
+        ranges: list[list[int]] = []
         for c, pairs in enumerate(self._structure.classes):
             by_bodies: dict[tuple[int, int], dict[int, list[int]]] = {}
             for i, j in pairs:
                 covered, exact = (i, j) if roles(solids[i], solids[j])[0] is solids[i] else (j, i)
-                bodies = tuple((solids[k].joint - 1) % (world + 1) for k in (covered, exact))
-                by_bodies.setdefault(bodies, {}).setdefault(exact, []).append(covered)
+                a, b = ((solids[k].joint - 1) % (world + 1) for k in (covered, exact))
+                by_bodies.setdefault((a, b), {}).setdefault(exact, []).append(covered)
             for (a, b), by_exact in by_bodies.items():
                 first_side = len(sides)
                 for exact, all_covered in by_exact.items():
@@ -348,6 +355,8 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
         at.PLACED: np.zeros(len(tables.cores) * CORE_LANES * LANES // 2),
         at.CLASS_DOUBTS: np.zeros(len(structure.classes)),
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
+        at.DOUBTFUL: np.zeros(1),
+        at.RAMP: _singles(np.arange(1, LANES + 1) / LANES),
         at.ROWS: np.zeros(ROOM * n),
         at.STATUS: np.zeros(ROOM),
         at.QUEUE: np.zeros(ROOM),

@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision.checker import CollisionChecker
+from pepper_kin.collision.fast.structure import Structure
 
 SURE = 1e-4
 """Where the nearest pair is farther from its threshold than this [m], distances tell."""
 
 
-def resting_contact(checker: CollisionChecker, pairs: tuple[int, ...]) -> bool:
-    """Return whether any of these pairs of a checker touches."""
+def resting_contact(checker: CollisionChecker, structure: Structure) -> bool:
+    """Return whether any pair of a checker that never moves against one another touches."""
     import pinocchio
 
+    pairs = _not_apart(checker, structure)
     if not pairs:
         return False
     beyond = _gaps(checker.shapes_of, pairs) - checker._margins[list(pairs)]
@@ -27,18 +29,30 @@ def resting_contact(checker: CollisionChecker, pairs: tuple[int, ...]) -> bool:
     return any(pinocchio.computeCollision(checker._model, data, pair) for pair in pairs)
 
 
-_kept: WeakKeyDictionary[CollisionChecker, NDArray[np.float64]] = WeakKeyDictionary()
+def _not_apart(checker: CollisionChecker, structure: Structure) -> tuple[int, ...]:
+    """Return those of a structure's resting pairs that a ball around the one does not part from the other."""
+    every, found = (*structure.solids, *structure.objects), []
+    for number in structure.resting:
+        one, other = (every[int(places[number])] for places in checker._pairs)
+        beyond = np.abs((one.position - other.position) @ other.rotation) - other.half
+        apart = float(np.linalg.norm(np.maximum(beyond, 0.0))) - one.bounding_radius - other.radius
+        if not apart > checker._margins[number] + SURE:
+            found.append(number)
+    return tuple(found)
+
+
+_kept: WeakKeyDictionary[CollisionChecker, dict[int, float]] = WeakKeyDictionary()
 
 
 def _gaps(checker: CollisionChecker, pairs: tuple[int, ...]) -> NDArray[np.float64]:
     """Return the distances of these pairs of shapes without padding [m], measured once for a checker."""
     import pinocchio
 
-    if checker not in _kept:
-        data = _placed(checker)
-        found = [pinocchio.computeDistance(checker._model, data, pair).min_distance for pair in pairs]
-        _kept[checker] = np.array(found)
-    return _kept[checker]
+    known = _kept.setdefault(checker, {})
+    for pair in pairs:
+        if pair not in known:
+            known[pair] = pinocchio.computeDistance(checker._model, _placed(checker), pair).min_distance
+    return np.array([known[pair] for pair in pairs])
 
 
 def resting_distance(checker: CollisionChecker, pairs: tuple[int, ...]) -> float:

@@ -42,7 +42,9 @@ class Rounding:
         count = len(tree.bodies)
         turn, shift, reach = np.zeros(count + 1), np.zeros(count + 1), np.zeros(count + 1)  # the world last
         for b, body in enumerate(tree.bodies):
-            lever = float(np.linalg.norm(body.translation)) + (WIDEST if body.slides else 0.0)
+            lever = float(np.linalg.norm(np.array(body.translation, dtype=float))) + (
+                WIDEST if body.slides else 0.0
+            )
             turn[b] = turn[body.parent] + (12.0 * ROUNDING if body.slides else TURN)
             reach[b] = reach[body.parent] + lever
             shift[b] = shift[body.parent] + turn[b] * lever + 8.0 * ROUNDING * reach[b]

@@ -83,6 +83,7 @@ class Tables(NamedTuple):
     placed: int
     group_doubts: int
     class_doubts: int
+    doubtful: int
 
 
 @compiled
@@ -111,6 +112,7 @@ def tables_of(memory: at.Array) -> Tables:
         here(memory, at.PLACED),
         here(memory, at.GROUP_DOUBTS),
         here(memory, at.CLASS_DOUBTS),
+        here(memory, at.DOUBTFUL),
     )
 
 
@@ -282,7 +284,7 @@ def _place_cores(t: Tables, b: int) -> None:
 def _check_group(t: Tables, g: int, settled: int) -> int:
     """Compare the balls of a group with the objects of its list; return the lanes in contact.
 
-    Lanes in doubt are written to `group_doubts`.
+    Lanes in doubt are written to `group_doubts` and noted in `doubtful`.
     """
     words = t.groups + 8 * GROUP_WORDS * g
     b, coarse = word_at(words), t.balls + 4 * BALL_SINGLES * word_at(words + 8)
@@ -314,7 +316,9 @@ def _check_group(t: Tables, g: int, settled: int) -> int:
                 doubt |= touched
                 if exact and inner > 0.0:
                     contact |= lanes_below(squared, spread(inner * inner))
-    store_word(t.group_doubts + 8 * g, doubt & ~contact)
+    if doubt != 0:
+        store_word(t.group_doubts + 8 * g, doubt)
+        store_word(t.doubtful, 1)
     return contact
 
 
@@ -381,6 +385,7 @@ def _check_link(t: Tables, k: int, settled: int) -> int:
     if doubt != 0:
         place = t.class_doubts + 8 * word_at(words + 40)
         store_word(place, word_at(place) | doubt)
+        store_word(t.doubtful, 1)
     return contact
 
 
@@ -403,17 +408,20 @@ def place_all(t: Tables) -> None:
 def check_block(t: Tables, first_contact: bool) -> int:
     """Check the configurations in `coordinates`; return the lanes that are surely in contact.
 
-    Lanes in doubt are written to `group_doubts` and `class_doubts`, where not all lanes are in contact.
+    Lanes in doubt, which may be in contact too, are written to `group_doubts` and `class_doubts`, and
+    `doubtful` tells whether there are any.
 
     Args:
         t: The tables.
         first_contact: Whether one lane in contact ends the check.
     """
     contact = 0
-    for g in range(t.group_count):
-        store_word(t.group_doubts + 8 * g, 0)
-    for c in range(t.class_count):
-        store_word(t.class_doubts + 8 * c, 0)
+    if word_at(t.doubtful) != 0:
+        store_word(t.doubtful, 0)
+        for g in range(t.group_count):
+            store_word(t.group_doubts + 8 * g, 0)
+        for c in range(t.class_count):
+            store_word(t.class_doubts + 8 * c, 0)
     for b in range(t.body_count):
         words = t.bodies + 8 * BODY_WORDS * b
         if word_at(words + 24) != 0:

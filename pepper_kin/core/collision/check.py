@@ -13,7 +13,15 @@ from pepper_kin.core.collision.layout import ROOM, WIDEST, Array, section, secti
 from pepper_kin.core.collision.narrow_phase import settle
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel, floats_at
-from pepper_kin.kernels.lanes import LANE_BYTES, LANES, double_at, store_single, word_at
+from pepper_kin.kernels.lanes import (
+    LANE_BYTES,
+    LANES,
+    double_at,
+    load_lanes,
+    store_lanes,
+    store_single,
+    word_at,
+)
 
 MOST_BITS = 61
 """Classes of pairs and groups from here on share a bit."""
@@ -65,7 +73,10 @@ def _take_doubts(memory: Array, t: Tables, first: int, count: int, contact: int)
         count: Number of configurations.
         contact: Lanes in contact, of which no doubt is noted.
     """
-    queue, doubts = section_bits(memory, at.QUEUE), 0
+    doubts = 0
+    if word_at(t.doubtful) == 0:
+        return 0
+    queue = section_bits(memory, at.QUEUE)
     classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
     for g in range(t.group_count):
         found = word_at(t.group_doubts + 8 * g) & ~contact
@@ -171,6 +182,23 @@ def _settled_free(memory: Array, count: int) -> bool:
 
 
 @compiled
+def _queue_doubts(memory: Array, t: Tables, a: Array, b: Array, waiting: int, k: int, blocks: int) -> int:
+    """Add the states of a block of an edge that are in doubt to those that wait; return how many do."""
+    queue = section_bits(memory, at.QUEUE)
+    classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
+    for i in range(LANES):
+        queue[waiting + i] = waiting + i
+        classes[waiting + i] = groups[waiting + i] = 0
+    doubts, found = _take_doubts(memory, t, waiting, LANES, 0), waiting
+    for i in range(LANES):
+        if (doubts >> i) & 1:
+            classes[found], groups[found] = classes[waiting + i], groups[waiting + i]
+            _state(memory, found, a, b, (i + 1) / LANES - k / (LANES * blocks))
+            found += 1
+    return found
+
+
+@compiled
 def _held(memory: Array, row: int) -> bool:
     """Whether the joints can hold a configuration against gravity; true where that is not asked for."""
     numbers, effort, room = (
@@ -201,36 +229,31 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
         b: The same at the end.
         steps: Number of states, which is rounded up to a multiple of eight.
     """
-    numbers, moving = section(memory, at.NUMBERS), section(memory, at.FREE)
-    coordinates, queue = section_single(memory, at.COORDINATES), section_bits(memory, at.QUEUE)
-    classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
+    numbers, t = section(memory, at.NUMBERS), tables_of(memory)
+    blocks, waiting = (steps + LANES - 1) // LANES, 0
     if numbers[at.BLOCKED] > 0 or not (_all_within(a, WIDEST) and _all_within(b, WIDEST)):
         return False
-    blocks, waiting, t = (steps + LANES - 1) // LANES, 0, tables_of(memory)
     if not _within_ranges(memory, a, b, blocks):
         return False
+    moving, ramp = at.address_of(memory, at.FREE), load_lanes(at.address_of(memory, at.RAMP))
+    begin, end = a.ctypes.data, b.ctypes.data
     for k in range(blocks):
-        for j in range(moving.size):
-            place, way = LANES * int(moving[j]), b[j] - a[j]
-            last = k / (LANES * blocks)
-            for i in range(LANES):
-                coordinates[place + i] = a[j] + way * ((i + 1) * (1.0 / LANES) - last)
+        share = ramp - k / (LANES * blocks)
+        for j in range(a.size):
+            first, place = (
+                double_at(begin + 8 * j),
+                t.coordinates + LANE_BYTES * int(double_at(moving + 8 * j)),
+            )
+            store_lanes(place, share * (double_at(end + 8 * j) - first) + first)
         if check_block(t, True) != 0:
             return False
+        if word_at(t.doubtful) == 0:
+            continue
         if waiting + LANES > ROOM:
             if not _settled_free(memory, waiting):
                 return False
             waiting = 0
-        for i in range(LANES):
-            queue[waiting + i] = waiting + i
-            classes[waiting + i] = groups[waiting + i] = 0
-        doubts, found = _take_doubts(memory, t, waiting, LANES, 0), waiting
-        for i in range(LANES if doubts != 0 else 0):
-            if (doubts >> i) & 1:
-                classes[found], groups[found] = classes[waiting + i], groups[waiting + i]
-                _state(memory, found, a, b, (i + 1) / LANES - k / (LANES * blocks))
-                found += 1
-        waiting = found
+        waiting = _queue_doubts(memory, t, a, b, waiting, k, blocks)
     if waiting > 0 and not _settled_free(memory, waiting):
         return False
     if numbers[at.GRAVITY_KERNEL] != 0:

@@ -55,6 +55,8 @@ ALIGNMENT = 8
     PLACED,
     CLASS_DOUBTS,
     GROUP_DOUBTS,
+    DOUBTFUL,
+    RAMP,
     ROWS,
     STATUS,
     QUEUE,
@@ -66,9 +68,9 @@ ALIGNMENT = 8
     SOLID_POSES,
     AXES,
     GRAVITY,
-) = range(46)
+) = range(48)
 """Sections, in order; `collision/fast/prepared.py` says what is in each."""
-SECTIONS = 46
+SECTIONS = 48
 
 BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
