@@ -2,12 +2,12 @@
 
 VAMP (KavrakiLab, Apache-2.0) is built beside the project; its module must be on the path.  PROBLEMS is a
 folder with `panda.json.xz` and `fetch.json.xz`, RESOURCES the folder `resources` of VAMP's repository, where
-the robots' descriptions are.  Our times are processor time of whole calls from Python; VAMP's are those of
-its own clock, which leaves out its allocation of memory.  Problems with an end that VAMP's own check calls
-invalid are left out.  Ratios are medians over problems that both solve.  "Preparation" is our making of
-check and problem for a new scene, "plan" is `pk.plan` with its goals, margins, smoothing and last
-examination, beside VAMP's search and simplification, and "touch" counts paths that coal finds in contact at
-steps of 2 mrad.
+the robots' descriptions are.  Our times are processor time of whole calls from Python; of VAMP, the time by
+its own clock, which leaves out its allocation of memory, and processor time of the whole call are printed.
+Problems with an end that VAMP's own check calls invalid are left out.  Ratios are medians over problems that
+both solve.  "Preparation" is our making of check and problem for a new scene, "plan" is `pk.plan` with its
+goals, margins, smoothing and last examination, beside VAMP's search and simplification, and "touch" counts
+paths that coal finds in contact at steps of 2 mrad.
 
     python benchmarks/planning_vamp.py PROBLEMS RESOURCES [--robots panda fetch] [--count 50] [--meshes]
     [--plan]
@@ -79,8 +79,9 @@ class Ours:
     def problem(self, scene: pk.Scene, start: Any, goals: Any) -> planners.Problem:
         """Return a problem of the free joints; its check is made."""
         made = FastChecker(self.robot, scene).compiled(self.robot.neutral(), self.free)
+        block = made.new_memory()
         validity = planners.CompiledMotionValidator(
-            made.address, len(self.free), made.new_memory, keep_alive=made
+            made.address, len(self.free), lambda: block, keep_alive=made
         )
         ends = np.clip(start, self.low, self.high), np.clip(goals, self.low, self.high)
         return planners.Problem(self.low, self.high, *ends, validity, resolution=RESOLUTION)
@@ -92,6 +93,16 @@ class Ours:
             count = max(1, int(np.ceil(np.abs(b - a).max() / FINE)))
             rows.append(a + (b - a) * np.arange(1, count + 1)[:, None] / count)
         return bool(pk.collision.checker_for(self.robot, scene).in_collision(np.concatenate(rows)).any())
+
+
+def sampled(curve: Any) -> np.ndarray:
+    """Return states of a curve, close to one another."""
+    pieces = []
+    for k, length in enumerate(np.diff(curve.breaks)):
+        ends = curve.at(np.full(20, k), np.linspace(0.0, length, 20))
+        count = int(np.ceil(np.abs(np.diff(ends, axis=0)).max(axis=1).sum() / FINE)) + 2
+        pieces.append(curve.at(np.full(count, k), np.linspace(0.0, length, count)))
+    return np.concatenate(pieces)
 
 
 class Tally:
@@ -137,7 +148,9 @@ def measured(name: str, arguments: argparse.Namespace) -> Tally:
             if pk.collision.in_collision(ours.robot, ours.whole([start, *goals]), scene).any():
                 continue  # with meshes
             tally.valid += 1
+            begin = time.process_time()
             found = search(start, goals, environment, settings, module.halton())
+            whole = time.process_time() - begin
             begin = time.process_time()
             task = ours.problem(scene, start, goals)
             middle = time.process_time()
@@ -149,6 +162,8 @@ def measured(name: str, arguments: argparse.Namespace) -> Tally:
             if found.solved and result.success:
                 tally.ratios[kind].append(taken / (1e-9 * found.nanoseconds))
                 tally.times["VAMP"].append(1e-9 * found.nanoseconds)
+                tally.times["whole"].append(whole)
+                tally.times["whole ratio"].append(taken / whole)
                 tally.times["search"].append(taken)
             if arguments.plan and found.solved:
                 beside(tally, ours, scene, (module, environment, found, simplify), start, goals)
@@ -166,7 +181,7 @@ def beside(tally: Tally, ours: Ours, scene: pk.Scene, peer: Any, start: Any, goa
     plan = pk.plan(ours.robot, ours.whole(start)[0], goal[0], scene, joints=ours.joints, timeout=2 * TIMEOUT)
     taken = time.process_time() - begin
     tally.plan += plan.success
-    path = np.array([state.to_list() for state in simple.path])
+    path = np.array(simple.path.numpy(), dtype=float)
     tally.vamp_touches += ours.touches(scene, ours.whole(path))
     if plan.success:
         spent = 1e-9 * (found.nanoseconds + simple.nanoseconds)
@@ -174,7 +189,7 @@ def beside(tally: Tally, ours: Ours, scene: pk.Scene, peer: Any, start: Any, goa
         tally.times["plan ratio"].append(taken / spent)
         lengths = [np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (plan.path[:, ours.free], path)]
         tally.lengths.append(lengths[0] / lengths[1])
-        tally.plan_touches += ours.touches(scene, plan.path)
+        tally.plan_touches += ours.touches(scene, sampled(plan.curve))
 
 
 def main() -> None:
@@ -188,10 +203,11 @@ def main() -> None:
     parser.add_argument("--plan", action="store_true")
     arguments = parser.parse_args()
     rows = [measured(name, arguments).row(name) for name in arguments.robots]
-    head = "| robot | valid | VAMP solves | of these ours | VAMP, us | ours, us | ratio | preparation, ms |"
+    head = "| robot | valid | VAMP solves | of these ours | VAMP, us | its whole call, us | ours, us | ratio "
+    head += "| to its whole call | preparation, ms |"
     more = " plan solves | plan, ms | ratio | length | plans touch | VAMP's touch |"
     print("\n" + head + (more if arguments.plan else ""))
-    print("|---" * (14 if arguments.plan else 8) + "|\n" + "\n".join(rows))
+    print("|---" * (16 if arguments.plan else 10) + "|\n" + "\n".join(rows))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ _STEP = 0.1  # of the diagonal: longest extension
 _UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
 _ROUND = 16_384  # samples of the shortest round
 _FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's domain, in diagonals
-_FIRST_CAPACITY = 512
+_FIRST_CAPACITY = 128
 _CLOCK_EVERY = 64  # goals or samples
 
 # How a call ends.
