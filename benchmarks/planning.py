@@ -42,7 +42,7 @@ def toy(problem: Problem, *, compiled: bool) -> planners.Problem:
     """Return the planning problem of the joints that move."""
     pepper = problem.pepper
     free = np.array([pepper.joint_index(name) for name in problem.joints])
-    validity = Checks(pepper, problem.scene).validity(problem.start, free, MARGINS, for_edges=True)
+    validity = Checks(pepper, problem.scene).validity(problem.start, free, MARGINS)
     if not compiled:
         coal = pk.collision.checker_for(pepper, problem.scene, *MARGINS)
 

@@ -121,8 +121,9 @@ class Tally:
         planned = self.times["plan ratio"]
         cells = [
             name, f"{self.valid}", f"{self.vamp}", f"{self.search}",
-            f"{1e6 * np.median(self.times['VAMP']):.0f}", f"{1e6 * np.median(self.times['search']):.0f}",
-            f"{np.median(every):.2f}", f"{1e3 * np.median(self.prepared):.1f}",
+            f"{1e6 * np.median(self.times['VAMP']):.0f}", f"{1e6 * np.median(self.times['whole']):.0f}",
+            f"{1e6 * np.median(self.times['search']):.0f}", f"{np.median(every):.2f}",
+            f"{np.median(self.times['whole ratio']):.2f}", f"{1e3 * np.median(self.prepared):.1f}",
         ]  # fmt: skip
         if planned:
             cells += [
