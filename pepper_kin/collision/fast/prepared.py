@@ -104,6 +104,10 @@ class _Tables:
         self.balls = np.array(self._balls).reshape(-1, BALL_SINGLES)
         self.cores = np.array(self._cores).reshape(-1, CORE_SINGLES)
         self.links, self.sides, self.ranges = self._pairs()
+        every = np.arange(count + 1)
+        of_bodies = np.repeat(every, self.bodies[:, 8] - self.bodies[:, 6])
+        self.ball_bodies = np.concatenate([of_bodies, self.groups[:, 0]])
+        self.core_bodies = np.repeat(every, self.bodies[:, 10] - self.bodies[:, 9])
 
     def _local(self, solid: Solid, points: Any) -> Array:
         """Return points of the frame of a solid's joint in the frame of its body."""
@@ -214,11 +218,11 @@ def prepare(checker: CollisionChecker) -> Prepared:
     if found is None:
         structure = structure_of(like)
         robot = _robot_of(like.pepper, structure)
-        slack = robot.rounding.allowance(structure)
-        sections = {**robot.sections, **_of_scene(structure, robot.tables, slack)}
+        slack = robot.rounding.comparing(structure)
+        sections = {**robot.sections, **_of_scene(structure, robot, slack)}
         found = _shared[like] = structure, robot, slack, sections
     structure, robot, slack, sections = found
-    sections = {**sections, **_of_margins(checker, structure, robot.tables, slack)}
+    sections = {**sections, **_of_margins(checker, structure, robot, slack)}
     return Prepared(structure, sections, robot.carried, robot.bodies_of_solids)
 
 
@@ -264,9 +268,10 @@ def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
 
 
 def _of_margins(
-    checker: CollisionChecker, structure: Structure, tables: _Tables, slack: float
+    checker: CollisionChecker, structure: Structure, robot: _Robot, slack: float
 ) -> dict[int, Array]:
     """Return the sections that depend on margins."""
+    tables = robot.tables
     numbers = np.zeros(at.NUMBERS_SIZE)
     numbers[at.N], numbers[at.CLASS_COUNT] = checker.pepper.n, len(structure.classes)
     numbers[at.GROUP_COUNT], numbers[at.OBJECT_COUNT] = len(structure.groups), len(structure.objects)
@@ -274,22 +279,25 @@ def _of_margins(
     numbers[at.SELF_MARGIN], numbers[at.MARGIN] = checker.self_margin, checker.margin
     heads, ranges, cells = pack_tables(checker._ranges, checker.self_margin / LEVER)
     cores = tables.cores.copy()
-    cores[:, 1:3] += checker.self_margin
+    wrong = robot.rounding.placed[tables.core_bodies]
+    cores[:, 1] += checker.self_margin + wrong
+    cores[:, 2] += checker.self_margin - wrong
     return {
         at.NUMBERS: numbers,
         at.TABLE_HEADS: heads,
         at.TABLES: ranges,
         at.TABLE_CELLS: cells,
         at.OBJECTS: _singles(_object_rows(structure, checker.margin)),
-        at.LINKS: _words(_links(tables, slack, checker.self_margin)),
+        at.LINKS: _words(_links(robot, slack, checker.self_margin)),
         at.CORES: _singles(cores),
     }
 
 
-def _links(tables: _Tables, slack: float, margin: float) -> NDArray[np.int64]:
+def _links(robot: _Robot, slack: float, margin: float) -> NDArray[np.int64]:
     """Return the section LINKS with the squares of the distances at which coarse balls touch."""
-    links = tables.links.copy()
-    reach = tables.balls[links[:, 1], 3] + tables.balls[links[:, 3], 3] + 2.0 * slack + margin
+    links = robot.tables.links.copy()
+    radii = robot.tables.balls[:, 3] + robot.rounding.placed[robot.tables.ball_bodies] + slack
+    reach = radii[links[:, 1]] + radii[links[:, 3]] + margin
     links[:, 4] = (np.maximum(reach, 0.0) ** 2 * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
     return links
 
@@ -314,12 +322,14 @@ def _of_robot(pepper: PepperModel, structure: Structure, tables: _Tables) -> dic
     }
 
 
-def _of_scene(structure: Structure, tables: _Tables, slack: float) -> dict[int, Array]:
+def _of_scene(structure: Structure, robot: _Robot, slack: float) -> dict[int, Array]:
     """Return the sections that depend on the scene but not on margins."""
+    tables = robot.tables
     every = [*structure.solids, *structure.objects]
     balls, groups = tables.balls.copy(), tables.groups.copy()
-    balls[:, 3] += slack
-    balls[:, 4] -= slack
+    wrong = robot.rounding.placed[tables.ball_bodies] + slack
+    balls[:, 3] += wrong
+    balls[:, 4] -= wrong
     lists = [np.flatnonzero(row) for row in structure.compared]
     groups[:, 4:6] = np.stack([_firsts(lists)[:-1], _firsts(lists)[1:]], axis=1)
     pairs, members = sum(map(len, structure.classes)), sum(map(len, structure.groups))

@@ -11,8 +11,14 @@ from pepper_kin.symbolic.tree import read_tree
 
 ROUNDING = 2.0**-24
 """Greatest relative error of one operation in single precision."""
-ANGLE = WIDEST * ROUNDING + 3e-7
-"""Error of an angle of at most WIDEST as it is stored, and of its sine and cosine [rad]."""
+COORDINATE = 10.0 * WIDEST * ROUNDING
+"""Error of a coordinate of at most WIDEST [rad or m].
+
+On an edge it is a + (b - a) s in single precision, with |b - a| at most 2 WIDEST: s, b - a and their product
+are wrong by u of 2 WIDEST each, a, the sum and the gain of a joint that follows another by u of WIDEST.
+"""
+ANGLE = COORDINATE + 3e-7
+"""Error of an angle, and of its sine and cosine [rad]."""
 FAR = 1e3
 """Objects are not larger than this, or meet the robot where they are [m]."""
 TURN = 2.0 * ANGLE + 24.0 * ROUNDING
@@ -35,6 +41,9 @@ class Rounding:
     Args:
         pepper: The robot.
         structure: Its solids.
+
+    Attributes:
+        placed: How far a body's balls and cores may be misplaced [m], shape (bodies,), the world last.
     """
 
     def __init__(self, pepper: PepperModel, structure: Structure) -> None:
@@ -48,23 +57,23 @@ class Rounding:
             turn[b] = turn[body.parent] + (12.0 * ROUNDING if body.slides else TURN)
             reach[b] = reach[body.parent] + lever
             shift[b] = shift[body.parent] + turn[b] * lever + 8.0 * ROUNDING * reach[b]
-            shift[b] += ANGLE if body.slides else 0.0
-        self._placed = self._farthest = 0.0
+            shift[b] += COORDINATE if body.slides else 0.0
+        self.placed, self._farthest = np.zeros(count + 1), 0.0
         for solid in structure.solids:
             b = solid.joint - 1
             origin = tree.alignments[b].origin if solid.joint else np.zeros(3)
             own = float(np.linalg.norm(solid.position - origin)) + solid.bounding_radius
-            self._placed = max(self._placed, shift[b] + turn[b] * own + 8.0 * ROUNDING * (reach[b] + own))
+            error = shift[b] + turn[b] * own + 8.0 * ROUNDING * (reach[b] + own)
+            self.placed[b] = max(self.placed[b], error)
             self._farthest = max(self._farthest, reach[b] + own)
 
-    def allowance(self, structure: Structure) -> float:
-        """Return an upper bound of how far the distance of a ball to anything may be wrong [m].
+    def comparing(self, structure: Structure) -> float:
+        """Return an upper bound of what comparing placed balls adds: 16 u times the coordinates compared [m].
 
-        Both sides of a comparison may be misplaced, and comparing adds 16 u times the coordinates that are
-        compared: those of the scene, as far as it can be met.
+        These are the robot's, and those of the scene as far as it can be met.
         """
         scale = self._farthest
         for item in structure.objects:
             half = float(np.linalg.norm(np.where(np.isfinite(item.half), item.half, 0.0)))
             scale = max(scale, min(half + item.radius, FAR) + self._farthest)
-        return 2.0 * self._placed + 16.0 * ROUNDING * scale
+        return 16.0 * ROUNDING * scale
