@@ -35,27 +35,37 @@ def state_data(pepper: PepperModel, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) 
     Returns:
         The data of this thread, or None, where `over_states` converts, refuses or goes over a batch.
     """
-    if not pepper.is_coupled and _is_state(pepper.n, q, v, a):
-        return pepper.pinocchio_data
-    return None
-
-
-def _is_state(n: int, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) -> bool:
-    """Whether all are plain (n,) arrays of finite floats, so that nothing needs converting or naming."""
     try:
         if a is not _ABSENT:
-            return _tests[2](n, q, v, a)
-        return _tests[0](n, q) if v is _ABSENT else _tests[1](n, q, v)
+            plain = _are_three(pepper.n, q, v, a)
+        else:
+            plain = _is_one(pepper.n, q) if v is _ABSENT else _are_two(pepper.n, q, v)
+        return pepper.pinocchio_data if plain and not pepper.is_coupled else None
     except TypeError:  # lists, other types of numbers, other numbers of axes, rows that are not contiguous
-        return False
-    except IndexError:
-        if not INTERPRETED:  # as Python functions, they would take other types too
-            _tests[:] = is_plain.native, are_two_plain.native, are_three_plain.native
-            return _is_state(n, q, v, a)
+        return None
+
+
+def _are_plain(n: int, *state: Any) -> bool:
+    """Whether all are plain (n,) arrays of finite floats, so that nothing needs converting or naming."""
+    try:
+        return (_is_one, _are_two, _are_three)[len(state) - 1](n, *state)
+    except TypeError:
         return False
 
 
-_tests: list[Callable[..., bool]] = []
+def _load_tests(n: int, *state: Any) -> bool:
+    """Put the compiled tests in place; as Python functions, they would take other types too."""
+    global _is_one, _are_two, _are_three
+    if INTERPRETED:
+        _is_one = _are_two = _are_three = lambda *_: False
+    else:
+        _is_one, _are_two, _are_three = is_plain.native, are_two_plain.native, are_three_plain.native
+    return _are_plain(n, *state)
+
+
+_is_one: Callable[..., bool] = _load_tests
+_are_two: Callable[..., bool] = _load_tests
+_are_three: Callable[..., bool] = _load_tests
 
 
 def over_states(
@@ -93,7 +103,7 @@ def all_over_states(
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
     """
-    if _is_state(pepper.n, *quantities.values()):
+    if _are_plain(pepper.n, *quantities.values()):
         return _exact(function(*quantities.values()), shapes)
     arrays = [_shaped(pepper, value, name) for name, value in quantities.items()]
     if all(array.ndim == 1 for array in arrays):

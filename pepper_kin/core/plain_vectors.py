@@ -1,9 +1,9 @@
-"""The quick test of the everyday call: whether arrays from Python are finite vectors of one length."""
+"""The quick tests of the everyday call: whether arrays from Python are finite vectors of one length."""
 
 from __future__ import annotations
 
 from pepper_kin.kernels import compiled
-from pepper_kin.kernels.signatures import Floats1
+from pepper_kin.kernels.signatures import Floats1, Floats2
 
 
 @compiled(inline=True)
@@ -33,3 +33,13 @@ def are_two_plain(n: int, a: Floats1, b: Floats1) -> bool:
 def are_three_plain(n: int, a: Floats1, b: Floats1, c: Floats1) -> bool:
     """Whether three vectors have n finite elements each."""
     return _is_plain(n, a) and _is_plain(n, b) and _is_plain(n, c)
+
+
+@compiled("boolean(float64[:, ::1])")
+def is_finite(a: Floats2) -> bool:
+    """Whether all elements of a matrix are finite."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            total += a[i, j] * 0.0
+    return total == 0.0

@@ -55,7 +55,7 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
 def _wrench(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> Array:
     rate = pinocchio.computeCentroidalMomentumTimeVariation(pepper.inner_model, data, q, v, a)
     wrench: Array = rate.vector
-    _balance(pepper)(data.com[0], wrench)
+    _balance(pepper)(pepper.moving_center, wrench)
     return wrench
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,18 +36,17 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
     """
     data = state_data(pepper, q)
     if data is not None:
-        return _center(pepper, data, cast("Array", q))
+        center: Array = pinocchio.centerOfMass(pepper.inner_model, data, q, False)
+        _extension(pepper)(center)
+        return center
+    data = pepper.pinocchio_data
 
     def one(q: Array) -> Array:
-        return _center(pepper, pepper.pinocchio_data, pepper.to_full(q))
+        center: Array = pinocchio.centerOfMass(pepper.inner_model, data, pepper.to_full(q), False)
+        _extension(pepper)(center)
+        return center
 
     return over_states(pepper, one, (3,), ("center_of_mass",), q=q)
-
-
-def _center(pepper: PepperModel, data: Any, q: Array) -> Array:
-    center: Array = pinocchio.centerOfMass(pepper.inner_model, data, q, False)
-    _extension(pepper)(center)
-    return center
 
 
 @kept_while_private
@@ -64,6 +62,11 @@ def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
     return 1.0 - part, part * np.array(still.lever)
 
 
+@kept_while_private
+def _share(pepper: PepperModel) -> Array:
+    return np.array(share_of_moving(pepper)[0])  # an array multiplies arrays quicker than a number does
+
+
 def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> Array:
     """Return J_c(q): the velocity of the centre of mass of all links is J_c v.
 
@@ -77,7 +80,7 @@ def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> Array:
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
-    share, _ = share_of_moving(pepper)
+    share = _share(pepper)
     data = state_data(pepper, q)
     if data is not None:
         jacobian: Array = pinocchio.jacobianCenterOfMass(pepper.inner_model, data, q, False)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import all_over_states, state_data
+from pepper_kin.core.plain_vectors import is_finite
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix
 from pepper_kin.lazy_names import lazy_module
@@ -82,7 +83,7 @@ def inverse_dynamics_derivatives(
 
 def _of_torques(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> InverseDynamicsDerivatives:
     by_q, by_v, by_a = pinocchio.computeRNEADerivatives(pepper.inner_model, data, q, v, a)
-    return InverseDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_a.copy("K"))
+    return InverseDynamicsDerivatives(by_q.copy(), by_v.copy(), by_a.copy())
 
 
 def forward_dynamics_derivatives(
@@ -109,8 +110,7 @@ def forward_dynamics_derivatives(
     data = state_data(pepper, q, v, tau)
     if data is not None:
         found = _of_accelerations(pepper, data, cast("Array", q), cast("Array", v), cast("Array", tau))
-        flat = found.da_dq.ravel("K")
-        if flat.dot(flat) < np.inf:  # else a mass matrix has no inverse, which is looked at below
+        if is_finite.native(found.da_dq):  # else a mass matrix has no inverse, which is looked at below
             return found
     n = pepper.n
 
@@ -132,4 +132,4 @@ def _of_accelerations(
     pepper: PepperModel, data: Any, q: Array, v: Array, tau: Array
 ) -> ForwardDynamicsDerivatives:
     by_q, by_v, by_tau = pinocchio.computeABADerivatives(pepper.inner_model, data, q, v, tau)
-    return ForwardDynamicsDerivatives(by_q.copy("K"), by_v.copy("K"), by_tau.copy("K"))
+    return ForwardDynamicsDerivatives(by_q.copy(), by_v.copy(), by_tau.copy())

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states, state_data
+from pepper_kin.core.plain_vectors import is_plain
 from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.dynamics.mass import solved
 from pepper_kin.lazy_names import lazy_module
@@ -50,7 +51,7 @@ def forward_dynamics(
     data = state_data(pepper, q, v, tau)
     if data is not None:
         a: NDArray[np.float64] = pinocchio.aba(pepper.inner_model, data, q, v, tau)
-        if a.dot(a) < np.inf:  # else a mass matrix has no inverse, which is looked at below
+        if is_plain.native(a.size, a):  # else a mass matrix has no inverse, which is looked at below
             return a
     model, data = pepper.inner_model, pepper.pinocchio_data
     full_map = pepper.full_map

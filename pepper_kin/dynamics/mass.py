@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states, state_data
+from pepper_kin.core.plain_vectors import is_finite
 from pepper_kin.exceptions import ModelError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
@@ -69,8 +70,7 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64
     data = state_data(pepper, q)
     if data is not None:
         found: NDArray[np.float64] = pinocchio.computeMinverse(pepper.inner_model, data, q)
-        flat = found.ravel()
-        if flat.dot(flat) < np.inf:
+        if is_finite.native(found):
             return found
     model, data = pepper.inner_model, pepper.pinocchio_data
 

@@ -49,7 +49,7 @@ def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
 def _map(pepper: PepperModel, data: Any, q: Array) -> Array:
     # computeCentroidalMap would leave the centre of mass as it was; any velocity will do.
     matrix: Array = pinocchio.ccrba(pepper.inner_model, data, q, q)
-    _shift(pepper)(data.com[0], matrix.ravel())
+    _shift(pepper)(pepper.moving_center, matrix.ravel())
     return matrix
 
 
@@ -79,7 +79,7 @@ def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Arra
 
 def _momentum(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
     momentum: Array = pinocchio.computeCentroidalMomentum(pepper.inner_model, data, q, v).vector
-    _shift(pepper)(data.com[0], momentum)
+    _shift(pepper)(pepper.moving_center, momentum)
     return momentum
 
 

@@ -27,6 +27,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -95,7 +96,7 @@ class CompiledFunction:
             self._signature = parse_signature(self.text, self.python.__globals__)
         return self._signature
 
-    @property
+    @cached_property
     def native(self) -> Callable[..., Any]:
         """The function as Python calls it fastest."""
         if self._call == self._first_call:

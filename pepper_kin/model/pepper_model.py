@@ -140,6 +140,15 @@ class PepperModel:
             self._local.data = self.inner_model.createData()
             return self._local.data
 
+    @property
+    def moving_center(self) -> NDArray[np.float64]:
+        """The center of the moving mass in `pinocchio_data`, (3,) [m]: a view, which computations overwrite."""
+        try:
+            center: NDArray[np.float64] = self._local.center
+        except AttributeError:
+            center = self._local.center = self.pinocchio_data.com[0]
+        return center
+
     def to_full(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the coordinates of `pinocchio_model`, E q + e, shape (..., n_full), of q, shape (..., n)."""
         return q @ self.full_map.T + self.full_offset if self.is_coupled else q

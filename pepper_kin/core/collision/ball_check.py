@@ -5,7 +5,7 @@ about the same centres.  Where no outer ball comes near anything, the configurat
 ball does, it is in contact; all else is in doubt.  Joint after joint, the bodies are placed, a coarse ball
 of each is compared first and its fine balls where it is near, so that a contact near the base costs little.
 
-Numbers are single precision; radii carry an allowance for that (`collision/fast/allowance.py`).
+Numbers are single precision; radii carry an allowance for that (`collision/fast/rounding.py`).
 """
 
 from __future__ import annotations
