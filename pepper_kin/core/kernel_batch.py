@@ -25,7 +25,7 @@ def evaluate(kernel: Kernel, *states: Array) -> Array:
     hundreds of states.
 
     Args:
-        kernel: A kernel of two or three joint vectors with one result.
+        kernel: A kernel of one to three joint vectors with one result.
         *states: The joint vectors.
 
     Returns:
@@ -33,7 +33,8 @@ def evaluate(kernel: Kernel, *states: Array) -> Array:
     """
     result = np.empty((len(states[0]), kernel.signature.output_sizes[0]))
     work, words = np.empty(kernel.work_size + 8), np.empty(_WORDS, np.int64)
-    evaluate_batch(kernel.batch_address, states[0], states[1], states[-1], result, work, words)
+    second, last = states[min(1, len(states) - 1)], states[-1]
+    evaluate_batch(kernel.batch_address, states[0], second, last, result, work, words)
     return result
 
 
@@ -45,14 +46,14 @@ def evaluate(kernel: Kernel, *states: Array) -> Array:
 def evaluate_batch(
     address: int, first: Array, second: Array, third: Array, result: Array, work: Array, words: np.ndarray
 ) -> None:
-    """Run the `batch` function of a kernel of two or three inputs.
+    """Run the `batch` function of a kernel of one to three inputs.
 
     All memory belongs to the caller, so that it outlives the call.
 
     Args:
         address: Of the kernel's `batch`.
         first: First input, shape (T, n).
-        second: Second input, shape (T, n).
+        second: Second input, shape (T, n); not read where there is only one.
         third: Third input, shape (T, n); not read where there are only two.
         result: Receives the result, shape (T, size of the result).
         work: As large as the kernel asks.

@@ -142,7 +142,7 @@ class PepperModel:
 
     @property
     def moving_center(self) -> NDArray[np.float64]:
-        """The center of the moving mass in `pinocchio_data`, (3,) [m]: a view, which computations overwrite."""
+        """A view of the center of the moving mass in `pinocchio_data`, shape (3,) [m]."""
         try:
             center: NDArray[np.float64] = self._local.center
         except AttributeError:

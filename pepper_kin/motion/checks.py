@@ -14,6 +14,7 @@ from pepper_kin.batch import kernel
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.fast import fast_checker_for
 from pepper_kin.collision.fast.checker import TIE
+from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.model import PepperModel
 
@@ -61,29 +62,40 @@ class Checks:
         return fast_checker_for(self.pepper, self.scene, margin, self_margin).surely_free(q)
 
     def along(
-        self, states: Array, moving: Array, margins: tuple[float, float], *, surely: bool = False
-    ) -> NDArray[np.bool_]:
-        """Return what `free`, or `surely_free`, does of states of one motion; what stands is looked at once.
+        self,
+        standing: Array,
+        moving: NDArray[np.int64],
+        margins: tuple[float, float],
+        *,
+        surely: bool = False,
+    ) -> Callable[[Array], NDArray[np.bool_]]:
+        """Return what tells of states of one motion, shape (m, n), what `free`, or `surely_free`, does.
+
+        What stands is looked at once, here.
 
         Args:
-            states: Shape (m, n), m > 0.
-            moving: Which joints differ between states, shape (n,); the others are as in the first.
+            standing: A configuration in which the joints stand that do not move, shape (n,).
+            moving: Places of the joints that move, shape (k,).
             margins: To the scene and to the robot itself [m].
             surely: Whether what machine code cannot tell counts as near, so that coal is never asked.
         """
         checker = fast_checker_for(self.pepper, self.scene, *margins)
-        if moving.all() or not checker.supported or (surely and not checker.alone):
-            return checker.surely_free(states) if surely else ~checker.in_collision(states)
-        verdicts = checker.moving(np.where(moving, 0.0, states[0]), np.flatnonzero(moving)).verdicts(states)
-        touching = verdicts != 0
-        ties = np.flatnonzero(verdicts == TIE)
-        if ties.size and not surely:
-            touching[ties] = checker.exact.in_collision(states[ties])
-        return ~touching
+        if not checker.supported or (surely and not checker.alone):
+            return checker.surely_free if surely else lambda states: ~checker.in_collision(states)
+        code = checker.compiled(standing, moving)
+
+        def test(states: Array) -> NDArray[np.bool_]:
+            verdicts = code.verdicts(states)
+            if not surely and (verdicts == TIE).any():
+                ties = np.flatnonzero(verdicts == TIE)
+                verdicts[ties] = checker.exact.in_collision(states[ties])
+            return np.asarray(verdicts == 0)
+
+        return test
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""
-        torque = kernel(self.pepper, "gravity_torque")(q)
+        torque = evaluate(kernel(self.pepper, "gravity_torque"), np.ascontiguousarray(q))
         return np.asarray((np.abs(torque) <= TORQUE_SHARE * self.pepper.effort_limits).all(axis=-1))
 
     def validity(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -32,47 +33,63 @@ class Intervals(NamedTuple):
     width: Floats1
 
 
-def is_clear(
-    checks: Checks,
-    breaks: Array,
-    coefficients: Array,
-    reach: Array,
-    margins: tuple[float, float],
-) -> bool:
-    """Whether margins are kept and gravity is held along a piecewise cubic curve.
-
-    The curve is cut into intervals on which no point of the body moves farther than 8 mm.  Where the state in
-    the middle of one keeps a distance of half that, nothing touches in all of the interval.  Others are cut
-    into intervals of 2 mm, and those into ones of half a millimeter, whose middles need only keep the margins
-    asked for.
+class Examiner:
+    """Examines curves of one motion: the tables of what moves are made once for all of them.
 
     Args:
-        checks: The robot in its scene, compiled.
-        breaks: Ends of the pieces, shape (m + 1,).
-        coefficients: Constant term first, shape (m, 4, n) [rad or m].
-        reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
-        margins: To the scene and to the robot itself [m].
+        checks: The robot in its scene.
+        standing: A configuration in which the joints stand that do not move, shape (n,).
+        moving: Places of the joints that move, shape (k,).
     """
-    breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
-    moving = (coefficients[:, 1:] != 0.0).any(axis=(0, 1)) | (np.ptp(coefficients[:, 0], axis=0) > 0.0)
-    parts = cut(breaks, coefficients, reach, STEPS[0])
-    for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
-        states = middles(coefficients, parts)
-        if step == STEPS[0] and not checks.holds(states).all():
-            return False
-        if shorter is None:
-            return bool(checks.along(states, moving, margins).all())
-        far = max(margins[0], step / 2), max(margins[1], step / 2)
-        near = ~checks.along(states, moving, far, surely=True)
-        if not near.any():
-            return True
-        if not checks.along(states[near], moving, margins).all():
-            return False
-        count = round(step / shorter)
-        width = np.repeat(parts.width[near] / count, count)
-        begin = np.repeat(parts.begin[near], count) + width * (np.arange(width.size) % count)
-        parts = Intervals(np.repeat(parts.piece[near], count), begin, width)
-    return False
+
+    def __init__(self, checks: Checks, standing: Array, moving: NDArray[np.int64]) -> None:
+        self._checks, self._standing, self._moving = checks, standing, moving
+        self._tests: dict[tuple[tuple[float, float], bool], Callable[[Array], NDArray[np.bool_]]] = {}
+
+    def is_clear(
+        self, breaks: Array, coefficients: Array, reach: Array, margins: tuple[float, float]
+    ) -> bool:
+        """Whether margins are kept and gravity is held along a piecewise cubic curve.
+
+        The curve is cut into intervals on which no point of the body moves farther than 8 mm.  Where the
+        state in the middle of one keeps a distance of half that, nothing touches in all of the interval.
+        Others are cut into intervals of 2 mm, and those into ones of half a millimeter, whose middles need
+        only keep the margins asked for.
+
+        Args:
+            breaks: Ends of the pieces, shape (m + 1,).
+            coefficients: Constant term first, shape (m, 4, n) [rad or m].
+            reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
+            margins: To the scene and to the robot itself [m].
+        """
+        breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
+        parts = cut(breaks, coefficients, reach, STEPS[0])
+        kept = self._test(margins, False)
+        for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
+            states = middles(coefficients, parts)
+            if step == STEPS[0] and not self._checks.holds(states).all():
+                return False
+            if shorter is None:
+                return bool(kept(states).all())
+            far = self._test((max(margins[0], step / 2), max(margins[1], step / 2)), True)
+            near = np.flatnonzero(~far(states))
+            if not near.size:
+                return True
+            if not kept(states[near]).all():
+                return False
+            count = round(step / shorter)
+            width = np.repeat(parts.width[near] / count, count)
+            begin = np.repeat(parts.begin[near], count) + width * (np.arange(width.size) % count)
+            parts = Intervals(np.repeat(parts.piece[near], count), begin, width)
+        return False
+
+    def _test(self, margins: tuple[float, float], surely: bool) -> Callable[[Array], NDArray[np.bool_]]:
+        """Return the test of states at margins, see `Checks.along`."""
+        found = self._tests.get((margins, surely))
+        if found is None:
+            found = self._checks.along(self._standing, self._moving, margins, surely=surely)
+            self._tests[margins, surely] = found
+        return found
 
 
 def hull_of(breaks: Array, coefficients: Array) -> tuple[Array, Array]:

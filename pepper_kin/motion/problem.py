@@ -14,6 +14,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.examination import Examiner
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,11 @@ class PathProblem:
     def relaxed(self) -> planners.Problem:
         """The problem with half the margins."""
         return self.problem.with_validity(self.checks.validity(self.start, self.free, self.relaxed_margins))
+
+    @cached_property
+    def examiner(self) -> Examiner:
+        """What examines curves of the joints that move."""
+        return Examiner(self.checks, self.start, self.free)
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""

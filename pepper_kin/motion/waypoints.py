@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pepper_kin import planners
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.motion.examination import hull_of, is_clear
+from pepper_kin.motion.examination import hull_of
 from pepper_kin.motion.problem import RESOLUTION, PathProblem
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -26,7 +26,7 @@ def waypoints_of(room: PathProblem, path: planners.Path, *, seed: int, timeout: 
     """Shorten and smooth a polyline, and return way-points for `retime`.
 
     `retime` draws a spline through way-points; so the spline itself is checked here, and way-points are added
-    until it is valid everywhere, as `examination.is_clear` says, which looks far
+    until it is valid everywhere, as `Examiner.is_clear` says, which looks far
     more closely than the search.
 
     Args:
@@ -91,4 +91,4 @@ def _is_clear(room: PathProblem, points: Array, margins: tuple[float, float]) ->
     reach = room.reach
     if not np.isfinite(reach).all():
         reach = motion_bounds(pepper, *hull_of(curve.breaks, curve.coefficients), room.held)
-    return is_clear(room.checks, curve.breaks, curve.coefficients, reach, margins)
+    return room.examiner.is_clear(curve.breaks, curve.coefficients, reach, margins)

@@ -8,7 +8,7 @@ import pepper_kin as pk
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import STEPS, cut, is_clear, middles
+from pepper_kin.motion.examination import STEPS, Examiner, cut, middles
 from pepper_kin.motion.goals import APART, clear_goals, different
 from pepper_kin.planners import Path, rounded_waypoints
 from pepper_kin.trajectory.path import as_cubic_path
@@ -16,6 +16,8 @@ from pepper_kin.trajectory.path import as_cubic_path
 PEPPER = pk.load_pepper()
 TABLE = pk.Scene().add_box("table", (0.6, 1.2, 0.04), (0.53, 0.0, 0.72))
 REACH = np.array(motion_bounds(PEPPER))
+ARM = np.array([PEPPER.joint_index(name) for name in PEPPER.joint_group("left_arm")])
+MIDDLE = PEPPER.joint_vector({"LShoulderPitch": 0.3, "LShoulderRoll": 0.4, "LElbowRoll": -0.6})
 
 
 @pytest.fixture(scope="module")
@@ -23,14 +25,16 @@ def checks():
     return Checks(PEPPER, TABLE)
 
 
+def of_left_arm(checks):
+    return Examiner(checks, MIDDLE, ARM)
+
+
 def splines(count, seed=0):
     """Splines of one arm from the front of the robot, some clear and some not."""
     rng = np.random.default_rng(seed)
-    arm = [PEPPER.joint_index(name) for name in PEPPER.joint_group("left_arm")]
-    middle = PEPPER.joint_vector({"LShoulderPitch": 0.3, "LShoulderRoll": 0.4, "LElbowRoll": -0.6})
     for _ in range(count):
-        points = np.tile(middle, (4, 1))
-        points[:, arm] += rng.uniform(-0.35, 0.35, (4, len(arm)))
+        points = np.tile(MIDDLE, (4, 1))
+        points[:, ARM] += rng.uniform(-0.35, 0.35, (4, len(ARM)))
         points = np.clip(points, PEPPER.lower_limits + 0.05, PEPPER.upper_limits - 0.05)
         yield as_cubic_path(PEPPER, points)
 
@@ -49,9 +53,9 @@ def dense(spline, step):
 def test_what_is_clear_is_clear_by_coal_at_half_a_millimetre(checks, margins):
     coal = pk.collision.CollisionChecker(PEPPER, TABLE)
     wide = pk.collision.CollisionChecker(PEPPER, TABLE, margins[0] + 0.002, margins[1] + 0.002)
-    verdicts = []
+    verdicts, examiner = [], of_left_arm(checks)
     for spline in splines(14):
-        clear = is_clear(checks, spline.breaks, spline.coefficients, REACH, margins)
+        clear = examiner.is_clear(spline.breaks, spline.coefficients, REACH, margins)
         states = dense(spline, STEPS[-1] * 4)
         if clear:
             assert not coal.in_collision(dense(spline, STEPS[-1])).any()
@@ -69,9 +73,9 @@ def test_a_thin_pin_between_coarse_steps_is_found(checks):
     tip = frame_pose(PEPPER, middle, "LArm_effector")[:3, 3]
     free = Checks(PEPPER, pk.Scene())
     pieces = np.array(spline.breaks), np.array(spline.coefficients)
-    assert is_clear(free, *pieces, REACH, (0.0, 0.0))
+    assert of_left_arm(free).is_clear(*pieces, REACH, (0.0, 0.0))
     pinned = Checks(PEPPER, pk.Scene().add_sphere("pin", 5e-4, tip))
-    assert not is_clear(pinned, *pieces, REACH, (0.0, 0.0))
+    assert not of_left_arm(pinned).is_clear(*pieces, REACH, (0.0, 0.0))
 
 
 def test_no_point_of_the_hand_moves_farther_than_a_step_between_stations():

@@ -25,8 +25,6 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
 TIE = 2
-MOST_KEPT = 1
-"""Validities that a checker keeps: an examination asks for one again and again."""
 
 
 class FastChecker:
@@ -68,7 +66,6 @@ class FastChecker:
         self._lock = threading.Lock()
         self._still: float | None = None
         self._bare: tuple[Prepared, Array] | None = None
-        self._moving: dict[tuple[bytes, bytes], CompiledValidity] = {}
 
     @property
     def supported(self) -> bool:
@@ -218,24 +215,6 @@ class FastChecker:
         return compile_validity(
             self.exact, self._prepared, self._block, self._resting, frozen, free, effort_limits
         )
-
-    def moving(self, frozen: Array, free: NDArray[np.int64]) -> CompiledValidity:
-        """Return `compiled` without effort limits, kept for the next call: examinations ask again and again.
-
-        Args:
-            frozen: A whole configuration, shape (n,) [rad or m].
-            free: Places of the joints that move, shape (k,).
-        """
-        key = frozen.tobytes(), free.tobytes()
-        with self._lock:
-            found = self._moving.get(key)
-        if found is None:
-            found = self.compiled(frozen, free)
-            with self._lock:
-                if len(self._moving) >= MOST_KEPT:
-                    self._moving.pop(next(iter(self._moving)))
-                self._moving[key] = found
-        return found
 
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
         n = self.pepper.n
