@@ -115,7 +115,7 @@ class Peer:
         if (np.abs(torque) > PEPPER.effort_limits).any():
             return False
         return not pinocchio.computeCollisions(
-            self.model, self.data, self.checker._model, self.geometry, q, True
+            self.model, self.data, self.checker._shapes.model, self.geometry, q, True
         )
 
     def reach(self, job: Job, start: np.ndarray) -> np.ndarray | None:

@@ -52,7 +52,7 @@ def row(name, pepper, scene, states):
         begin = time.perf_counter()
         fast = checker._touches(q)
         middle = time.perf_counter()
-        slow = pinocchio.computeCollisions(pepper.inner_model, data, checker._model, geometry, q, True)
+        slow = pinocchio.computeCollisions(pepper.inner_model, data, checker._shapes.model, geometry, q, True)
         end = time.perf_counter()
         checker.clearance(q)
         times["broad"].append(middle - begin)

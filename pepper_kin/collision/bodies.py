@@ -5,16 +5,20 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.collision.coal_shapes import coal_geometry, is_empty
 from pepper_kin.collision.dependent_ranges import REASON
 from pepper_kin.collision.scene import Scene
-from pepper_kin.collision.solids import HalfSpace, padding
+from pepper_kin.collision.scene_object import AttachedObject, SceneObject
+from pepper_kin.collision.solids import HalfSpace, SceneGeometry, padding
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
 
 Looks = Literal["collision", "visual"]
 """What stands for the robot: its collision shapes, or the surfaces that are drawn."""
@@ -30,21 +34,47 @@ class Body:
         owner: The link or object that it belongs to.
         kind: ROBOT, ATTACHED or WORLD.
         link: The link or frame it moves with; None for the world.
+        frame: Pinocchio's number of that frame; 0 for the world.
         joint: Pinocchio's joint that moves it; 0 for none.
-        padding: How far it reaches beyond coal's shape [m].
+        geometry: Its shape.
+        pose: Transform from the shape's own frame to the joint's, shape (4, 4).
+        label: Pinocchio's name for it.
         may_touch: Links that an attached object may touch.
-        geometry_object: Pinocchio's, with coal's shape.
-        is_half_space: Whether it is one: it has no bounding ball.
     """
 
     owner: str
     kind: str
     link: str | None
+    frame: int
     joint: int
-    padding: float
-    may_touch: frozenset[str]
-    geometry_object: Any
-    is_half_space: bool = False
+    geometry: SceneGeometry
+    pose: np.ndarray
+    label: str
+    may_touch: frozenset[str] = frozenset()
+
+    @property
+    def padding(self) -> float:
+        """How far it reaches beyond coal's shape [m]."""
+        return padding(self.geometry)
+
+    @property
+    def is_half_space(self) -> bool:
+        """Whether it is one: it has no bounding ball."""
+        return isinstance(self.geometry, HalfSpace)
+
+    @cached_property
+    def geometry_object(self) -> Any:
+        """Pinocchio's, with coal's shape, made when it is first asked for.
+
+        Raises:
+            FileFormatError: for a mesh whose file cannot be read.
+        """
+        import pinocchio
+
+        placement, shape = pinocchio.SE3(self.pose), coal_geometry(self.geometry)
+        if not self.is_half_space:
+            shape.computeLocalAABB()
+        return pinocchio.GeometryObject(self.label, self.joint, self.frame, placement, shape)
 
 
 def bodies(pepper: PepperModel, scene: Scene, looks: str = "collision") -> tuple[Body, ...]:
@@ -55,37 +85,96 @@ def bodies(pepper: PepperModel, scene: Scene, looks: str = "collision") -> tuple
         InvalidValueError: for an object named like a link, or unknown looks.
         FileFormatError: for a mesh whose file cannot be read.
     """
+    check_looks(looks)
+    check_names(pepper, scene)
+    moving = moving_bodies(pepper, tuple(scene.attached.values()), looks)
+    return (*moving, *map(world_body, solid_objects(scene)))
+
+
+def check_looks(looks: str) -> None:
+    """Refuse what is not one of `Looks`.
+
+    Raises:
+        InvalidValueError: naming those that are known.
+    """
     if looks not in get_args(Looks):
         raise InvalidValueError("looks", repr(looks), f"one of {', '.join(get_args(Looks))}")
-    check_names(pepper, scene)
-    return (*_robot(pepper, looks), *_attached(pepper, scene), *_world(scene))
+
+
+@lru_cache(maxsize=64)
+def moving_bodies(
+    pepper: PepperModel, attached: tuple[AttachedObject, ...], looks: str = "collision"
+) -> tuple[Body, ...]:
+    """Return the solids of the robot, then those of what hangs on it."""
+    return (*_robot(pepper, looks), *_attached(pepper, attached))
+
+
+def solid_objects(scene: Scene) -> list[SceneObject]:
+    """Return the objects of a scene's world that there is something of to collide with."""
+    return [item for item in scene.objects.values() if not is_empty(item.geometry)]
+
+
+def world_body(item: SceneObject) -> Body:
+    """Return the solid of an object of the world."""
+    pose, label = item.transform_object_to_world, f"scene/{item.name}"
+    return Body(item.name, WORLD, None, 0, 0, item.geometry, pose, label)
 
 
 def checked_pairs(
     pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], looks: str = "collision"
-) -> Iterator[tuple[int, int]]:
-    """Yield places of the pairs of solids that are checked, the world's second.
+) -> NDArray[np.intp]:
+    """Return places of the pairs of solids that are checked, the world's second, in order, shape (k, 2).
 
-    Not checked are: two solids on one joint (they never move against one another; a base that does not move
-    is still checked against the world, because a plan in a wall should be refused), two of the world, pairs
-    of links that the SRDF disables, pairs that the scene allows, and an attached object against links that it
-    may touch.
+    Not checked are two solids of the world, what `moving_pairs` leaves out, and what may touch the world; see
+    `may_touch_in_world`.
+    """
+    moving = tuple([body for body in solids if body.kind != WORLD])
+    world = [body.owner for body in solids[len(moving) :]]
+    own = np.array(moving_pairs(pepper, scene, moving, looks), np.intp).reshape(-1, 2)
+    allowed, met = may_touch_in_world(scene), np.ones((len(moving), len(world)), dtype=bool)
+    for i, body in enumerate(moving):
+        if body.owner in allowed:
+            met[i] = [name not in allowed[body.owner] for name in world]
+    listed = np.concatenate([own, np.argwhere(met) + np.array([0, len(moving)])])
+    return np.asarray(listed[np.lexsort((listed[:, 1], listed[:, 0]))])
+
+
+def moving_pairs(
+    pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], looks: str = "collision"
+) -> list[tuple[int, int]]:
+    """Return places of the pairs of the robot's solids, and those it holds, that are checked.
+
+    Not checked are: two solids on one joint, which never move against one another, pairs of links that the
+    SRDF disables, pairs that the scene allows, and an attached object against links that it may touch.
     """
     disabled = pepper.semantics.disabled_pairs
     if looks == "visual":
         # Surfaces can tell apart what capsules cannot.
         disabled = {pair: reason for pair, reason in disabled.items() if reason != REASON}
+    found = []
     for i, first in enumerate(solids):
-        if first.kind == WORLD:
-            break
         for j in range(i + 1, len(solids)):
             second = solids[j]
             pair = (min(first.owner, second.owner), max(first.owner, second.owner))
-            if second.kind != WORLD and (first.joint == second.joint or pair in disabled):
+            if first.joint == second.joint or pair in disabled or pair in scene.allowed:
                 continue
-            if pair in scene.allowed or first.owner in second.may_touch:
-                continue
-            yield i, j
+            if first.owner not in second.may_touch:
+                found.append((i, j))
+    return found
+
+
+def may_touch_in_world(scene: Scene) -> dict[str, frozenset[str]]:
+    """Return of each link or attached object that may touch objects of the world the names of these.
+
+    Everything else is checked against all of the world: a base that does not move as well, because a plan in
+    a wall should be refused.
+    """
+    found: dict[str, set[str]] = {}
+    for pair in scene.allowed:
+        for owner, other in (pair, pair[::-1]):
+            if other in scene.objects:
+                found.setdefault(owner, set()).add(other)
+    return {owner: frozenset(names) for owner, names in found.items()}
 
 
 def check_names(pepper: PepperModel, scene: Scene) -> None:
@@ -112,53 +201,26 @@ def check_names(pepper: PepperModel, scene: Scene) -> None:
 def _robot(pepper: PepperModel, looks: str) -> Iterator[Body]:
     shapes = pepper.collision_shapes if looks == "collision" else pepper.visual_shapes
     for shape in shapes:
-        link, pose = shape.link, shape.transform_shape_to_link
-        yield _body(pepper, shape.name, link, ROBOT, link, pose, shape.geometry)
+        frame, joint, pose = _on_frame(pepper, shape.link, shape.transform_shape_to_link)
+        yield Body(shape.link, ROBOT, shape.link, frame, joint, shape.geometry, pose, shape.name)
 
 
-def _attached(pepper: PepperModel, scene: Scene) -> Iterator[Body]:
-    model = pepper.inner_model
-    for item in scene.attached.values():
+def _attached(pepper: PepperModel, attached: tuple[AttachedObject, ...]) -> Iterator[Body]:
+    for item in attached:
         if is_empty(item.geometry):
             continue
-        joint = model.frames[pepper.frame_id(item.frame)].parentJoint
+        frame, joint, pose = _on_frame(pepper, item.frame, item.transform_object_to_frame)
         hand = _hand(pepper, joint)
         held = {shape.link for shape in pepper.collision_shapes if _joint(pepper, shape.link) in hand}
-        may_touch = frozenset(held | set(item.touch_links))
-        pose, name = item.transform_object_to_frame, item.name
-        yield _body(pepper, name, name, ATTACHED, item.frame, pose, item.geometry, may_touch)
+        may_touch, label = frozenset(held | set(item.touch_links)), f"attached/{item.name}"
+        yield Body(item.name, ATTACHED, item.frame, frame, joint, item.geometry, pose, label, may_touch)
 
 
-def _world(scene: Scene) -> Iterator[Body]:
-    import pinocchio
-
-    for item in scene.objects.values():
-        if is_empty(item.geometry):
-            continue
-        placement = pinocchio.SE3(item.transform_object_to_world)
-        geometry, half = coal_geometry(item.geometry), isinstance(item.geometry, HalfSpace)
-        solid = pinocchio.GeometryObject(f"scene/{item.name}", 0, 0, placement, geometry)
-        yield Body(item.name, WORLD, None, 0, padding(item.geometry), frozenset(), solid, half)
-
-
-def _body(
-    pepper: PepperModel,
-    name: str,
-    owner: str,
-    kind: str,
-    frame: str,
-    pose: np.ndarray,
-    geometry: Any,
-    may_touch: frozenset[str] = frozenset(),
-) -> Body:
-    import pinocchio
-
-    index = pepper.frame_id(frame)
-    placed = pepper.inner_model.frames[index]
-    placement = placed.placement * pinocchio.SE3(pose)
-    label = name if kind == ROBOT else f"attached/{name}"
-    solid = pinocchio.GeometryObject(label, placed.parentJoint, index, placement, coal_geometry(geometry))
-    return Body(owner, kind, frame, placed.parentJoint, padding(geometry), may_touch, solid)
+def _on_frame(pepper: PepperModel, name: str, pose: np.ndarray) -> tuple[int, int, np.ndarray]:
+    """Return Pinocchio's numbers of a frame and its joint, and a pose in the frame as one in the joint's."""
+    index = pepper.frame_id(name)
+    frame = pepper.inner_model.frames[index]
+    return index, int(frame.parentJoint), read_only(frame.placement.homogeneous @ pose)
 
 
 def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import copy
 import threading
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision.bodies import WORLD, Body, Looks, bodies, checked_pairs
+from pepper_kin.collision.bodies import Looks, check_looks, check_names
+from pepper_kin.collision.checked_shapes import CheckedShapes
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import Mesh, PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.model.shapes import read_only
 
@@ -50,38 +50,25 @@ class CollisionChecker:
         self_margin: float = 0.0,
         looks: Looks = "collision",
     ) -> None:
-        import pinocchio
-
         self.pepper = pepper
         self.margin, self.self_margin = _finite("margin", margin), _finite("self_margin", self_margin)
         self.scene = scene if scene is not None else Scene()
+        check_looks(looks)
+        check_names(pepper, self.scene)
         self._ranges = dependent_ranges(pepper) if looks == "collision" else ()
-        self._bodies = bodies(pepper, self.scene, looks)
-        self._model: Any = pinocchio.GeometryModel()
-        for body in self._bodies:
-            self._model.addGeometryObject(body.geometry_object)
-        listed = list(checked_pairs(pepper, self.scene, self._bodies, looks))
-        for i, j in listed:
-            self._model.addCollisionPair(pinocchio.CollisionPair(i, j))
-        balls = [_bounding_ball(body) for body in self._bodies]
-        self._bounding_centers = [center for center, _ in balls]
-        radii = np.array([radius for _, radius in balls])
-        pads = np.array([body.padding for body in self._bodies])
-        pairs = np.array(listed, dtype=int).reshape(-1, 2)
-        self._pairs = (pairs[:, 0], pairs[:, 1])
-        self._bounding_reach = radii[pairs].sum(axis=1) if len(pairs) else np.empty(0)
-        self._paddings = pads[pairs].sum(axis=1) if len(pairs) else np.empty(0)
-        self._to_world = np.array([self._bodies[j].kind == WORLD for _, j in listed], dtype=bool)
-        self._margins = np.where(self._to_world, self.margin, self.self_margin) + self._paddings
-        normals = {j: _plane_normal(self._bodies[j]) for j in {j for _, j in listed}}
-        to_plane = [k for k, (_, j) in enumerate(listed) if normals[j] is not None]
-        planes = [normals[listed[k][1]] for k in to_plane]
-        # The broad phase misses what has no bounding box, or a flat one: those pairs are checked one and all.
-        boxed = [_has_box(body) for body in self._bodies]
-        self._without_box = np.flatnonzero([not (boxed[i] and boxed[j]) for i, j in listed])
-        self._planes = (np.array(to_plane, dtype=int), np.array(planes).reshape(-1, 3))
+        self._shapes = CheckedShapes(pepper, self.scene, looks)
+        geometries = [item.geometry for item in self.scene.objects.values()]
+        for geometry in (*geometries, *(item.geometry for item in self.scene.attached.values())):
+            if isinstance(geometry, Mesh):
+                coal_geometry(geometry)  # a file that cannot be read is told of now
         self._local = threading.local()
         self._like = self
+
+    @cached_property
+    def _margins(self) -> NDArray[np.float64]:
+        """Distance below which each pair counts as touching, that of coal's shapes [m]."""
+        shapes = self._shapes
+        return np.asarray(np.where(shapes.to_world, self.margin, self.self_margin) + shapes.paddings)
 
     @property
     def shapes_of(self) -> CollisionChecker:
@@ -90,16 +77,17 @@ class CollisionChecker:
 
     def with_margins(self, margin: float, self_margin: float) -> CollisionChecker:
         """Return a checker of the same shapes with other margins [m], which costs far less than a new one."""
-        made = copy.copy(self)
+        made = object.__new__(type(self))
+        made.__dict__.update(self.__dict__)
         made.margin, made.self_margin = _finite("margin", margin), _finite("self_margin", self_margin)
-        made._margins = np.where(self._to_world, made.margin, made.self_margin) + self._paddings
+        made.__dict__.pop("_margins", None)
         made._local = threading.local()
         return made
 
     @property
     def pair_count(self) -> int:
         """Number of pairs of shapes that are checked."""
-        return len(self._model.collisionPairs)
+        return len(self._shapes.pairs[0])
 
     def in_collision(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m]."""
@@ -138,11 +126,16 @@ class CollisionChecker:
         found = {table.links: None for table in self._ranges if table.violated(state)}
         data, geometry_data = self._data
         pinocchio.computeCollisions(
-            self.pepper.inner_model, data, self._model, geometry_data, self.pepper.to_full(state), False
+            self.pepper.inner_model,
+            data,
+            self._shapes.model,
+            geometry_data,
+            self.pepper.to_full(state),
+            False,
         )
-        for index, pair in enumerate(self._model.collisionPairs):
+        for index, pair in enumerate(self._shapes.model.collisionPairs):
             if geometry_data.collisionResults[index].isCollision():
-                found[(self._bodies[pair.first].owner, self._bodies[pair.second].owner)] = None
+                found[(self._shapes.bodies[pair.first].owner, self._shapes.bodies[pair.second].owner)] = None
         return tuple(found)
 
     def contact_points(self, q: ArrayLike, within: float = 0.0) -> tuple[Contact, ...]:
@@ -164,9 +157,9 @@ class CollisionChecker:
         bounds = self._bounds(state)
         nearest: dict[tuple[str, str], tuple[float, int]] = {}
         for index in np.flatnonzero(bounds <= reach):
-            result = pinocchio.computeDistance(self._model, self._data[1], int(index))
-            distance = float(result.min_distance - self._paddings[index])
-            names = tuple(self._bodies[pairs[index]].owner for pairs in self._pairs)
+            result = pinocchio.computeDistance(self._shapes.model, self._data[1], int(index))
+            distance = float(result.min_distance - self._shapes.paddings[index])
+            names = tuple(self._shapes.bodies[pairs[index]].owner for pairs in self._shapes.pairs)
             if distance <= reach and distance < nearest.get(names, (np.inf, 0))[0]:
                 nearest[names] = (distance, int(index))
         found = []
@@ -189,18 +182,18 @@ class CollisionChecker:
             data = self._local.data = (model.createData(), geometry_data)
             # The broad phase takes over the margins when it is made.
             broad = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager
-            self._local.broad_phase = broad(model, self._model, geometry_data)
+            self._local.broad_phase = broad(model, self._shapes.model, geometry_data)
             self._local.without_box = None
-            if len(self._without_box):
+            if len(self._shapes.without_box):
                 self._local.without_box = rest = self._geometry_data()
-                for index in set(range(self.pair_count)) - set(self._without_box.tolist()):
+                for index in set(range(self.pair_count)) - set(self._shapes.without_box.tolist()):
                     rest.deactivateCollisionPair(index)
         return data
 
     def _geometry_data(self) -> Any:
         import pinocchio
 
-        geometry_data = pinocchio.GeometryData(self._model)
+        geometry_data = pinocchio.GeometryData(self._shapes.model)
         # Distances come signed, and without margins, as coal makes requests; a call for each pair costs time.
         if self._margins.any():
             for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
@@ -224,7 +217,7 @@ class CollisionChecker:
             return True
         rest = self._local.without_box
         return rest is not None and bool(
-            pinocchio.computeCollisions(model, data, self._model, rest, full, True)
+            pinocchio.computeCollisions(model, data, self._shapes.model, rest, full, True)
         )
 
     def _bounds(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -232,16 +225,17 @@ class CollisionChecker:
         import pinocchio
 
         data, geometry_data = self._data
-        model = self.pepper.inner_model
-        pinocchio.updateGeometryPlacements(model, data, self._model, geometry_data, self.pepper.to_full(q))
-        centers = np.array([m.act(c) for m, c in zip(geometry_data.oMg, self._bounding_centers, strict=True)])
-        first, second = self._pairs
+        model, shapes = self.pepper.inner_model, self._shapes
+        pinocchio.updateGeometryPlacements(model, data, shapes.model, geometry_data, self.pepper.to_full(q))
+        placed = zip(geometry_data.oMg, shapes.bounding_centers, strict=True)
+        centers = np.array([pose.act(center) for pose, center in placed])
+        first, second = shapes.pairs
         apart = centers[first] - centers[second]
         gaps = np.linalg.norm(apart, axis=1)
         # Of a half-space the "center" is a point of its plane, and what counts is the height above that.
-        to_plane, normals = self._planes
+        to_plane, normals = shapes.planes
         gaps[to_plane] = np.einsum("ij,ij->i", apart[to_plane], normals)
-        return gaps - self._bounding_reach - self._paddings
+        return gaps - shapes.bounding_reach - shapes.paddings
 
     def _distances(self, q: NDArray[np.float64]) -> tuple[float, int]:
         """Return the smallest distance and its pair's index (-1 where there is no pair).
@@ -256,11 +250,13 @@ class CollisionChecker:
         bounds, geometry_data = self._bounds(q), self._data[1]
         best, best_index = float("inf"), -1
         order = np.argsort(bounds)
-        listed = (order.tolist(), bounds[order].tolist(), self._paddings[order].tolist())
+        listed = (order.tolist(), bounds[order].tolist(), self._shapes.paddings[order].tolist())
         for index, bound, padding in zip(*listed, strict=True):
             if bound > best:
                 break
-            distance = pinocchio.computeDistance(self._model, geometry_data, index).min_distance - padding
+            distance = (
+                pinocchio.computeDistance(self._shapes.model, geometry_data, index).min_distance - padding
+            )
             if distance < best:
                 best, best_index = distance, index
         return best, best_index
@@ -269,7 +265,7 @@ class CollisionChecker:
         self, index: int
     ) -> tuple[tuple[str, str], NDArray[np.float64], NDArray[np.float64], tuple[str | None, str | None]]:
         """Return names, nearest points, normal and links of a pair whose distance was computed last."""
-        first, second = (self._bodies[pairs[index]] for pairs in self._pairs)
+        first, second = (self._shapes.bodies[pairs[index]] for pairs in self._shapes.pairs)
         result = self._data[1].distanceResults[index]
         points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
         apart = points[1] - points[0]
@@ -279,26 +275,6 @@ class CollisionChecker:
             normal = apart / length * (1.0 if result.min_distance > 0 else -1.0)
         points += normal * [[first.padding], [-second.padding]]
         return (first.owner, second.owner), read_only(points), read_only(normal), (first.link, second.link)
-
-
-def _bounding_ball(body: Body) -> tuple[NDArray[np.float64], float]:
-    """Return centre, in the frame of coal's shape, and radius [m]; for a half-space, a point on it."""
-    shape = body.geometry_object.geometry
-    if body.is_half_space:
-        return np.array(shape.n) * shape.d, 0.0
-    shape.computeLocalAABB()
-    return np.array(shape.aabb_center), float(shape.aabb_radius)
-
-
-def _has_box(body: Body) -> bool:
-    return not body.is_half_space and body.geometry_object.geometry.aabb_local.volume() > 0
-
-
-def _plane_normal(body: Body) -> NDArray[np.float64] | None:
-    """Return the direction out of a half-space in the world, shape (3,); None for other bodies."""
-    if not body.is_half_space:
-        return None
-    return np.array(body.geometry_object.placement.rotation @ body.geometry_object.geometry.n)
 
 
 def _finite(quantity: str, value: float) -> float:

@@ -121,7 +121,7 @@ class _Search:
         self.model = checker.pepper.inner_model
         self.moves = _moves_against(checker)
         self.radii = _radii(checker)
-        to_plane, normals = checker._planes
+        to_plane, normals = checker._shapes.planes
         self.normals: Array | None = None  # of the half-spaces, one for each pair
         if to_plane.size:
             self.normals, self.flat = np.zeros((checker.pair_count, 3)), np.zeros(checker.pair_count, bool)
@@ -180,8 +180,8 @@ class _Search:
             if gaps[k] - most[k] >= self.best + _ROUNDING:
                 continue
             pair = int(pairs[k])
-            result = pinocchio.computeDistance(checker._model, geometry_data, pair)
-            found[k] = result.min_distance - checker._paddings[pair]
+            result = pinocchio.computeDistance(checker._shapes.model, geometry_data, pair)
+            found[k] = result.min_distance - checker._shapes.paddings[pair]
             if found[k] < self.best:
                 self.best, self.index = float(found[k]), index
         return found
@@ -192,14 +192,14 @@ class _Search:
 
         checker, (data, geometry_data) = self.checker, self.checker._data
         pinocchio.computeJointJacobians(self.model, data, q)
-        pinocchio.updateGeometryPlacements(self.model, data, checker._model, geometry_data)
-        first, second = checker._pairs[0][pairs], checker._pairs[1][pairs]
-        place = np.zeros(len(checker._bodies), dtype=int)
+        pinocchio.updateGeometryPlacements(self.model, data, checker._shapes.model, geometry_data)
+        first, second = checker._shapes.pairs[0][pairs], checker._shapes.pairs[1][pairs]
+        place = np.zeros(len(checker._shapes.bodies), dtype=int)
         place[first] = place[second] = 1
         used = np.flatnonzero(place)
         place[used] = np.arange(used.size)
         at = geometry_data.oMg
-        centers = np.array([at[i].act(checker._bounding_centers[i]) for i in used.tolist()])
+        centers = np.array([at[i].act(checker._shapes.bounding_centers[i]) for i in used.tolist()])
         return centers, used, (place[first], place[second])
 
     def _gaps(self, pairs: Indices, centers: Array, places: tuple[Indices, Indices]) -> Array:
@@ -210,7 +210,7 @@ class _Search:
         if self.normals is not None:
             heights = np.einsum("ij,ij->i", apart, self.normals[pairs])
             gaps = np.where(self.flat[pairs], heights, gaps)
-        return np.asarray(gaps - checker._bounding_reach[pairs] - checker._paddings[pairs])
+        return np.asarray(gaps - checker._shapes.bounding_reach[pairs] - checker._shapes.paddings[pairs])
 
     def _levers(self, centers: Array, used: Indices) -> Array:
         """Return how far each joint moves each body at most, shape (bodies, joints) [m/rad or 1]."""
@@ -225,8 +225,8 @@ class _Search:
 
 def _radii(checker: CollisionChecker) -> Array:
     """Return the radii of the bodies' balls [m], zero for half-spaces, which never move."""
-    radii = np.zeros(len(checker._bodies))
-    for k, body in enumerate(checker._bodies):
+    radii = np.zeros(len(checker._shapes.bodies))
+    for k, body in enumerate(checker._shapes.bodies):
         if not body.is_half_space:
             radii[k] = float(body.geometry_object.geometry.aabb_radius)
     return radii
@@ -239,6 +239,6 @@ def _moves_against(checker: CollisionChecker) -> tuple[NDArray[np.bool_], NDArra
     for joint in range(1, model.njoints):
         for above in model.supports[joint].tolist()[1:]:
             carried[joint, model.joints[above].idx_v] = True
-    joints = np.array([body.joint for body in checker._bodies], dtype=int)
-    first, second = carried[joints[checker._pairs[0]]], carried[joints[checker._pairs[1]]]
+    joints = np.array([body.joint for body in checker._shapes.bodies], dtype=int)
+    first, second = carried[joints[checker._shapes.pairs[0]]], carried[joints[checker._shapes.pairs[1]]]
     return first & ~second, second & ~first

@@ -97,7 +97,9 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
         np.empty(count, dtype=np.int64),
     )
     found, distances, points, normals, undecided = near
-    size, rest = find_near(poses, ShapeTable(tables.shapes, tables.pairs, checker._paddings), distance, near)
+    size, rest = find_near(
+        poses, ShapeTable(tables.shapes, tables.pairs, checker._shapes.paddings), distance, near
+    )
     if rest:
         for index, apart, result in _by_coal(checker, full, undecided[:rest].tolist(), distance):
             found[size], distances[size], normals[size] = index, apart, -result.normal
@@ -128,10 +130,10 @@ def _by_coal(
     import pinocchio
 
     model, (data, geometry_data) = checker.pepper.inner_model, checker._data
-    pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, q_full)
+    pinocchio.updateGeometryPlacements(model, data, checker._shapes.model, geometry_data, q_full)
     for index in indices:
-        result = pinocchio.computeDistance(checker._model, geometry_data, index)
-        apart = result.min_distance - checker._paddings[index]
+        result = pinocchio.computeDistance(checker._shapes.model, geometry_data, index)
+        apart = result.min_distance - checker._shapes.paddings[index]
         if apart < distance:
             yield index, apart, result
 
@@ -152,10 +154,12 @@ def distances_along(checker: CollisionChecker, path: Array, indices: NDArray[np.
     model, (data, geometry_data) = checker.pepper.inner_model, checker._data
     found = np.empty((len(path), len(indices)))
     for row, q in enumerate(checker.pepper.to_full(path)):
-        pinocchio.updateGeometryPlacements(model, data, checker._model, geometry_data, q)
+        pinocchio.updateGeometryPlacements(model, data, checker._shapes.model, geometry_data, q)
         for place, index in enumerate(indices.tolist()):
-            found[row, place] = pinocchio.computeDistance(checker._model, geometry_data, index).min_distance
-    return found - checker._paddings[indices]
+            found[row, place] = pinocchio.computeDistance(
+                checker._shapes.model, geometry_data, index
+            ).min_distance
+    return found - checker._shapes.paddings[indices]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +201,8 @@ def _make_tables(checker: CollisionChecker) -> _Tables:
     from pepper_kin.collision.fast.shape_table import pair_row, shape_row
     from pepper_kin.core.collision.distances import SHAPE
 
-    model, pepper, (first, second) = checker.pepper.inner_model, checker.pepper, checker._pairs
-    objects = checker._model.geometryObjects
+    model, pepper, (first, second) = checker.pepper.inner_model, checker.pepper, checker._shapes.pairs
+    objects = checker._shapes.model.geometryObjects
     shapes = np.array([shape_row(item) for item in objects], dtype=float).reshape(-1, SHAPE)
     kinds, listed = shapes[:, 0].astype(int).tolist(), list(zip(first.tolist(), second.tolist(), strict=True))
     moved = np.zeros((model.njoints, model.nv), dtype=np.int64)
@@ -208,7 +212,7 @@ def _make_tables(checker: CollisionChecker) -> _Tables:
     bodies = shapes[:, 1].astype(int)
     sides = moved[bodies[first]] - moved[bodies[second]]
     cores = np.array([_core(item.geometry) for item in objects])
-    owners = [body.owner for body in checker._bodies]
+    owners = [body.owner for body in checker._shapes.bodies]
     return _Tables(
         joints=joint_table(pepper),
         shapes=shapes,

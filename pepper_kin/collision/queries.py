@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,11 +10,6 @@ from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
-
-FAST_FROM = 5000
-"""Number of configurations from which on the compiled check is loaded; its verdicts are the same."""
-FAST_FROM_WHEN_LOADED = 8
-"""The same once it is loaded."""
 
 
 def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.bool_]:
@@ -33,12 +26,9 @@ def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) 
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    least = FAST_FROM_WHEN_LOADED if "pepper_kin.core.collision.check" in sys.modules else FAST_FROM
-    if np.size(q) >= least * pepper.n:
-        from pepper_kin.collision.fast import fast_checker_for
+    from pepper_kin.collision.fast import fast_checker_for  # machine code: loaded by the first check
 
-        return fast_checker_for(pepper, scene).in_collision(q)
-    return checker_for(pepper, scene).in_collision(q)
+    return fast_checker_for(pepper, scene).in_collision(q)
 
 
 def clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.float64]:

@@ -35,11 +35,11 @@ def test_centers_are_off_by_less_than_is_allowed_for(name):
         robot = pk.load_robot(*files, [share])
     fast, rng = FastChecker(robot, SCENE), np.random.default_rng(0)
     structure = fast._prepared.structure
-    allowed = Rounding(robot, structure).placed
+    allowed = Rounding(robot, structure.solids).placed
     assert np.median(allowed) < 5e-4
     model, data = robot.inner_model, robot.inner_model.createData()
     order = [i for i in range(len(structure.solids))]
-    memory = at.aligned_copy(fast._block)
+    memory = fast._prepared.new_memory()
     bodies = at.section_bits(memory, at.BODIES).reshape(-1, 11)
     share = 0.0
     for _ in range(40):

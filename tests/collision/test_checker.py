@@ -92,7 +92,7 @@ def test_culled_clearance_equals_the_minimum_over_all_pairs():
     for q in random_q(pepper, 60):
         found = checker.clearance(q)
         data, geometry = checker._data
-        pinocchio.computeDistances(pepper.pinocchio_model, data, checker._model, geometry, q)
+        pinocchio.computeDistances(pepper.pinocchio_model, data, checker._shapes.model, geometry, q)
         assert found == pytest.approx(min(r.min_distance for r in geometry.distanceResults), abs=1e-6)
 
 

@@ -157,7 +157,9 @@ def test_the_broad_phase_misses_nothing(margins):
     data, geometry = checker._data
     verdicts = []
     for q in random_q(pepper, 400, seed=5):
-        full = pinocchio.computeCollisions(pepper.pinocchio_model, data, checker._model, geometry, q, True)
+        full = pinocchio.computeCollisions(
+            pepper.pinocchio_model, data, checker._shapes.model, geometry, q, True
+        )
         assert checker._touches(q) == full
         verdicts.append(full)
     assert 0.2 < np.mean(verdicts) < 1.0

@@ -8,9 +8,10 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import pepper_kin as pk
+from pepper_kin.collision.bodies import moving_bodies
 from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.collision.fast.ball_cover import ball_cover
-from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Part, Solid, parts_of, solid_of
+from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Solid, solid_of
 from pepper_kin.collision.fast.structure import bounding_ball
 from pepper_kin.collision.fast.tables import pack_tables
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
@@ -139,8 +140,8 @@ def surface_points(solid, rng, count=400):
 
 def test_spheres_cover_and_fill_every_solid_of_the_robot():
     rng = np.random.default_rng(4)
-    for part in parts_of(pk.collision.checker_for(pk.load_pepper())):
-        solid = solid_of(part)
+    for body in moving_bodies(pk.load_pepper(), ()):
+        solid = solid_of(body.owner, body.geometry, body.joint, body.pose)
         spheres = ball_cover(solid)
         points = surface_points(solid, rng)
         gaps = np.linalg.norm(points[:, None] - spheres.centers, axis=2) - spheres.outer
@@ -215,12 +216,10 @@ def test_compiled_tables_are_those_of_python(margin):
 def test_a_half_space_is_a_vast_box():
     rng = np.random.default_rng(7)
     for _ in range(20):
-        pose, normal, offset = random_pose(rng), rng.normal(size=3), rng.uniform(-1, 1)
-        normal /= np.linalg.norm(normal)
+        pose, offset = random_pose(rng), rng.uniform(-1, 1)
         placement = pinocchio.SE3(pose[3:].reshape(3, 3).T.copy(), pose[:3].copy())
-        item = pinocchio.GeometryObject("floor", 0, 0, placement, coal.Halfspace(normal, offset))
-        solid = solid_of(Part("floor", item, True, 0.0))
+        solid = solid_of("floor", pk.collision.HalfSpace(offset), 0, placement.homogeneous)
         points = rng.uniform(-3, 3, (200, 3))
         local = np.array([placement.inverse().act(p) for p in points])
         inside = (np.abs((points - solid.position) @ solid.rotation) <= solid.half).all(axis=1)
-        np.testing.assert_array_equal(inside, local @ normal <= offset)
+        np.testing.assert_array_equal(inside, local[:, 2] <= offset)

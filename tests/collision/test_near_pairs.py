@@ -56,7 +56,7 @@ def _all_distances(pepper, q, scene=SCENE):
     """Distance of every pair of shapes by coal, in the checker's order."""
     return (
         np.array([result.min_distance for result in _by_coal(pepper, q, scene)])
-        - _checker(pepper, scene)._paddings
+        - _checker(pepper, scene)._shapes.paddings
     )
 
 
@@ -70,8 +70,8 @@ def _by_coal(pepper, q, scene):
     checker = _checker(pepper, scene)
     data, geometry = checker._data
     full = pepper.to_full(q)
-    pinocchio.updateGeometryPlacements(pepper.pinocchio_model, data, checker._model, geometry, full)
-    pinocchio.computeDistances(checker._model, geometry)
+    pinocchio.updateGeometryPlacements(pepper.pinocchio_model, data, checker._shapes.model, geometry, full)
+    pinocchio.computeDistances(checker._shapes.model, geometry)
     return geometry.distanceResults
 
 
@@ -82,12 +82,12 @@ def _agree_with_coal(pepper, q, distance, scene):
     assert near.distances == pytest.approx(every[near.indices], abs=3e-6)
     results, checker = _by_coal(pepper, q, scene), _checker(pepper, scene)
     for place, index in enumerate(near.indices.tolist()):
-        first, second = (checker._bodies[pairs[index]] for pairs in checker._pairs)
+        first, second = (checker._shapes.bodies[pairs[index]] for pairs in checker._shapes.pairs)
         assert near.names[place] == (first.owner, second.owner)
         # The nearest points need not be the only ones, but the direction is.
         if abs(every[index]) > 2e-3:
             assert near.normals[place] == pytest.approx(-np.array(results[index].normal), abs=2e-2)
-    pads = checker._paddings[near.indices]
+    pads = checker._shapes.paddings[near.indices]
     gap = near.points[:, 0] - near.points[:, 1]
     assert np.einsum("ij,ij->i", near.normals, gap) == pytest.approx(near.distances + pads, abs=1e-5)
     return len(near)

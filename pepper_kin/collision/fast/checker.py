@@ -15,7 +15,7 @@ from pepper_kin.collision.fast.compiled import CompiledValidity, compile_validit
 from pepper_kin.collision.fast.levers import part_levers
 from pepper_kin.collision.fast.prepared import Prepared, prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance
-from pepper_kin.collision.fast.solids import OTHER, Array
+from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.layout import WIDEST
@@ -57,11 +57,10 @@ class FastChecker:
         self.pepper = pepper
         self.exact = checker_for(pepper, scene, float(margin), float(self_margin))
         self._prepared = prepare(self.exact)
-        self._supported = self._prepared.structure.supported
-        every = (*self._prepared.structure.solids, *self._prepared.structure.objects)
-        self._decided = self._supported and all(s.filled and s.kind != OTHER for s in every)
-        self._resting = resting_contact(self.exact, self._prepared.structure)
-        self._block = at.pack(self._prepared.sections)
+        self._supported = self._prepared.structure.moving.supported
+        self._decided = self._supported and self._prepared.structure.decided
+        self._resting = resting_contact(self._prepared.structure, self.exact.margin)
+        self._one = (pepper.n,) if self._supported and not self._resting else None
         self._local = threading.local()
         self._lock = threading.Lock()
         self._still: float | None = None
@@ -89,6 +88,10 @@ class FastChecker:
         """
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise InvalidValueError("threads", repr(threads), "an integer of at least 1")
+        if type(q) is np.ndarray and q.shape == self._one and q.dtype == np.float64:
+            verdict = self._verdict(q)
+            if verdict != TIE:
+                return np.array(verdict != 0)
         q_all = as_joint_vectors(self.pepper, q, "q")
         if not self._supported:
             return self.exact.in_collision(q_all)
@@ -212,15 +215,27 @@ class FastChecker:
         """
         if not self.supported:
             raise InvalidValueError("robot", self.pepper, "collision shapes that are not unbounded")
-        return compile_validity(
-            self.exact, self._prepared, self._block, self._resting, frozen, free, effort_limits
-        )
+        return compile_validity(self.exact, self._prepared, self._resting, frozen, free, effort_limits)
 
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
         n = self.pepper.n
         return as_joint_vectors(self.pepper, a, "a").reshape(n), as_joint_vectors(
             self.pepper, b, "b"
         ).reshape(n)
+
+    def _verdict(self, q: Array) -> int:
+        """Return the verdict on one configuration, shape (n,); TIE as well where numbers are not finite."""
+        try:
+            check_rows, memory, row, status = self._local.one
+        except AttributeError:
+            from pepper_kin.core.collision.check import check_rows
+
+            memory = self._memory()
+            row, status = at.section(memory, at.ROWS)[: q.size], at.section_bits(memory, at.STATUS)
+            self._local.one = check_rows, memory, row, status
+        row[:] = q
+        check_rows(memory, row, 1)
+        return int(status[0])
 
     def _verdicts(self, flat: Array, threads: int) -> tuple[NDArray[np.uint8], int]:
         from pepper_kin.core.collision.check import check_many
@@ -241,14 +256,14 @@ class FastChecker:
 
     def _resting_distance(self) -> float:
         if self._still is None:
-            self._still = resting_distance(self.exact, self._prepared.structure.resting)
+            self._still = resting_distance(self._prepared.structure)
         return self._still
 
     def _memory(self) -> Array:
         """Block of this thread."""
         found: Array | None = getattr(self._local, "memory", None)
         if found is None:
-            found = self._local.memory = at.aligned_copy(self._block)
+            found = self._local.memory = self._prepared.new_memory()
         return found
 
     def _without_margins(self) -> tuple[Prepared, Array]:
@@ -270,7 +285,7 @@ class FastChecker:
             return bounds
         memory: Array | None = getattr(self._local, "bare", None)
         if memory is None:
-            memory = self._local.bare = at.aligned_copy(at.pack(prepared.sections))
+            memory = self._local.bare = prepared.new_memory()
         part_bounds(memory, flat, bounds)
         bounds[np.abs(flat).max(axis=1, initial=0.0) > WIDEST] = -np.inf
         return bounds

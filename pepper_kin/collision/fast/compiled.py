@@ -91,20 +91,19 @@ class CompiledValidity:
 def compile_validity(
     checker: CollisionChecker,
     prepared: Prepared,
-    block: Array,
     resting_contact: bool,
     frozen: ArrayLike,
     free: ArrayLike,
     effort_limits: ArrayLike | None,
 ) -> CompiledValidity:
-    """Return the validity of edges of some joints; see `FastChecker.compiled`.  `block` is not changed."""
+    """Return the validity of edges of some joints; see `FastChecker.compiled`."""
     from pepper_kin.core.collision.check import check_rows, place_frozen, valid_steps
 
     pepper = checker.pepper
     n = pepper.n
     q0 = as_joint_vectors(pepper, frozen, "frozen").reshape(n)
     places = _places(free, n)
-    memory = at.aligned_copy(block)
+    memory = prepared.new_memory()
     at.section(memory, at.FROZEN)[:] = q0
     at.section(memory, at.FREE)[: places.size] = places
     at.shorten(memory, at.FREE, places.size)
@@ -116,7 +115,7 @@ def compile_validity(
     at.shorten(memory, at.TABLE_HEADS, heads)
     place_frozen(memory)
     parts.fix()
-    kept: tuple[Any, ...] = (valid_steps,)
+    kept: tuple[Any, ...] = (valid_steps, prepared.scene)
     if effort_limits is not None:
         limits = np.asarray(effort_limits, dtype=float)
         if limits.shape != (n,) or np.isnan(limits).any():
@@ -146,7 +145,7 @@ class _Parts:
         self._links = at.section_bits(memory, at.LINKS).reshape(-1, LINK_WORDS)
         self._pairs = at.section(memory, at.PAIRS).reshape(-1, 2)
         self._first = at.section(memory, at.PAIR_FIRST)
-        self._all = self._links.copy(), self._groups[:, 5].copy(), self._pairs.copy(), self._first.copy()
+        self._all = self._links.copy(), self._groups[:, 4].copy(), self._pairs.copy(), self._first.copy()
         self._moved: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
         ends = self._links[:, [0, 2]].T, solids[self._pairs.astype(np.int64)].T
         self._links_move, self._pairs_move = (
@@ -155,11 +154,11 @@ class _Parts:
 
     def keep(self, *, moving: bool) -> None:
         """Compare only pairs that move against one another, or only those that do not."""
-        links, ends, pairs, first = self._all
+        links, checked, pairs, first = self._all
         kept = links[self._links_move == moving]
         self._links[: len(kept)] = kept
         at.section(self._memory, at.NUMBERS)[at.LINK_COUNT] = len(kept)
-        self._groups[:, 5] = np.where(self._moved[self._groups[:, 0]] == moving, ends, self._groups[:, 4])
+        self._groups[:, 4] = np.where(self._moved[self._groups[:, 0]] == moving, checked, 0)
         chosen = self._pairs_move == moving
         self._pairs[: int(chosen.sum())] = pairs[chosen]
         self._first[:] = np.concatenate([[0], np.cumsum(chosen)])[first.astype(np.int64)]

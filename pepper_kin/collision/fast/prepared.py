@@ -1,4 +1,4 @@
-"""The block of constants for one robot, scene and margins."""
+"""The block of constants for one robot and margins, which names that of a scene."""
 
 from __future__ import annotations
 
@@ -11,11 +11,26 @@ from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
 from pepper_kin.collision.checker import LEVER, CollisionChecker
+from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.ball_cover import ball_cover
 from pepper_kin.collision.fast.joint_table import joint_table
 from pepper_kin.collision.fast.rounding import Rounding
-from pepper_kin.collision.fast.solids import OTHER, Array, Solid
-from pepper_kin.collision.fast.structure import Structure, bounding_ball, roles, structure_of
+from pepper_kin.collision.fast.scene_block import (
+    NO_INNER,
+    firsts,
+    scene_block,
+    singles,
+    solid_sections,
+    words,
+)
+from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.collision.fast.structure import (
+    MovingParts,
+    Structure,
+    bounding_ball,
+    roles,
+    structure_of,
+)
 from pepper_kin.collision.fast.tables import pack_tables
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import (
@@ -27,21 +42,21 @@ from pepper_kin.core.collision.ball_check import (
     FRAME_SINGLES,
     GROUP_WORDS,
     LINK_WORDS,
-    OBJECT_SINGLES,
     POINT,
     RANGE_WORDS,
     SEGMENT,
     SIDE_WORDS,
 )
-from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, ROOM
+from pepper_kin.core.collision.layout import CYLINDER, HULL, ROOM
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.symbolic.tree import read_tree
 
-NO_INNER = -1e3
-"""Inner radius of a ball that lies in nothing [m]."""
-MOST_AXES = 8192
-"""Pairs of solids of which the direction that parted them last is kept; of more, some share theirs."""
+MET, MOST_AXES = 16, 2048
+"""Objects for each solid, and pairs of solids in all, of which the direction that parted them last is kept;
+of more, some share theirs."""
+MOST_BLOCKS, MOST_ROBOTS = 16, 64
+"""Blocks of one robot at other margins, and robots holding other things, that are kept."""
 POSE = 12
 """Numbers of a pose."""
 
@@ -52,15 +67,27 @@ class Prepared:
 
     Attributes:
         structure: What is compared.
-        sections: Constants and room, as `layout.pack` takes them.
+        block: The robot's block, of no margin to the scene and no scene yet; not to be written to.
+        scene: The scene's block.
+        margin: Distance to keep from the scene [m].
         carried: Which coordinates of the Pinocchio model carry each body, the world last, shape (bodies, nv).
         bodies_of_solids: Which body each solid of the robot belongs to, shape (solids,).
     """
 
     structure: Structure
-    sections: dict[int, Array]
+    block: Array
+    scene: Array
+    margin: float
     carried: NDArray[np.bool_]
     bodies_of_solids: NDArray[np.int64]
+
+    def new_memory(self) -> Array:
+        """Return a block for one thread, at a multiple of 64 bytes; it is valid while this object lives."""
+        memory = at.aligned_copy(self.block)
+        numbers = at.section(memory, at.NUMBERS)
+        numbers[at.MARGIN], numbers[at.SCENE] = self.margin, self.scene.ctypes.data
+        numbers[at.SCENE_SIZE] = self.scene.size
+        return memory
 
 
 class _Tables:
@@ -159,7 +186,7 @@ class _Tables:
         body = joint - 1 if joint else len(self._tree.bodies)
         coarse = len(self._balls)
         self._balls.append(self._bounding([structure.solids[i] for i in members]))
-        return body, coarse, self._range_of[members[0]][0], self._range_of[members[-1]][1], 0, 0
+        return body, coarse, self._range_of[members[0]][0], self._range_of[members[-1]][1], 1
 
     def _pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Return the sections LINKS, SIDES and RANGES."""
@@ -192,62 +219,87 @@ class _Tables:
         )
 
 
-@dataclass(frozen=True, eq=False)
 class _Robot:
-    """What scenes share in which the same solids are compared in the same groups.
+    """A robot with what it holds, its solids in groups: what scenes share in which the groups are the same.
 
     Attributes:
-        tables: Balls and cores.
         rounding: What single precision may be wrong by.
-        sections: Constants and room that do not depend on the scene.
         carried: See `Prepared`.
         bodies_of_solids: See `Prepared`.
     """
 
-    tables: _Tables
-    rounding: Rounding
-    sections: dict[int, Array]
-    carried: NDArray[np.bool_]
-    bodies_of_solids: NDArray[np.int64]
+    def __init__(self, pepper: PepperModel, structure: Structure) -> None:
+        self._pepper, self._structure = pepper, structure
+        self._tables, self.rounding = _Tables(pepper, structure), Rounding(pepper, structure.solids)
+        self._sections = {
+            **_constants(pepper, structure, self._tables, self.rounding),
+            **_room(pepper, structure, self._tables),
+        }
+        joints = np.array([solid.joint for solid in structure.solids], np.int64)
+        self.carried = _carried(pepper)
+        self.bodies_of_solids = np.where(joints > 0, joints - 1, len(self._tables.bodies) - 1)
+        self._blocks: dict[float, Array] = {}
+
+    def block(self, ranges: tuple[DependentRange, ...], self_margin: float) -> Array:
+        """Return the block for a margin between parts of the robot, of no scene yet; not to be written to."""
+        found = self._blocks.get(self_margin)
+        if found is None:
+            found = at.pack({**self._sections, **self._of_margin(ranges, self_margin)})
+            found.setflags(write=False)
+            if len(self._blocks) >= MOST_BLOCKS:
+                self._blocks.clear()
+            self._blocks[self_margin] = found
+        return found
+
+    def _of_margin(self, ranges: tuple[DependentRange, ...], margin: float) -> dict[int, Array]:
+        tables, structure = self._tables, self._structure
+        numbers = np.zeros(at.NUMBERS_SIZE)
+        numbers[at.N], numbers[at.CLASS_COUNT] = self._pepper.n, len(structure.classes)
+        numbers[at.GROUP_COUNT], numbers[at.SELF_MARGIN] = len(structure.groups), margin
+        numbers[at.BODY_COUNT], numbers[at.LINK_COUNT] = len(tables.bodies), len(tables.links)
+        heads, rows, cells = pack_tables(ranges, margin / LEVER)
+        cores, links = tables.cores.copy(), tables.links.copy()
+        wrong = self.rounding.placed[tables.core_bodies]
+        cores[:, 1] += margin + wrong
+        cores[:, 2] += margin - wrong
+        radii = tables.balls[:, 3] + self.rounding.placed[tables.ball_bodies] + self.rounding.comparing()
+        reach = radii[links[:, 1]] + radii[links[:, 3]] + margin
+        links[:, 4] = (np.maximum(reach, 0.0) ** 2 * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
+        return {
+            at.NUMBERS: numbers,
+            at.TABLE_HEADS: heads,
+            at.TABLES: rows,
+            at.TABLE_CELLS: cells,
+            at.LINKS: words(links),
+            at.CORES: singles(cores),
+        }
 
 
 def prepare(checker: CollisionChecker) -> Prepared:
-    """Pack the tables of a checker."""
+    """Return the blocks of a checker; those of its scene are the same at all margins."""
     like = checker.shapes_of
     found = _shared.get(like)
     if found is None:
         structure = structure_of(like)
         robot = _robot_of(like.pepper, structure)
-        slack = robot.rounding.comparing(structure)
-        sections = {**robot.sections, **_of_scene(structure, robot, slack)}
-        found = _shared[like] = structure, robot, slack, sections
-    structure, robot, slack, sections = found
-    sections = {**sections, **_of_margins(checker, structure, robot, slack)}
-    return Prepared(structure, sections, robot.carried, robot.bodies_of_solids)
+        found = _shared[like] = structure, robot, scene_block(structure, robot.rounding)
+    structure, robot, scene = found
+    block = robot.block(checker._ranges, checker.self_margin)
+    return Prepared(structure, block, scene, checker.margin, robot.carried, robot.bodies_of_solids)
 
 
-_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, float, dict[int, Array]]] = (
-    WeakKeyDictionary()
-)
+_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, Array]] = WeakKeyDictionary()
 """What checkers of the same shapes share, whatever their margins."""
-_kept: RobotMemory[object, _Robot] = RobotMemory()
+_kept: RobotMemory[tuple[MovingParts, tuple[tuple[int, ...], ...]], _Robot] = RobotMemory()
 
 
 def _robot_of(pepper: PepperModel, structure: Structure) -> _Robot:
-    key = (tuple(map(_key, structure.solids)), structure.classes, structure.groups)
-    kept = _kept.of(pepper)
+    key, kept = (structure.moving, structure.groups), _kept.of(pepper)
     if key not in kept:
-        tables = _Tables(pepper, structure)
-        sections = {**_of_robot(pepper, structure, tables), **_room(pepper, structure, tables)}
-        joints = np.array([solid.joint for solid in structure.solids], np.int64)
-        bodies = np.where(joints > 0, joints - 1, len(tables.bodies) - 1)
-        kept[key] = _Robot(tables, Rounding(pepper, structure), sections, _carried(pepper), bodies)
+        if len(kept) >= MOST_ROBOTS:
+            kept.pop(next(iter(kept)))
+        kept[key] = _Robot(pepper, structure)
     return kept[key]
-
-
-def _key(solid: Solid) -> tuple[object, ...]:
-    numbers = (solid.rotation, solid.position, solid.half, solid.vertices)
-    return solid.joint, solid.kind, solid.radius, solid.filled, *(values.tobytes() for values in numbers)
 
 
 def _full_rows(pepper: PepperModel) -> Array:
@@ -267,85 +319,32 @@ def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
     return carried
 
 
-def _of_margins(
-    checker: CollisionChecker, structure: Structure, robot: _Robot, slack: float
+def _constants(
+    pepper: PepperModel, structure: Structure, tables: _Tables, rounding: Rounding
 ) -> dict[int, Array]:
-    """Return the sections that depend on margins."""
-    tables = robot.tables
-    numbers = np.zeros(at.NUMBERS_SIZE)
-    numbers[at.N], numbers[at.CLASS_COUNT] = checker.pepper.n, len(structure.classes)
-    numbers[at.GROUP_COUNT], numbers[at.OBJECT_COUNT] = len(structure.groups), len(structure.objects)
-    numbers[at.BODY_COUNT], numbers[at.LINK_COUNT] = len(tables.bodies), len(tables.links)
-    numbers[at.SELF_MARGIN], numbers[at.MARGIN] = checker.self_margin, checker.margin
-    heads, ranges, cells = pack_tables(checker._ranges, checker.self_margin / LEVER)
-    cores = tables.cores.copy()
-    wrong = robot.rounding.placed[tables.core_bodies]
-    cores[:, 1] += checker.self_margin + wrong
-    cores[:, 2] += checker.self_margin - wrong
-    return {
-        at.NUMBERS: numbers,
-        at.TABLE_HEADS: heads,
-        at.TABLES: ranges,
-        at.TABLE_CELLS: cells,
-        at.OBJECTS: _singles(_object_rows(structure, checker.margin)),
-        at.LINKS: _words(_links(robot, slack, checker.self_margin)),
-        at.CORES: _singles(cores),
-    }
-
-
-def _links(robot: _Robot, slack: float, margin: float) -> NDArray[np.int64]:
-    """Return the section LINKS with the squares of the distances at which coarse balls touch."""
-    links = robot.tables.links.copy()
-    radii = robot.tables.balls[:, 3] + robot.rounding.placed[robot.tables.ball_bodies] + slack
-    reach = radii[links[:, 1]] + radii[links[:, 3]] + margin
-    links[:, 4] = (np.maximum(reach, 0.0) ** 2 * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
-    return links
-
-
-def _of_robot(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[int, Array]:
-    """Return the sections of constants that do not depend on the scene."""
+    """Return the sections of constants that do not depend on margins."""
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
+    balls, axes = tables.balls.copy(), sum(map(len, structure.classes)) + MET * len(members) + 1
+    balls[:, 3] += rounding.placed[tables.ball_bodies] + rounding.comparing()
+    balls[:, 4] -= rounding.placed[tables.ball_bodies] + rounding.comparing()
     return {
-        at.BODIES: _words(tables.bodies),
-        at.FRAMES: _singles(tables.frames),
-        at.SIDES: _words(tables.sides),
-        at.RANGES: _words(tables.ranges),
+        at.BODIES: words(tables.bodies),
+        at.FRAMES: singles(tables.frames),
+        at.GROUPS: words(tables.groups),
+        at.BALLS: singles(balls),
+        at.SIDES: words(tables.sides),
+        at.RANGES: words(tables.ranges),
         at.JOINTS: joint_table(pepper).copy(),
         at.FULL: _full_rows(pepper),
-        at.SOLID_PLACES: np.array([[s.joint, *_pose(s)] for s in structure.solids]),
-        at.PAIR_FIRST: _firsts(structure.classes).astype(float),
+        **solid_sections(list(structure.solids)),
+        at.SOLID_PLACES: np.array([[s.joint, *s.row[8:]] for s in structure.solids]),
+        at.PAIR_FIRST: firsts(structure.classes).astype(float),
         at.PAIRS: np.array([pair for pairs in structure.classes for pair in pairs], dtype=float),
         at.GROUP_SOLIDS: np.array(members, dtype=float),
+        at.AXES: np.zeros(3 * min(axes, MOST_AXES)),
         at.FROZEN: np.zeros(pepper.n),
         at.FREE: np.arange(pepper.n, dtype=float),
         at.EFFORT: np.full(pepper.n, np.inf),
-    }
-
-
-def _of_scene(structure: Structure, robot: _Robot, slack: float) -> dict[int, Array]:
-    """Return the sections that depend on the scene but not on margins."""
-    tables = robot.tables
-    every = [*structure.solids, *structure.objects]
-    balls, groups = tables.balls.copy(), tables.groups.copy()
-    wrong = robot.rounding.placed[tables.ball_bodies] + slack
-    balls[:, 3] += wrong
-    balls[:, 4] -= wrong
-    lists = [np.flatnonzero(row) for row in structure.compared]
-    groups[:, 4:6] = np.stack([_firsts(lists)[:-1], _firsts(lists)[1:]], axis=1)
-    pairs, members = sum(map(len, structure.classes)), sum(map(len, structure.groups))
-    axes = min(pairs + members * len(structure.objects) + 1, MOST_AXES)
-    poses = [np.zeros(POSE * len(structure.solids)), *(_pose(s) for s in structure.objects)]
-    return {
-        at.GROUPS: _words(groups),
-        at.BALLS: _singles(balls),
-        at.OBJECT_LISTS: _words(np.concatenate([np.zeros(0, np.int64), *lists])),
-        at.SOLIDS: np.array([[s.kind, s.radius, s.bounding_radius, s.filled] for s in every], dtype=float),
-        at.SOLID_HALF: np.array([s.half for s in every]),
-        at.VERTEX_FIRST: _firsts([s.vertices for s in every]).astype(float),
-        at.VERTICES: np.concatenate([np.zeros(0), *(s.vertices.T.ravel() for s in every)]),
-        at.GROUP_OBJECTS: structure.compared.T.astype(float),
-        at.SOLID_POSES: np.concatenate(poses),
-        at.AXES: np.zeros(3 * axes),
     }
 
 
@@ -360,13 +359,13 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
     return {
         at.FLAGS: np.zeros(bodies),
         at.COORDINATES: np.zeros(n * LANES // 2),
-        at.POSES: _singles(identity),
-        at.CENTERS: _singles(centers),
+        at.POSES: singles(identity),
+        at.CENTERS: singles(centers),
         at.PLACED: np.zeros(len(tables.cores) * CORE_LANES * LANES // 2),
         at.CLASS_DOUBTS: np.zeros(len(structure.classes)),
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
-        at.RAMP: _singles(np.arange(1, LANES + 1) / LANES),
+        at.RAMP: singles(np.arange(1, LANES + 1) / LANES),
         at.ROWS: np.zeros(ROOM * n),
         at.STATUS: np.zeros(ROOM),
         at.QUEUE: np.zeros(ROOM),
@@ -377,35 +376,3 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
         at.JOINT_AXES: np.zeros(3 * joints),
         at.GRAVITY: np.zeros(n + gravity),
     }
-
-
-def _firsts(parts: Any) -> NDArray[np.int64]:
-    return np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)
-
-
-def _words(values: NDArray[np.int64]) -> Array:
-    """Return integers in the room of doubles."""
-    return np.ascontiguousarray(values, np.int64).ravel().view(np.float64)
-
-
-def _singles(values: NDArray[Any]) -> Array:
-    """Return floats in the room of doubles."""
-    padded = np.zeros(values.size + values.size % 2, dtype=np.float32)
-    padded[: values.size] = values.ravel()
-    return padded.view(np.float64)
-
-
-def _pose(solid: Solid) -> Array:
-    """Return centre, x, y and z axis of a solid in the frame of its joint."""
-    return np.concatenate([solid.position, solid.rotation.T.ravel()])
-
-
-def _object_rows(structure: Structure, margin: float) -> Array:
-    """Return the section OBJECTS; margins are part of the radii."""
-    rows = np.zeros((len(structure.objects), OBJECT_SINGLES))
-    for row, solid in zip(rows, structure.objects, strict=True):
-        half = np.where(np.isfinite(solid.half), solid.half, 1e6) if solid.kind == OTHER else solid.half
-        exact = solid.kind in (BOX, CYLINDER)
-        around = min(float(np.linalg.norm(half)), 1e6)
-        row[:] = [solid.kind, solid.radius + margin, exact, *half, *_pose(solid), around]
-    return rows

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
 
-from pepper_kin.collision.fast.structure import Structure
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.tree import read_tree
@@ -40,13 +43,13 @@ class Rounding:
 
     Args:
         pepper: The robot.
-        structure: Its solids.
+        solids: Its solids.
 
     Attributes:
         placed: How far a body's balls and cores may be misplaced [m], shape (bodies,), the world last.
     """
 
-    def __init__(self, pepper: PepperModel, structure: Structure) -> None:
+    def __init__(self, pepper: PepperModel, solids: Sequence[Solid]) -> None:
         tree = read_tree(pepper, compact=True)
         count = len(tree.bodies)
         turn, shift, reach = np.zeros(count + 1), np.zeros(count + 1), np.zeros(count + 1)  # the world last
@@ -59,7 +62,7 @@ class Rounding:
             shift[b] = shift[body.parent] + turn[b] * lever + 8.0 * ROUNDING * reach[b]
             shift[b] += COORDINATE if body.slides else 0.0
         self.placed, self._farthest = np.zeros(count + 1), 0.0
-        for solid in structure.solids:
+        for solid in solids:
             b = solid.joint - 1
             origin = tree.alignments[b].origin if solid.joint else np.zeros(3)
             own = float(np.linalg.norm(solid.position - origin)) + solid.bounding_radius
@@ -67,13 +70,12 @@ class Rounding:
             self.placed[b] = max(self.placed[b], error)
             self._farthest = max(self._farthest, reach[b] + own)
 
-    def comparing(self, structure: Structure) -> float:
-        """Return an upper bound of what comparing placed balls adds: 16 u times the coordinates compared [m].
+    def comparing(self, extents: ArrayLike = 0.0) -> NDArray[np.float64]:
+        """Return what comparing placed balls with objects adds at most, 16 u of the coordinates [m].
 
-        These are the robot's, and those of the scene as far as it can be met.
+        Coordinates are the robot's, and those of an object as far as it can be met.
+
+        Args:
+            extents: Greatest distance of a point of each object from its center [m]; 0 for the robot itself.
         """
-        scale = self._farthest
-        for item in structure.objects:
-            half = float(np.linalg.norm(np.where(np.isfinite(item.half), item.half, 0.0)))
-            scale = max(scale, min(half + item.radius, FAR) + self._farthest)
-        return 16.0 * ROUNDING * scale
+        return 16.0 * ROUNDING * (np.minimum(extents, FAR) + self._farthest)

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
 
 import numpy as np
 
-from pepper_kin.collision.bodies import WORLD
-from pepper_kin.collision.checker import CollisionChecker
+from pepper_kin.collision.coal_shapes import coal_geometry
+from pepper_kin.collision.solids import (
+    ConvexMesh,
+    HalfSpace,
+    PointCloud,
+    SceneGeometry,
+    TriangleMesh,
+    padding,
+)
 from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, OTHER, Array
+from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.shapes import read_only
 
 VAST = 25.0
@@ -47,91 +56,89 @@ class Solid:
         """Whether the core is a segment along z or a point."""
         return self.kind == BOX and self.half[0] == 0.0 and self.half[1] == 0.0
 
-    @property
+    @cached_property
     def bounding_radius(self) -> float:
         """Radius of the sphere around the core's centre that holds the solid [m]."""
         if self.kind == HULL:
             return float(np.linalg.norm(self.vertices, axis=1).max()) + self.radius
-        reach = np.hypot(self.half[0], self.half[2]) if self.kind == CYLINDER else np.linalg.norm(self.half)
-        return float(reach) + self.radius
+        x, y, z = self.half.tolist()
+        return math.hypot(x, z if self.kind == CYLINDER else math.hypot(y, z)) + self.radius
+
+    @cached_property
+    def row(self) -> Array:
+        """Its numbers, shape (ROW,)."""
+        corner = math.sqrt(sum([half * half for half in self.half.tolist() if math.isfinite(half)]))
+        numbers = [self.kind, self.radius, self.bounding_radius, self.filled, corner, *self.half.tolist()]
+        return np.array([*numbers, *self.position.tolist(), *self.rotation.T.ravel().tolist()])
 
 
-class Part(NamedTuple):
-    """A shape as a checker holds it.
+ROW = 20
+"""Numbers of `Solid.row`: kind, radius, bounding radius, whether it is filled, the distance of the core's
+farthest corner, half lengths, center, x, y and z axis."""
 
-    Attributes:
+
+def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array) -> Solid:
+    """Return a shape as a core grown by a radius.
+
+    Args:
         owner: Name of the link or scene object.
-        item: Pinocchio's geometry object.
-        in_world: Whether it stands in the scene.
-        padding: How far it reaches beyond coal's shape [m].
+        geometry: The shape.
+        joint: The joint that carries it; 0 is the world.
+        pose: (4, 4), transform from the shape's own frame to the joint's.
+
+    Raises:
+        FileFormatError: for a mesh whose file cannot be read.
     """
-
-    owner: str
-    item: Any
-    in_world: bool
-    padding: float
-
-
-def parts_of(checker: CollisionChecker) -> list[Part]:
-    """Return the shapes that a checker compares, in its order; the only look into how it keeps them."""
-    return [Part(b.owner, b.geometry_object, b.kind == WORLD, b.padding) for b in checker._bodies]
-
-
-def solid_of(part: Part) -> Solid:
-    """Return a shape as a core grown by a radius."""
-    import coal
-
-    shape, pose = part.item.geometry, part.item.placement
-    none = np.zeros((0, 3))
-    kind, half, radius, vertices, middle, filled = OTHER, np.full(3, np.inf), 0.0, none, np.zeros(3), True
-    if isinstance(shape, coal.Box):
-        kind, half = BOX, np.array(shape.halfSide)
-    elif isinstance(shape, coal.Sphere):
-        kind, half, radius = BOX, np.zeros(3), float(shape.radius)
-    elif isinstance(shape, coal.Capsule):
-        kind, half, radius = BOX, np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
-    elif isinstance(shape, coal.Cylinder):
-        kind, half = CYLINDER, np.array([shape.radius, shape.radius, shape.halfLength])
-    elif isinstance(shape, coal.Halfspace):
-        return _half_space(part)
-    else:
-        points = _points(shape)
-        if points is not None and len(points):
+    kind, radius, filled = BOX, padding(geometry), True
+    rotation, position, vertices = pose[:3, :3], pose[:3, 3], _NONE
+    match geometry:
+        case Box():
+            half = np.array(geometry.size) / 2
+        case Sphere():
+            half, radius = np.zeros(3), geometry.radius
+        case Capsule():
+            half, radius = np.array([0.0, 0.0, geometry.length / 2]), geometry.radius
+        case Cylinder():
+            kind, half = CYLINDER, np.array([geometry.radius, geometry.radius, geometry.length / 2])
+        case HalfSpace():
+            half = np.full(3, VAST)
+            normal = rotation[:, 2]
+            rotation, position = _half_space(normal, geometry.offset + float(normal @ position))
+        case _:
+            points, filled = _points(geometry)
+            if not len(points):
+                return Solid(owner, joint, rotation, position, OTHER, np.full(3, np.inf), radius, _NONE)
             low, high = points.min(axis=0), points.max(axis=0)
             middle, half, kind = (low + high) / 2, (high - low) / 2, HULL
-            vertices, filled = _corners(points - middle), isinstance(shape, coal.ConvexBase)
-    rotation = np.array(pose.rotation)
-    position = rotation @ middle + np.array(pose.translation)
+            vertices, position = _corners(points - middle), rotation @ middle + position
     return Solid(
-        part.owner, int(part.item.parentJoint), read_only(rotation), read_only(position), kind,
-        read_only(half), radius + part.padding, read_only(vertices), filled,
+        owner, joint, read_only(rotation), read_only(position), kind, read_only(half), radius,
+        read_only(vertices), filled,
     )  # fmt: skip
 
 
-def _half_space(part: Part) -> Solid:
-    """Return a half-space n . x <= d as a box that holds all of it within VAST of the world's origin."""
-    pose, shape = part.item.placement, part.item.geometry
-    normal = np.array(pose.rotation) @ np.array(shape.n)
-    offset = float(shape.d) + float(normal @ np.array(pose.translation))
+_NONE = read_only(np.zeros((0, 3)))
+
+
+def _half_space(normal: Array, offset: float) -> tuple[Array, Array]:
+    """Return axes and center of a box that holds all of n . x <= d within VAST of the world's origin."""
     across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across /= np.linalg.norm(across)
-    rotation = np.column_stack([across, np.cross(normal, across), normal])
-    position = (offset - VAST) * normal
-    return Solid(
-        part.owner, int(part.item.parentJoint), read_only(rotation), read_only(position), BOX,
-        read_only(np.full(3, VAST)), part.padding, read_only(np.zeros((0, 3))),
-    )  # fmt: skip
+    return np.column_stack([across, np.cross(normal, across), normal]), (offset - VAST) * normal
 
 
-def _points(shape: Any) -> Array | None:
-    """Return the vertices of a convex polytope, a mesh or a cloud; None of anything else."""
+def _points(geometry: ConvexMesh | TriangleMesh | PointCloud | Mesh) -> tuple[Array, bool]:
+    """Return the points of a shape, none where they are not known, and whether it is their hull."""
     import coal
 
-    if isinstance(shape, coal.ConvexBase):
-        return np.array(shape.points()).reshape(-1, 3)
-    if isinstance(shape, coal.BVHModelBase):
-        return np.array(shape.vertices()).reshape(-1, 3)
-    return None
+    if isinstance(geometry, Mesh):
+        shape = coal_geometry(geometry)
+        if isinstance(shape, coal.ConvexBase):
+            return np.array(shape.points()).reshape(-1, 3), True
+        known = isinstance(shape, coal.BVHModelBase)
+        return np.array(shape.vertices()).reshape(-1, 3) if known else _NONE, False
+    points = geometry.points if isinstance(geometry, PointCloud) else geometry.vertices
+    return points, isinstance(geometry, ConvexMesh)
 
 
 def _corners(points: Array) -> Array:

@@ -4,15 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pepper_kin.collision.checker import CollisionChecker, checker_for
+from pepper_kin.collision.bodies import (
+    Body,
+    may_touch_in_world,
+    moving_bodies,
+    moving_pairs,
+    solid_objects,
+)
+from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
-from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, parts_of, solid_of
+from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, solid_of
 from pepper_kin.collision.scene import Scene
+from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.model import PepperModel
+
+
+@dataclass(frozen=True, eq=False)
+class MovingParts:
+    """The robot with what it holds: what is the same in all scenes.
+
+    Attributes:
+        bodies: The robot's, then those that hang on it.
+        solids: The same as compiled code sees them.
+        classes: Pairs (places in `solids`) of the robot with itself, by parts of the robot.
+    """
+
+    bodies: tuple[Body, ...]
+    solids: tuple[Solid, ...]
+    classes: tuple[tuple[tuple[int, int], ...], ...]
+
+    @cached_property
+    def supported(self) -> bool:
+        """Whether all solids of the robot have bounds."""
+        return all(solid.kind != OTHER for solid in self.solids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,26 +50,37 @@ class Structure:
     """What is compared.
 
     Attributes:
-        solids: The robot's solids.
-        objects: The scene's solids.
-        classes: Pairs (places in `solids`) of the robot with itself, by parts of the robot.
-        groups: Places in `solids` of what moves against the scene: solids of one joint that are compared with
-            the same objects, joint by joint, those of the world last.
-        compared: For each group, which objects it is compared with, shape (groups, objects).
-        resting: Numbers of the checker's pairs that never move against one another.
+        moving: The robot with what it holds.
+        groups: Places in `moving.solids` of what moves against the scene: solids of one joint that are
+            compared with the same objects, joint by joint.
+        items: The scene's objects.
+        objects: The same as compiled code sees them.
+        sets: Places in `objects`, shape (k,), and the groups that they are compared with: each object once.
+        resting: Places in `moving.solids` and `objects` of pairs that never move against one another, shape
+            (k, 2).
     """
 
-    solids: tuple[Solid, ...]
-    objects: tuple[Solid, ...]
-    classes: tuple[tuple[tuple[int, int], ...], ...]
+    moving: MovingParts
     groups: tuple[tuple[int, ...], ...]
-    compared: np.ndarray
-    resting: tuple[int, ...]
+    items: tuple[SceneObject, ...]
+    objects: tuple[Solid, ...]
+    sets: tuple[tuple[NDArray[np.intp], frozenset[int]], ...]
+    resting: NDArray[np.intp]
+
+    @cached_property
+    def decided(self) -> bool:
+        """Whether all shapes are convex solids."""
+        return all(solid.filled and solid.kind != OTHER for solid in (*self.solids, *self.objects))
 
     @property
-    def supported(self) -> bool:
-        """Whether all solids of the robot have bounds."""
-        return all(solid.kind != OTHER for solid in self.solids)
+    def solids(self) -> tuple[Solid, ...]:
+        """The robot's solids."""
+        return self.moving.solids
+
+    @property
+    def classes(self) -> tuple[tuple[tuple[int, int], ...], ...]:
+        """Pairs of the robot with itself."""
+        return self.moving.classes
 
 
 def structure_of(checker: CollisionChecker) -> Structure:
@@ -49,37 +90,64 @@ def structure_of(checker: CollisionChecker) -> Structure:
 
 @lru_cache(maxsize=32)
 def _structure(pepper: PepperModel, scene: Scene) -> Structure:
-    checker = checker_for(pepper, scene)
-    parts = parts_of(checker)
-    all_solids = tuple(solid_of(part) for part in parts)
-    count = sum(not part.in_world for part in parts)
-    limbs = _limbs(checker.pepper)
-    classes: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    met: dict[int, set[int]] = {}
-    resting = []
-    for number, (i, j) in enumerate(zip(*checker._pairs, strict=True)):
-        a, b = all_solids[i].joint, all_solids[j].joint
-        if a == b:
-            resting.append(number)
-        elif j < count:
-            classes.setdefault((limbs[a], limbs[b]), []).append((int(i), int(j)))
-        else:
-            met.setdefault(int(i), set()).add(int(j) - count)
-    groups: dict[tuple[int, frozenset[int]], list[int]] = {}
-    for i, objects in met.items():
-        groups.setdefault((all_solids[i].joint, frozenset(objects)), []).append(i)
-    in_order = sorted(groups, key=lambda group: group[0] or len(limbs))
-    compared = np.zeros((len(groups), len(all_solids) - count), dtype=bool)
-    for row, (_, together) in zip(compared, in_order, strict=True):
-        row[list(together)] = True
+    attached = tuple(scene.attached.values())
+    held = frozenset(pair for pair in scene.allowed if attached and not scene.objects.keys() & set(pair))
+    moving, items = _moving(pepper, attached, held), tuple(solid_objects(scene))
+    allowed, none = may_touch_in_world(scene), frozenset[str]()
+    together: dict[tuple[int, frozenset[str]], list[int]] = {}
+    for i, solid in enumerate(moving.solids):
+        together.setdefault((solid.joint, allowed.get(solid.owner, none)), []).append(i)
+    in_order = sorted((key for key in together if key[0] > 0), key=lambda key: key[0])
+    apart: dict[str, set[int]] = {}
+    for g, (_, names) in enumerate(in_order):
+        for name in names:
+            apart.setdefault(name, set()).add(g)
+    every, sets = frozenset(range(len(in_order))), dict[frozenset[int], list[int]]()
+    for o, item in enumerate(items):
+        groups = every - apart[item.name] if item.name in apart else every
+        sets.setdefault(groups, []).append(o)
+    resting = [
+        (i, o)
+        for (joint, names), members in together.items()
+        if joint == 0
+        for o, item in enumerate(items)
+        if item.name not in names
+        for i in members
+    ]
     return Structure(
-        all_solids[:count],
-        all_solids[count:],
-        tuple(tuple(pairs) for pairs in classes.values()),
-        tuple(tuple(groups[group]) for group in in_order),
-        compared,
-        tuple(resting),
+        moving,
+        tuple(tuple(together[key]) for key in in_order),
+        items,
+        tuple(map(_solid_of_object, items)),
+        tuple((np.array(objects, np.intp), groups) for groups, objects in sets.items()),
+        np.array(resting, np.intp).reshape(-1, 2),
     )
+
+
+@lru_cache(maxsize=64)
+def _moving(
+    pepper: PepperModel, attached: tuple[AttachedObject, ...], allowed: frozenset[tuple[str, str]]
+) -> MovingParts:
+    bodies = moving_bodies(pepper, attached)
+    scene = Scene(attached={item.name: item for item in attached}, allowed=allowed)
+    limbs = _limbs(pepper)
+    classes: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for i, j in moving_pairs(pepper, scene, bodies):
+        classes.setdefault((limbs[bodies[i].joint], limbs[bodies[j].joint]), []).append((i, j))
+    solids = tuple(solid_of(body.owner, body.geometry, body.joint, body.pose) for body in bodies)
+    return MovingParts(bodies, solids, tuple(tuple(pairs) for pairs in classes.values()))
+
+
+_solids: WeakKeyDictionary[SceneObject, Solid] = WeakKeyDictionary()
+
+
+def _solid_of_object(item: SceneObject) -> Solid:
+    """Return an object of the world as compiled code sees it, made once for all scenes that hold it."""
+    found = _solids.get(item)
+    if found is None:
+        made = solid_of(item.name, item.geometry, 0, item.transform_object_to_world)
+        found = _solids[item] = made
+    return found
 
 
 def _limbs(pepper: PepperModel) -> list[int]:

@@ -40,12 +40,15 @@ BODY_WORDS, FRAME_SINGLES = 11, 14
 """Numbers of a body: pose it hangs on, slides, coordinate, moves, first group, end of groups, coarse ball,
 first ball, end of balls, first core, end of cores.  Of its frame: rotation row by row, origin, then gain
 and offset of its own coordinate."""
-GROUP_WORDS, BALL_SINGLES = 6, 5
-"""Numbers of a group: body, coarse ball, first ball, end of balls, first object, end of objects.  Of a ball:
-centre, outer radius, inner radius."""
+GROUP_WORDS, BALL_SINGLES = 5, 5
+"""Numbers of a group: body, coarse ball, first ball, end of balls, whether it is checked.  Of a ball: centre,
+outer radius, inner radius."""
 OBJECT_SINGLES = 19
-"""Numbers of an object: kind, radius, whether inner balls count, half lengths, centre, x, y and z axis,
-radius of the ball around its core."""
+"""Numbers of an object: kind, outer radius, inner radius, half lengths, centre, x, y and z axis, radius of
+the ball around all of it."""
+NODE_SINGLES, ROOT_WORDS = 9, 2
+"""Numbers of a node of a tree of boxes, its branches behind it: least and greatest corner, the node behind
+all its branches, first and end of its own objects.  Of a tree: its first node and the end of its nodes."""
 LINK_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 3, 2
 """Numbers of a pair of bodies: the one with balls, its coarse ball, the one with cores, its coarse ball, the
 square of the distance at which these touch (a float32), class, first and end of its rows in SIDES; of a row
@@ -72,6 +75,8 @@ class Tables(NamedTuple):
     groups: int
     balls: int
     lists: int
+    roots: int
+    nodes: int
     objects: int
     links: int
     sides: int
@@ -84,12 +89,13 @@ class Tables(NamedTuple):
     group_doubts: int
     class_doubts: int
     doubtful: int
+    margin: float
 
 
 @compiled
 def tables_of(memory: at.Array) -> Tables:
-    """Return the tables of a block."""
-    numbers, here = at.section(memory, at.NUMBERS), at.address_of
+    """Return the tables of a block and of its scene."""
+    numbers, here, scene = at.section(memory, at.NUMBERS), at.address_of, at.scene_of(memory)
     return Tables(
         int(numbers[at.BODY_COUNT]),
         int(numbers[at.GROUP_COUNT]),
@@ -100,8 +106,10 @@ def tables_of(memory: at.Array) -> Tables:
         here(memory, at.FLAGS),
         here(memory, at.GROUPS),
         here(memory, at.BALLS),
-        here(memory, at.OBJECT_LISTS),
-        here(memory, at.OBJECTS),
+        here(scene, at.ROOT_LISTS),
+        here(scene, at.ROOTS),
+        here(scene, at.NODES),
+        here(scene, at.OBJECTS),
         here(memory, at.LINKS),
         here(memory, at.SIDES),
         here(memory, at.RANGES),
@@ -113,6 +121,7 @@ def tables_of(memory: at.Array) -> Tables:
         here(memory, at.GROUP_DOUBTS),
         here(memory, at.CLASS_DOUBTS),
         here(memory, at.DOUBTFUL),
+        numbers[at.MARGIN],
     )
 
 
@@ -281,41 +290,67 @@ def _place_cores(t: Tables, b: int) -> None:
 
 
 @compiled(inline=True, lean=True)
+def box_distance(node: int, x: Any, y: Any, z: Any) -> Any:
+    """Return the squared distance of points to the box of a node at an address [m^2]."""
+    zero = spread(0.0)
+    dx = lane_maximum(lane_maximum(single_at(node) - x, x - single_at(node + 12)), zero)
+    dy = lane_maximum(lane_maximum(single_at(node + 4) - y, y - single_at(node + 16)), zero)
+    dz = lane_maximum(lane_maximum(single_at(node + 8) - z, z - single_at(node + 20)), zero)
+    return dx * dx + dy * dy + dz * dz
+
+
+@compiled(inline=True, lean=True)
 def _check_group(t: Tables, g: int, settled: int) -> int:
-    """Compare the balls of a group with the objects of its list; return the lanes in contact.
+    """Compare the balls of a group with the objects of its trees; return the lanes in contact.
 
     Lanes in doubt are written to `group_doubts` and noted in `doubtful`.
     """
     words = t.groups + 8 * GROUP_WORDS * g
+    if word_at(words + 32) == 0:
+        return settled
     b, coarse = word_at(words), t.balls + 4 * BALL_SINGLES * word_at(words + 8)
-    first, end = word_at(words + 16), word_at(words + 24)
+    first, last = word_at(words + 16), word_at(words + 24)
     pose = t.poses + POSE_BYTES * (b + 1)
     x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
-    reach = single_at(coarse + 12)
+    reach, margin = single_at(coarse + 12) + t.margin, t.margin
     contact, doubt = settled, 0
-    for k in range(word_at(words + 32), word_at(words + 40)):
-        item = t.objects + 4 * OBJECT_SINGLES * word_at(t.lists + 8 * k)
-        radius = single_at(item + 4)
-        wide = reach + radius + single_at(item + 72)
-        dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
-        if (lanes_below(dx * dx + dy * dy + dz * dz, spread(wide * wide)) & ~contact) == 0:
-            continue
-        near = lanes_below(squared_distance(item, x, y, z), spread((reach + radius) * (reach + radius)))
-        if (near & ~contact) == 0:
-            continue
-        _center_body(t, b)
-        exact = single_at(item + 8) > 0.0
-        for i in range(first, end):
-            ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-            squared = squared_distance(
-                item, load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
-            )
-            outer, inner = single_at(ball + 12) + radius, single_at(ball + 16) + radius
-            touched = lanes_below(squared, spread(outer * outer))
-            if touched != 0:
-                doubt |= touched
-                if exact and inner > 0.0:
-                    contact |= lanes_below(squared, spread(inner * inner))
+    for r in range(word_at(t.lists + 8 * g), word_at(t.lists + 8 * g + 8)):
+        n, end = word_at(t.roots + 8 * ROOT_WORDS * r), word_at(t.roots + 8 * ROOT_WORDS * r + 8)
+        alone = n + 1 == end  # a tree of one node is not worth a look at its box
+        while n < end:
+            node = t.nodes + 4 * NODE_SINGLES * n
+            if (
+                not alone
+                and (lanes_below(box_distance(node, x, y, z), spread(reach * reach)) & ~contact) == 0
+            ):
+                n = int(single_at(node + 24))
+                continue
+            for k in range(int(single_at(node + 28)), int(single_at(node + 32))):
+                item = t.objects + 4 * OBJECT_SINGLES * k
+                wide = reach + single_at(item + 72)
+                dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
+                if (lanes_below(dx * dx + dy * dy + dz * dz, spread(wide * wide)) & ~contact) == 0:
+                    continue
+                wide = reach + single_at(item + 4)
+                if (lanes_below(squared_distance(item, x, y, z), spread(wide * wide)) & ~contact) == 0:
+                    continue
+                _center_body(t, b)
+                outside, inside = single_at(item + 4) + margin, single_at(item + 8) + margin
+                for i in range(first, last):
+                    ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+                    squared = squared_distance(
+                        item,
+                        load_lanes(place),
+                        load_lanes(place + LANE_BYTES),
+                        load_lanes(place + 2 * LANE_BYTES),
+                    )
+                    outer, inner = single_at(ball + 12) + outside, single_at(ball + 16) + inside
+                    touched = lanes_below(squared, spread(outer * outer))
+                    if touched != 0:
+                        doubt |= touched
+                        if inner > 0.0:
+                            contact |= lanes_below(squared, spread(inner * inner))
+            n += 1
     if doubt != 0:
         store_word(t.group_doubts + 8 * g, doubt)
         store_word(t.doubtful, 1)

@@ -1,4 +1,8 @@
-"""One block of doubles with all that compiled checking needs: sections of constants and of room."""
+"""Blocks of doubles with all that compiled checking needs: sections of constants and of room.
+
+One block is a robot's, with room to work in, one for each thread; the other is a scene's, which is only read
+and is named in the first by its address.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -28,8 +33,10 @@ ALIGNMENT = 8
     FRAMES,
     GROUPS,
     BALLS,
-    OBJECT_LISTS,
     OBJECTS,
+    NODES,
+    ROOTS,
+    ROOT_LISTS,
     LINKS,
     SIDES,
     RANGES,
@@ -44,7 +51,6 @@ ALIGNMENT = 8
     PAIR_FIRST,
     PAIRS,
     GROUP_SOLIDS,
-    GROUP_OBJECTS,
     FROZEN,
     FREE,
     EFFORT,
@@ -68,9 +74,9 @@ ALIGNMENT = 8
     SOLID_POSES,
     AXES,
     GRAVITY,
-) = range(48)
-"""Sections, in order; `collision/fast/prepared.py` says what is in each."""
-SECTIONS = 48
+) = range(49)
+"""Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
+SECTIONS = 49
 
 BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
@@ -81,14 +87,15 @@ BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
     GROUP_COUNT,
     BODY_COUNT,
     LINK_COUNT,
-    OBJECT_COUNT,
     SELF_MARGIN,
     MARGIN,
     GRAVITY_KERNEL,
     BLOCKED,
-) = range(10)
-"""Places in the section NUMBERS."""
-NUMBERS_SIZE = 10
+    SCENE,
+    SCENE_SIZE,
+) = range(11)
+"""Places in the section NUMBERS.  SCENE and SCENE_SIZE are the address and the size of the scene's block."""
+NUMBERS_SIZE = 11
 
 
 @compiled
@@ -101,6 +108,13 @@ def section(memory: Array, which: int) -> Array:
 def section_single(memory: Array, which: int) -> NDArray[np.float32]:
     """Return a section of the block as floats."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.float32)
+
+
+@compiled
+def scene_of(memory: Array) -> Array:
+    """Return the block of the scene that a robot's block names."""
+    numbers = section(memory, NUMBERS)
+    return floats_at(int(numbers[SCENE]), int(numbers[SCENE_SIZE]))
 
 
 @compiled(inline=True)
@@ -120,17 +134,15 @@ def pack(sections: dict[int, Array]) -> Array:
 
     Its first numbers are the beginning and end of each section.
     """
-    place = _round_up(2 * SECTIONS)
-    spans = np.zeros(2 * SECTIONS)
+    place, spans = _round_up(2 * SECTIONS), []
     for which in range(SECTIONS):
         size = sections[which].size if which in sections else 0
-        spans[2 * which : 2 * which + 2] = place, place + size
+        spans += [place, place + size]
         place += _round_up(size)
     block = np.zeros(place)
     block[: 2 * SECTIONS] = spans
     for which, values in sections.items():
-        first, last = int(spans[2 * which]), int(spans[2 * which + 1])
-        block[first:last] = np.ravel(values)
+        block[spans[2 * which] : spans[2 * which + 1]] = values.ravel()
     return block
 
 

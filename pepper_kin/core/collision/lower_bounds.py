@@ -12,17 +12,20 @@ from pepper_kin.core.collision.ball_check import (
     CORE_SINGLES,
     GROUP_WORDS,
     LINK_WORDS,
+    NODE_SINGLES,
     OBJECT_SINGLES,
     RANGE_WORDS,
+    ROOT_WORDS,
     SIDE_WORDS,
     Tables,
+    box_distance,
     core_distance,
     place_all,
     squared_distance,
     tables_of,
 )
-from pepper_kin.core.collision.layout import ROOM, Array, section, section_single
-from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, pair_distance, place_solids
+from pepper_kin.core.collision.layout import ROOM, Array, section, section_bits, section_single
+from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, ball_meets, pair_distance, place_solids
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
     LANE_BYTES,
@@ -85,25 +88,33 @@ def _link_bound(t: Tables, k: int, least: Any) -> Any:
 
 @compiled(lean=True)
 def _group_bound(t: Tables, g: int) -> Any:
-    """Return in lanes how far the balls of a group are from the objects of its list."""
+    """Return in lanes how far the balls of a group are from the objects of its trees."""
     words = t.groups + 8 * GROUP_WORDS * g
     coarse = word_at(words + 8)
     reach = single_at(t.balls + 4 * BALL_SINGLES * coarse + 12)
     place = t.centers + 3 * LANE_BYTES * coarse
     x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
     least = spread(FAR)
-    for k in range(word_at(words + 32), word_at(words + 40)):
-        item = t.objects + 4 * OBJECT_SINGLES * word_at(t.lists + 8 * k)
-        radius = single_at(item + 4)
-        apart = lane_sqrt(squared_distance(item, x, y, z)) - reach - radius
-        if lanes_below(apart, least) == 0:
-            continue
-        for i in range(word_at(words + 16), word_at(words + 24)):
-            ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-            squared = squared_distance(
-                item, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-            )
-            least = lane_minimum(least, _less_reach(squared, single_at(ball + 12) + radius))
+    for r in range(word_at(t.lists + 8 * g), word_at(t.lists + 8 * g + 8)):
+        n, end = word_at(t.roots + 8 * ROOT_WORDS * r), word_at(t.roots + 8 * ROOT_WORDS * r + 8)
+        while n < end:
+            node = t.nodes + 4 * NODE_SINGLES * n
+            if lanes_below(lane_sqrt(box_distance(node, x, y, z)) - reach, least) == 0:
+                n = int(single_at(node + 24))
+                continue
+            for k in range(int(single_at(node + 28)), int(single_at(node + 32))):
+                item = t.objects + 4 * OBJECT_SINGLES * k
+                radius = single_at(item + 4)
+                apart = lane_sqrt(squared_distance(item, x, y, z)) - reach - radius
+                if lanes_below(apart, least) == 0:
+                    continue
+                for i in range(word_at(words + 16), word_at(words + 24)):
+                    ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+                    squared = squared_distance(
+                        item, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+                    )
+                    least = lane_minimum(least, _less_reach(squared, single_at(ball + 12) + radius))
+            n += 1
     return least
 
 
@@ -118,19 +129,41 @@ def _write(memory: Array, least: Any, bounds: Array, first: int, count: int, par
 
 
 @compiled
-def _sharpen(memory: Array, bounds: Array, q: Array) -> None:
-    """Raise those bounds of a configuration that are small, by exact distances."""
-    numbers, solids, poses = (
-        section(memory, at.NUMBERS),
-        section(memory, at.SOLIDS),
-        section(memory, at.SOLID_POSES),
+def _group_distance(memory: Array, scene: Array, g: int) -> float:
+    """Return a lower bound of the distance of a group's solids, which are placed, to the scene [m]."""
+    members, lists, roots = (
+        section(memory, at.GROUP_SOLIDS),
+        section_bits(scene, at.ROOT_LISTS),
+        section_bits(scene, at.ROOTS),
     )
-    first, pairs, members = (
+    nodes, least = section_single(scene, at.NODES), math.inf
+    solids, poses = section(memory, at.SOLIDS), section(memory, at.SOLID_POSES)
+    for k in range(members.size // 2):
+        if int(members[2 * k]) != g:
+            continue
+        a = int(members[2 * k + 1])
+        for r in range(lists[g], lists[g + 1]):
+            n, end = roots[ROOT_WORDS * r], roots[ROOT_WORDS * r + 1]
+            while n < end:
+                node = nodes[NODE_SINGLES * n : NODE_SINGLES * (n + 1)]
+                reach = solids[SOLID_SIZE * a + 2] + max(least, 0.0)
+                if not ball_meets(node, poses[12 * a : 12 * a + 3], reach):
+                    n = int(node[6])
+                    continue
+                for o in range(int(node[7]), int(node[8])):
+                    least = min(least, pair_distance(memory, scene, a, o, least))
+                n += 1
+    return least
+
+
+@compiled
+def _sharpen(memory: Array, scene: Array, bounds: Array, q: Array) -> None:
+    """Raise those bounds of a configuration that are small, by exact distances."""
+    numbers, first, pairs = (
+        section(memory, at.NUMBERS),
         section(memory, at.PAIR_FIRST),
         section(memory, at.PAIRS),
-        section(memory, at.GROUP_SOLIDS),
     )
-    compared, objects = section(memory, at.GROUP_OBJECTS), int(numbers[at.OBJECT_COUNT])
     classes, groups = int(numbers[at.CLASS_COUNT]), int(numbers[at.GROUP_COUNT])
     if bounds.size == 0 or bounds.min() > SMALL:
         return
@@ -140,22 +173,11 @@ def _sharpen(memory: Array, bounds: Array, q: Array) -> None:
             continue
         least = math.inf
         for k in range(int(first[c]), int(first[c + 1])):
-            least = min(
-                least, pair_distance(memory, solids, poses, int(pairs[2 * k]), int(pairs[2 * k + 1]), least)
-            )
+            least = min(least, pair_distance(memory, memory, int(pairs[2 * k]), int(pairs[2 * k + 1]), least))
         bounds[c] = max(bounds[c], least)
     for g in range(groups):
-        if bounds[classes + g] > SMALL:
-            continue
-        least = math.inf
-        for k in range(members.size // 2):
-            for o in range(objects):
-                if int(members[2 * k]) == g and compared[o * groups + g] > 0:
-                    b = solids.size // SOLID_SIZE - objects + o
-                    least = min(
-                        least, pair_distance(memory, solids, poses, int(members[2 * k + 1]), b, least)
-                    )
-        bounds[classes + g] = max(bounds[classes + g], least)
+        if bounds[classes + g] <= SMALL:
+            bounds[classes + g] = max(bounds[classes + g], _group_distance(memory, scene, g))
 
 
 @compiled("void(float64[::1], float64[:, ::1], float64[:, ::1])")
@@ -167,7 +189,7 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
         q: Configurations, shape (m, n).
         bounds: Written, shape (m, classes + groups).
     """
-    coordinates, n = section_single(memory, at.COORDINATES), q.shape[1]
+    coordinates, n, scene = section_single(memory, at.COORDINATES), q.shape[1], at.scene_of(memory)
     for start in range(0, q.shape[0], ROOM):
         count = min(ROOM, q.shape[0] - start)
         t = tables_of(memory)
@@ -186,4 +208,4 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
             for g in range(t.group_count):
                 _write(memory, _group_bound(t, g), bounds, start + first, filled, t.class_count + g)
         for i in range(count):
-            _sharpen(memory, bounds[start + i], q[start + i])
+            _sharpen(memory, scene, bounds[start + i], q[start + i])

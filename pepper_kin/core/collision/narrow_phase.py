@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
 from pepper_kin.core.collision.layout import (
     AXES,
     BOX,
     CLASS_COUNT,
     FULL,
-    GROUP_COUNT,
-    GROUP_OBJECTS,
     GROUP_SOLIDS,
     JOINT_AXES,
     JOINT_POSES,
     JOINTS,
     MARGIN,
+    NODES,
     NUMBERS,
-    OBJECT_COUNT,
     OTHER,
     PAIR_FIRST,
     PAIRS,
     Q_FULL,
+    ROOT_LISTS,
+    ROOTS,
     ROW_CLASSES,
     ROW_GROUPS,
     SELF_MARGIN,
@@ -35,8 +39,10 @@ from pepper_kin.core.collision.layout import (
     VERTICES,
     Array,
     N,
+    scene_of,
     section,
     section_bits,
+    section_single,
 )
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 from pepper_kin.core.kinematic_tree import JOINT, compose, place_joints
@@ -65,12 +71,25 @@ def _vertices(memory: Array, a: int) -> Floats2:
 
 
 @compiled
-def _pair(memory: Array, solids: Array, poses: Array, a: int, b: int, margin: float, slot: int) -> int:
-    """Return the verdict on two solids of the section SOLIDS; `slot` is their place in AXES."""
-    pose_a, pose_b = poses[12 * a : 12 * a + 12], poses[12 * b : 12 * b + 12]
+def ball_meets(node: NDArray[np.float32], center: Array, reach: float) -> bool:
+    """Whether a ball meets the box of a node of a tree."""
+    squared = 0.0
+    for i in range(3):
+        off = max(max(node[i] - center[i], center[i] - node[3 + i]), 0.0)
+        squared += off * off
+    return squared <= reach * reach
+
+
+@compiled
+def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int) -> int:
+    """Return the verdict on a solid of a block and one of another; `slot` is their place in AXES."""
+    pose_a, pose_b = (
+        section(memory, SOLID_POSES)[12 * a : 12 * a + 12],
+        section(other, SOLID_POSES)[12 * b : 12 * b + 12],
+    )
     row_a, row_b = (
-        solids[SOLID_SIZE * a : SOLID_SIZE * (a + 1)],
-        solids[SOLID_SIZE * b : SOLID_SIZE * (b + 1)],
+        section(memory, SOLIDS)[SOLID_SIZE * a : SOLID_SIZE * (a + 1)],
+        section(other, SOLIDS)[SOLID_SIZE * b : SOLID_SIZE * (b + 1)],
     )
     x, y, z = pose_a[0] - pose_b[0], pose_a[1] - pose_b[1], pose_a[2] - pose_b[2]
     reach = row_a[2] + row_b[2] + margin + TIE_WIDTH
@@ -78,8 +97,10 @@ def _pair(memory: Array, solids: Array, poses: Array, a: int, b: int, margin: fl
         return FREE
     if row_a[0] == OTHER or row_b[0] == OTHER:
         return TIE
-    halves = section(memory, SOLID_HALF)
-    half_a, half_b = halves[3 * a : 3 * a + 3], halves[3 * b : 3 * b + 3]
+    half_a, half_b = (
+        section(memory, SOLID_HALF)[3 * a : 3 * a + 3],
+        section(other, SOLID_HALF)[3 * b : 3 * b + 3],
+    )
     threshold = row_a[1] + row_b[1] + margin
     thin_a = row_a[0] == BOX and half_a[0] == 0.0 and half_a[1] == 0.0
     thin_b = row_b[0] == BOX and half_b[0] == 0.0 and half_b[1] == 0.0
@@ -97,7 +118,7 @@ def _pair(memory: Array, solids: Array, poses: Array, a: int, b: int, margin: fl
         axes = section(memory, AXES)
         axis = axes[3 * (slot % (axes.size // 3)) :][:3]
         core_a = ConvexCore(row_a[0], half_a, pose_a, _vertices(memory, a))
-        core_b = ConvexCore(row_b[0], half_b, pose_b, _vertices(memory, b))
+        core_b = ConvexCore(row_b[0], half_b, pose_b, _vertices(other, b))
         verdict = nearer_than(core_a, core_b, threshold, TIE_WIDTH, axis)
     if verdict == CONTACT and (row_a[3] == 0.0 or row_b[3] == 0.0):
         return TIE
@@ -105,21 +126,23 @@ def _pair(memory: Array, solids: Array, poses: Array, a: int, b: int, margin: fl
 
 
 @compiled
-def pair_distance(memory: Array, solids: Array, poses: Array, a: int, b: int, least: float) -> float:
+def pair_distance(memory: Array, other: Array, a: int, b: int, least: float) -> float:
     """Return a lower bound of the distance of two solids [m]: exact where one core is a segment, or -inf.
 
     Args:
-        memory: The block.
-        solids: Its section SOLIDS.
-        poses: Its section SOLID_POSES.
-        a: A solid.
-        b: Another.
+        memory: A block.
+        other: Another, or the same.
+        a: A solid of the first.
+        b: A solid of the second.
         least: Distances above this need not be known.
     """
-    pose_a, pose_b = poses[12 * a : 12 * a + 12], poses[12 * b : 12 * b + 12]
+    pose_a, pose_b = (
+        section(memory, SOLID_POSES)[12 * a : 12 * a + 12],
+        section(other, SOLID_POSES)[12 * b : 12 * b + 12],
+    )
     row_a, row_b = (
-        solids[SOLID_SIZE * a : SOLID_SIZE * (a + 1)],
-        solids[SOLID_SIZE * b : SOLID_SIZE * (b + 1)],
+        section(memory, SOLIDS)[SOLID_SIZE * a : SOLID_SIZE * (a + 1)],
+        section(other, SOLIDS)[SOLID_SIZE * b : SOLID_SIZE * (b + 1)],
     )
     x, y, z = pose_a[0] - pose_b[0], pose_a[1] - pose_b[1], pose_a[2] - pose_b[2]
     rough = math.sqrt(x * x + y * y + z * z) - row_a[2] - row_b[2]
@@ -127,8 +150,10 @@ def pair_distance(memory: Array, solids: Array, poses: Array, a: int, b: int, le
         return rough
     if row_a[0] != BOX or row_b[0] != BOX:
         return -math.inf
-    halves = section(memory, SOLID_HALF)
-    half_a, half_b = halves[3 * a : 3 * a + 3], halves[3 * b : 3 * b + 3]
+    half_a, half_b = (
+        section(memory, SOLID_HALF)[3 * a : 3 * a + 3],
+        section(other, SOLID_HALF)[3 * b : 3 * b + 3],
+    )
     thin_a, thin_b = half_a[0] == 0.0 and half_a[1] == 0.0, half_b[0] == 0.0 and half_b[1] == 0.0
     if thin_a and thin_b:
         distance = segment_to_segment(pose_a, half_a[2], pose_b, half_b[2])
@@ -161,6 +186,29 @@ def place_solids(memory: Array, q: Array) -> None:
 
 
 @compiled
+def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -> int:
+    """Return the verdict on a solid of a group and the scene, whose pairs are in AXES from `slot` on."""
+    lists, roots = section_bits(scene, ROOT_LISTS), section_bits(scene, ROOTS)
+    nodes, margin, worst = section_single(scene, NODES), section(memory, NUMBERS)[MARGIN], FREE
+    center = section(memory, SOLID_POSES)[12 * a : 12 * a + 3]
+    reach = section(memory, SOLIDS)[SOLID_SIZE * a + 2] + margin + TIE_WIDTH
+    for r in range(lists[group], lists[group + 1]):
+        n, end = roots[ROOT_WORDS * r], roots[ROOT_WORDS * r + 1]
+        while n < end:
+            node = nodes[NODE_SINGLES * n : NODE_SINGLES * (n + 1)]
+            if not ball_meets(node, center, reach):
+                n = int(node[6])
+                continue
+            for o in range(int(node[7]), int(node[8])):
+                verdict = _pair(memory, scene, a, o, margin, slot + o)
+                if verdict == CONTACT:
+                    return CONTACT
+                worst = max(worst, verdict)
+            n += 1
+    return worst
+
+
+@compiled
 def _verdict(memory: Array, classes: int, groups: int) -> int:
     """Return FREE, CONTACT, or TIE where some pair is too near to the threshold to tell and none is nearer.
 
@@ -169,29 +217,22 @@ def _verdict(memory: Array, classes: int, groups: int) -> int:
         classes: Bits of the classes of pairs in doubt; bit 61 stands for all from there on.
         groups: Bits of the groups of solids in doubt about the scene; the same.
     """
-    numbers, solids, poses = section(memory, NUMBERS), section(memory, SOLIDS), section(memory, SOLID_POSES)
-    objects, count_groups, worst = int(numbers[OBJECT_COUNT]), int(numbers[GROUP_COUNT]), FREE
-    count = solids.size // SOLID_SIZE - objects
+    numbers, scene, worst = section(memory, NUMBERS), scene_of(memory), FREE
     first, pairs, margin = section(memory, PAIR_FIRST), section(memory, PAIRS), numbers[SELF_MARGIN]
     for c in range(int(numbers[CLASS_COUNT])):
         if not (classes >> min(c, 61)) & 1:
             continue
         for k in range(int(first[c]), int(first[c + 1])):
-            verdict = _pair(memory, solids, poses, int(pairs[2 * k]), int(pairs[2 * k + 1]), margin, k)
+            verdict = _pair(memory, memory, int(pairs[2 * k]), int(pairs[2 * k + 1]), margin, k)
             if verdict == CONTACT:
                 return CONTACT
             worst = max(worst, verdict)
-    members, compared = section(memory, GROUP_SOLIDS), section(memory, GROUP_OBJECTS)
-    margin = numbers[MARGIN]
+    members, objects = section(memory, GROUP_SOLIDS), section(scene, SOLIDS).size // SOLID_SIZE
     for k in range(members.size // 2):
-        group, a = int(members[2 * k]), int(members[2 * k + 1])
-        if not (groups >> min(group, 61)) & 1:
-            continue
-        for o in range(objects):
-            if compared[o * count_groups + group] == 0.0:
-                continue
-            slot = pairs.size // 2 + k * objects + o
-            verdict = _pair(memory, solids, poses, a, count + o, margin, slot)
+        group = int(members[2 * k])
+        if (groups >> min(group, 61)) & 1:
+            slot = pairs.size // 2 + k * objects
+            verdict = _scene_verdict(memory, scene, group, int(members[2 * k + 1]), slot)
             if verdict == CONTACT:
                 return CONTACT
             worst = max(worst, verdict)

@@ -1,0 +1,168 @@
+"""The block of constants of a scene: its objects, in trees of boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Sized
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision.fast.rounding import Rounding
+from pepper_kin.collision.fast.solids import OTHER, ROW, Array, Solid
+from pepper_kin.collision.fast.structure import Structure
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES
+from pepper_kin.core.collision.layout import BOX, CYLINDER
+
+NO_INNER = -1e3
+"""Inner radius of what no ball is known to lie in [m]."""
+VAST = 1e6
+"""Half length that stands for one without bounds [m]."""
+FEW = 12
+"""Objects in a tree that is one leaf;"""
+LEAF = 4
+"""those in a leaf of any other tree, at most."""
+LARGE = 8.0
+"""Objects longer than this many times the median get a tree of their own: they would widen all boxes."""
+
+
+def scene_block(structure: Structure, rounding: Rounding) -> Array:
+    """Return the block of a scene as one robot sees it, at a multiple of 64 bytes, not to be written to."""
+    solids = structure.objects
+    rows = np.array([solid.row for solid in solids]).reshape(-1, ROW)
+    kinds, radii, corners, halves = rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 5:8]
+    slack = rounding.comparing(corners + radii)
+    outer = radii + slack
+    bounded = np.minimum(halves, VAST)
+    lengths = (np.abs(rows[:, 11:].reshape(-1, 3, 3)) * bounded[:, :, None]).sum(axis=1) + outer[:, None]
+    lows, highs = rows[:, 8:11] - lengths, rows[:, 8:11] + lengths
+    order: list[NDArray[np.intp]] = []
+    trees: list[tuple[Array, frozenset[int]]] = []
+    placed = 0
+    for members, groups in structure.sets:
+        for part in _by_length(members, lengths):
+            own, nodes = box_tree(lows[part], highs[part])
+            nodes[:, 6] += sum(len(tree) for tree, _ in trees)
+            nodes[:, 7:] += placed
+            placed += len(part)
+            order.append(part[own])
+            trees.append((nodes, groups))
+    chosen = np.concatenate([np.zeros(0, np.intp), *order])
+    items = np.empty((len(solids), OBJECT_SINGLES), np.float32)
+    items[:, 0], items[:, 1] = kinds, outer
+    items[:, 2] = np.where((kinds == BOX) | (kinds == CYLINDER), radii - slack, NO_INNER)
+    items[:, 3:6], items[:, 6:18] = bounded, rows[:, 8:]
+    items[:, 18] = np.where(kinds == OTHER, VAST, corners) + outer
+    first = np.cumsum([0, *(len(nodes) for nodes, _ in trees)])
+    lists = [[r for r, (_, met) in enumerate(trees) if g in met] for g in range(len(structure.groups))]
+    nodes = np.concatenate([np.zeros((0, NODE_SINGLES)), *(nodes for nodes, _ in trees)])
+    sections = {
+        at.OBJECTS: singles(items[chosen]),
+        at.NODES: singles(nodes),
+        **_root_lists(first, lists),
+        **solid_sections([solids[o] for o in chosen.tolist()]),
+    }
+    block = at.aligned_copy(at.pack(sections))
+    block.setflags(write=False)
+    return block
+
+
+def _root_lists(first: NDArray[np.int64], lists: list[list[int]]) -> dict[int, Array]:
+    """Return the trees of each group, one after the other, with where each group's begin."""
+    listed = np.array([r for some in lists for r in some], np.int64)
+    roots = np.stack([first[listed], first[listed + 1]], axis=1)
+    return {at.ROOTS: words(roots), at.ROOT_LISTS: words(firsts(lists))}
+
+
+def _by_length(members: NDArray[np.intp], lengths: Array) -> list[NDArray[np.intp]]:
+    """Return places of objects, those much longer than most apart."""
+    if len(members) <= FEW:
+        return [members]
+    longest = lengths[members].max(axis=1)
+    large = longest > LARGE * np.median(longest)
+    return [part for part in (members[~large], members[large]) if len(part)]
+
+
+def box_tree(lows: Array, highs: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return the order in which a tree has boxes, and its nodes, shape (m, NODE_SINGLES).
+
+    The boxes are sorted along a curve that keeps neighbors together (Morton's), and halved again and again.
+
+    Args:
+        lows: Least corners, shape (k, 3) [m].
+        highs: Greatest corners.
+    """
+    count = len(lows)
+    if count <= FEW:
+        node = [*lows.min(axis=0), *highs.max(axis=0), 1, 0, count]
+        return np.arange(count), _outward(np.array([node], dtype=float))
+    order = np.argsort(_morton((lows + highs) / 2), kind="stable")
+    depth = max(0, int(np.ceil(np.log2(count / LEAF))))
+    edges = (np.arange(2**depth + 1) * count) >> depth
+    low = np.minimum.reduceat(lows[order], edges[:-1])
+    high = np.maximum.reduceat(highs[order], edges[:-1])
+    levels = [(low, high)]
+    for _ in range(depth):
+        low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
+        levels.append((low, high))
+    nodes, places = np.zeros((2 ** (depth + 1) - 1, NODE_SINGLES)), np.zeros(1, np.int64)
+    for level in range(depth + 1):
+        low, high = levels[depth - level]
+        below = 2 ** (depth - level + 1) - 1
+        nodes[places, :3], nodes[places, 3:6], nodes[places, 6] = low, high, places + below
+        if level < depth:
+            places = np.stack([places + 1, places + 1 + (below - 1) // 2], axis=1).ravel()
+        else:
+            nodes[places, 7], nodes[places, 8] = edges[:-1], edges[1:]
+    return order, _outward(nodes)
+
+
+def _outward(nodes: Array) -> Array:
+    """Round corners to single precision, outward."""
+    nodes[:, :3] = np.nextafter(nodes[:, :3].astype(np.float32), np.float32(-np.inf))
+    nodes[:, 3:6] = np.nextafter(nodes[:, 3:6].astype(np.float32), np.float32(np.inf))
+    return nodes
+
+
+_SPREAD = ((16, 0xFF0000FF), (8, 0xF00F00F00F), (4, 0xC30C30C30C3), (2, 0x249249249249))
+
+
+def _morton(points: Array) -> NDArray[np.int64]:
+    """Return the places of points along Morton's curve, with 16 bits for each axis."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    cells = ((points - low) / np.maximum(high - low, 1e-9) * 65535.0).astype(np.int64)
+    for shift, mask in _SPREAD:
+        cells = (cells | (cells << shift)) & mask
+    return np.asarray(cells[:, 0] | (cells[:, 1] << 1) | (cells[:, 2] << 2))
+
+
+def solid_sections(solids: list[Solid]) -> dict[int, Array]:
+    """Return the sections that tell solids' shapes and poses."""
+    rows = np.array([solid.row for solid in solids]).reshape(-1, ROW)
+    vertices = [solid.vertices for solid in solids]
+    hulls = [corners.T.ravel() for corners in vertices if len(corners)]
+    return {
+        at.SOLIDS: rows[:, :4],
+        at.SOLID_HALF: rows[:, 5:8],
+        at.SOLID_POSES: rows[:, 8:],
+        at.VERTEX_FIRST: firsts(vertices).astype(float),
+        at.VERTICES: np.concatenate(hulls) if hulls else np.zeros(0),
+    }
+
+
+def firsts(parts: Sequence[Sized]) -> NDArray[np.int64]:
+    """Return where each of some lists begins when they stand one after the other, and the end."""
+    return np.cumsum([0, *map(len, parts)]).astype(np.int64)
+
+
+def words(values: NDArray[np.int64]) -> Array:
+    """Return integers in the room of doubles."""
+    return np.ascontiguousarray(values, np.int64).ravel().view(np.float64)
+
+
+def singles(values: NDArray[Any]) -> Array:
+    """Return floats in the room of doubles."""
+    padded = np.zeros(values.size + values.size % 2, dtype=np.float32)
+    padded[: values.size] = values.ravel()
+    return padded.view(np.float64)
