@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.batch import kernel
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
-from pepper_kin.collision.fast import fast_checker_for
+from pepper_kin.collision.fast import CompiledValidity, fast_checker_for
 from pepper_kin.collision.fast.checker import TIE
 from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import gravity_torque
@@ -49,6 +48,7 @@ class Checks:
         self.exact: CollisionChecker = checker_for(pepper, scene)
         fast = fast_checker_for(pepper, scene)
         self.compiled, self.quick = fast.supported, fast.alone
+        self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
@@ -79,16 +79,17 @@ class Checks:
             margins: To the scene and to the robot itself [m].
             surely: Whether what machine code cannot tell counts as near, so that coal is never asked.
         """
-        checker = fast_checker_for(self.pepper, self.scene, *margins)
-        if not checker.supported or (surely and not checker.alone):
+        if not self.compiled or (surely and not self.quick):
+            checker = fast_checker_for(self.pepper, self.scene, *margins)
             return checker.surely_free if surely else lambda states: ~checker.in_collision(states)
-        code = checker.compiled(standing, moving)
+        code = self._moving(standing, moving).at(*margins)
 
         def test(states: Array) -> NDArray[np.bool_]:
             verdicts = code.verdicts(states)
             if not surely and (verdicts == TIE).any():
                 ties = np.flatnonzero(verdicts == TIE)
-                verdicts[ties] = checker.exact.in_collision(states[ties])
+                exact = checker_for(self.pepper, self.scene, *margins)
+                verdicts[ties] = exact.in_collision(states[ties])
             return np.asarray(verdicts == 0)
 
         return test
@@ -111,8 +112,8 @@ class Checks:
             free: Places of the joints that move, shape (k,).
             margins: To the scene and to the robot itself [m].
         """
-        checker = fast_checker_for(self.pepper, self.scene, *margins)
         if not self.compiled:
+            checker = fast_checker_for(self.pepper, self.scene, *margins)
 
             def valid(states: Array) -> NDArray[np.bool_]:
                 q = np.tile(frozen, (len(states), 1))
@@ -122,16 +123,19 @@ class Checks:
                 return ok
 
             return valid
-        made = checker.compiled(frozen, free, TORQUE_SHARE * self.pepper.effort_limits)
-        kept = threading.local()
+        made = self._moving(frozen, free).at(*margins)
+        # No search of a path calls another of the same problem, so that a thread needs one block.
+        return planners.CompiledMotionValidator(made.address, int(free.size), made.memory, keep_alive=made)
 
-        def memory() -> Array:
-            """Return this thread's block: no search of a path calls another of the same problem."""
-            if not hasattr(kept, "block"):
-                kept.block = made.new_memory()
-            return np.asarray(kept.block)
-
-        return planners.CompiledMotionValidator(made.address, int(free.size), memory, keep_alive=made)
+    def _moving(self, frozen: Array, free: NDArray[np.int64]) -> CompiledValidity:
+        """Return the validity without margins of what some joints move, made once for one motion."""
+        key = frozen.tobytes(), free.tobytes()
+        found = self._made.get(key)
+        if found is None:
+            effort = TORQUE_SHARE * self.pepper.effort_limits
+            found = fast_checker_for(self.pepper, self.scene).compiled(frozen, free, effort)
+            self._made = {key: found}
+        return found
 
     def margins(self, start: Array, goals: Array, margin: float) -> tuple[float, float]:
         """Return the margins kept to the scene and to the robot itself [m], as far as the ends allow.

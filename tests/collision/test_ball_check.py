@@ -39,7 +39,7 @@ def test_centers_are_off_by_less_than_is_allowed_for(name):
     assert np.median(allowed) < 5e-4
     model, data = robot.inner_model, robot.inner_model.createData()
     order = [i for i in range(len(structure.solids))]
-    memory = fast._prepared.new_memory()
+    memory = fast._prepared.memory()
     bodies = at.section_bits(memory, at.BODIES).reshape(-1, 11)
     share = 0.0
     for _ in range(40):

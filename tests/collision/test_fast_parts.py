@@ -207,7 +207,7 @@ def test_compiled_tables_are_those_of_python(margin):
         near = np.where(np.isfinite(table.upper[rows]), table.upper[rows], 0.0) - margin
         q[400 * k : 400 * (k + 1), table.second] = near + rng.choice([-1e-12, 0.0, 1e-12], 400)
     left = np.zeros(len(q), np.int64)
-    violations(*pack_tables(tables, margin), q.ravel(), pepper.n, left)
+    violations(*pack_tables(tables), margin, q.ravel(), pepper.n, left)
     expected = np.any([table.violated(q, margin) for table in tables], axis=0)
     np.testing.assert_array_equal(left.astype(bool), expected)
     assert 0.2 < expected.mean() < 0.9

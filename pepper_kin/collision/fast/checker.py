@@ -215,7 +215,7 @@ class FastChecker:
         """
         if not self.supported:
             raise InvalidValueError("robot", self.pepper, "collision shapes that are not unbounded")
-        return compile_validity(self.exact, self._prepared, self._resting, frozen, free, effort_limits)
+        return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits)
 
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
         n = self.pepper.n
@@ -225,14 +225,14 @@ class FastChecker:
 
     def _verdict(self, q: Array) -> int:
         """Return the verdict on one configuration, shape (n,); TIE as well where numbers are not finite."""
+        memory = self._prepared.memory()
         try:
-            check_rows, memory, row, status = self._local.one
+            check_rows, row, status = self._local.one
         except AttributeError:
             from pepper_kin.core.collision.check import check_rows
 
-            memory = self._memory()
             row, status = at.section(memory, at.ROWS)[: q.size], at.section_bits(memory, at.STATUS)
-            self._local.one = check_rows, memory, row, status
+            self._local.one = check_rows, row, status
         row[:] = q
         check_rows(memory, row, 1)
         return int(status[0])
@@ -245,11 +245,11 @@ class FastChecker:
             verdicts[:] = 1
             return verdicts, 0
         if threads == 1:
-            return verdicts, check_many(self._memory(), flat, verdicts, 0, len(flat))
+            return verdicts, check_many(self._prepared.memory(), flat, verdicts, 0, len(flat))
         doubts: list[int] = []
 
         def run(start: int, stop: int) -> None:
-            doubts.append(check_many(self._memory(), flat, verdicts, start, stop))
+            doubts.append(check_many(self._prepared.memory(), flat, verdicts, start, stop))
 
         run_in_pieces(len(flat), threads, 1, run)
         return verdicts, sum(doubts)
@@ -258,13 +258,6 @@ class FastChecker:
         if self._still is None:
             self._still = resting_distance(self._prepared.structure)
         return self._still
-
-    def _memory(self) -> Array:
-        """Block of this thread."""
-        found: Array | None = getattr(self._local, "memory", None)
-        if found is None:
-            found = self._local.memory = self._prepared.new_memory()
-        return found
 
     def _without_margins(self) -> tuple[Prepared, Array]:
         with self._lock:
@@ -283,10 +276,7 @@ class FastChecker:
         if not self.supported:
             bounds[:] = -np.inf
             return bounds
-        memory: Array | None = getattr(self._local, "bare", None)
-        if memory is None:
-            memory = self._local.bare = prepared.new_memory()
-        part_bounds(memory, flat, bounds)
+        part_bounds(prepared.memory(), flat, bounds)
         bounds[np.abs(flat).max(axis=1, initial=0.0) > WIDEST] = -np.inf
         return bounds
 

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import kernel
-from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.prepared import Prepared
+from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import BODY_WORDS, CENTERED, GROUP_WORDS, LINK_WORDS, PLACED
+from pepper_kin.core.collision.ball_check import BODY_WORDS, GROUP_WORDS, LINK_WORDS
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 
+MOST_LIMITED = 32
+"""Choices of free joints of which a robot's blocks are kept."""
 _SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
 )
@@ -45,12 +48,30 @@ class CompiledValidity:
     memory_size: int
     free: NDArray[np.int64]
     _block: Array = field(repr=False)
+    _still: Array = field(repr=False)
+    _frozen: Array = field(repr=False)
+    _prepared: Prepared = field(repr=False)
     _kept: tuple[Any, ...] = field(repr=False)
+    _blocked: bool = field(default=False, repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def new_memory(self) -> Array:
         """Return a block of memory for one thread, shape (memory_size,), at a multiple of 64 bytes."""
-        return at.aligned_copy(self._block)
+        return self._named(at.aligned_copy(self._block))
+
+    def at(self, margin: float, self_margin: float) -> CompiledValidity:
+        """Return the validity at other margins, to the scene and between two parts of the robot [m]."""
+        from pepper_kin.core.collision.check import check_rows
+
+        prepared = replace(self._prepared, margins=(margin, self_margin))
+        blocked = resting_contact(prepared.structure, margin)
+        if not blocked:
+            with self._lock:
+                blocked = check_rows(prepared.named(self._still), self._frozen, 1) >= 0 and bool(
+                    at.section_bits(self._still, at.STATUS)[0]
+                )
+        return replace(self, _prepared=prepared, _blocked=blocked)
 
     def verdicts(self, q: Array) -> NDArray[np.uint8]:
         """Return for configurations in which only free joints differ: 0 free, 1 contact, 2 too near to tell.
@@ -61,11 +82,24 @@ class CompiledValidity:
         from pepper_kin.core.collision.check import check_many
 
         found = np.ones(len(q), np.uint8)
-        if not at.section(self._block, at.NUMBERS)[at.BLOCKED]:
-            if not hasattr(self._local, "memory"):
-                self._local.memory = self.new_memory()
-            check_many(self._local.memory, q, found, 0, len(q))
+        if not self._blocked:
+            check_many(self.memory(), q, found, 0, len(q))
         return found
+
+    def memory(self) -> Array:
+        """Return the block of this thread, which all margins share: it keeps these until others are asked."""
+        local = self._local
+        try:
+            if local.named is self:
+                return np.asarray(local.memory)
+        except AttributeError:
+            local.memory = at.aligned_copy(self._block)
+        local.named = self
+        return self._named(local.memory)
+
+    def _named(self, memory: Array) -> Array:
+        at.section(memory, at.NUMBERS)[at.BLOCKED] = self._blocked
+        return self._prepared.named(memory)
 
     def valid_steps(self, a: ArrayLike, b: ArrayLike, steps: int, memory: Array | None = None) -> int:
         """Call the function from Python.
@@ -89,33 +123,23 @@ class CompiledValidity:
 
 
 def compile_validity(
-    checker: CollisionChecker,
+    pepper: PepperModel,
     prepared: Prepared,
-    resting_contact: bool,
     frozen: ArrayLike,
     free: ArrayLike,
     effort_limits: ArrayLike | None,
 ) -> CompiledValidity:
     """Return the validity of edges of some joints; see `FastChecker.compiled`."""
-    from pepper_kin.core.collision.check import check_rows, place_frozen, valid_steps
+    from pepper_kin.core.collision.check import place_frozen, valid_steps
 
-    pepper = checker.pepper
     n = pepper.n
-    q0 = as_joint_vectors(pepper, frozen, "frozen").reshape(n)
+    q0 = np.array(as_joint_vectors(pepper, frozen, "frozen").reshape(n))
     places = _places(free, n)
-    memory = prepared.new_memory()
+    still, moving, moves = _limited(pepper, prepared, places)
+    memory, kept = prepared.named(at.aligned_copy(moving)), [valid_steps]
     at.section(memory, at.FROZEN)[:] = q0
-    at.section(memory, at.FREE)[: places.size] = places
-    at.shorten(memory, at.FREE, places.size)
-    heads = at.shorten(memory, at.TABLE_HEADS, 0)  # the ranges of joints are left to each state
-    parts = _Parts(memory, prepared, (np.asarray(pepper.full_map) != 0.0)[:, places].any(axis=1))
-    parts.keep(moving=False)
-    at.section(memory, at.NUMBERS)[at.BLOCKED] = resting_contact or _rests_in_contact(check_rows, memory, q0)
-    parts.keep(moving=True)
-    at.shorten(memory, at.TABLE_HEADS, heads)
     place_frozen(memory)
-    parts.fix()
-    kept: tuple[Any, ...] = (valid_steps, prepared.scene)
+    at.section_bits(memory, at.BODIES).reshape(-1, BODY_WORDS)[:, 3] = moves
     if effort_limits is not None:
         limits = np.asarray(effort_limits, dtype=float)
         if limits.shape != (n,) or np.isnan(limits).any():
@@ -123,55 +147,50 @@ def compile_validity(
         gravity = kernel(pepper, "gravity_torque")
         at.section(memory, at.NUMBERS)[at.GRAVITY_KERNEL] = gravity.single_address
         at.section(memory, at.EFFORT)[:] = limits
-        kept = (*kept, gravity)
+        kept.append(gravity)
+    address = int(cast("Any", valid_steps).address)
     memory.setflags(write=False)
-    return CompiledValidity(int(cast("Any", valid_steps).address), memory.size, places, memory, kept)
+    own = memory, at.aligned_copy(still), q0, prepared, tuple(kept)
+    return CompiledValidity(address, memory.size, places, *own).at(*prepared.margins)
 
 
-class _Parts:
-    """What a block compares, which may be limited to what moves, or to what does not.
-
-    Args:
-        memory: The block, changed.
-        prepared: What it was made from.
-        moving: Which coordinates of the Pinocchio model move.
-    """
-
-    def __init__(self, memory: Array, prepared: Prepared, moving: NDArray[np.bool_]) -> None:
-        self._memory = memory
-        carried, solids = prepared.carried & moving, prepared.bodies_of_solids
-        self._bodies = at.section_bits(memory, at.BODIES).reshape(-1, BODY_WORDS)
-        self._groups = at.section_bits(memory, at.GROUPS).reshape(-1, GROUP_WORDS)
-        self._links = at.section_bits(memory, at.LINKS).reshape(-1, LINK_WORDS)
-        self._pairs = at.section(memory, at.PAIRS).reshape(-1, 2)
-        self._first = at.section(memory, at.PAIR_FIRST)
-        self._all = self._links.copy(), self._groups[:, 4].copy(), self._pairs.copy(), self._first.copy()
-        self._moved: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
-        ends = self._links[:, [0, 2]].T, solids[self._pairs.astype(np.int64)].T
-        self._links_move, self._pairs_move = (
-            np.asarray((carried[a] ^ carried[b]).any(axis=1)) for a, b in ends
-        )
-
-    def keep(self, *, moving: bool) -> None:
-        """Compare only pairs that move against one another, or only those that do not."""
-        links, checked, pairs, first = self._all
-        kept = links[self._links_move == moving]
-        self._links[: len(kept)] = kept
-        at.section(self._memory, at.NUMBERS)[at.LINK_COUNT] = len(kept)
-        self._groups[:, 4] = np.where(self._moved[self._groups[:, 0]] == moving, checked, 0)
-        chosen = self._pairs_move == moving
-        self._pairs[: int(chosen.sum())] = pairs[chosen]
-        self._first[:] = np.concatenate([[0], np.cumsum(chosen)])[first.astype(np.int64)]
-
-    def fix(self) -> None:
-        """Leave all bodies that do not move where they have been placed."""
-        self._bodies[:, 3] = self._moved
-        at.section_bits(self._memory, at.FLAGS)[:] = CENTERED | PLACED
+def _limited(
+    pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return blocks that compare only what some joints do not move, or do, and which bodies they move."""
+    key = places.tobytes()
+    found = prepared.limited.get(key)
+    if found is None:
+        block = prepared.block.copy()
+        at.section(block, at.FREE)[: places.size] = places
+        at.shorten(block, at.FREE, places.size)
+        moving = (np.asarray(pepper.full_map) != 0.0)[:, places].any(axis=1)
+        carried = prepared.carried & moving
+        moves: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
+        still = _comparing(block, prepared, carried, moving=False)
+        at.shorten(still, at.TABLE_HEADS, 0)  # the ranges of joints are left to each state
+        found = still, _comparing(block, prepared, carried, moving=True), moves
+        if len(prepared.limited) >= MOST_LIMITED:
+            prepared.limited.clear()
+        prepared.limited[key] = found
+    return found
 
 
-def _rests_in_contact(check_rows: Any, memory: Array, q: Array) -> bool:
-    """Return whether what the free joints do not move touches."""
-    return bool(check_rows(memory, q, 1) >= 0 and at.section_bits(memory, at.STATUS)[0] != 0)
+def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, moving: bool) -> Array:
+    """Return a block that compares only pairs that move against one another, or only those that do not."""
+    kept = block.copy()
+    links = at.section_bits(block, at.LINKS).reshape(-1, LINK_WORDS)
+    pairs, first = at.section(block, at.PAIRS).reshape(-1, 2), at.section(block, at.PAIR_FIRST)
+    groups = at.section_bits(kept, at.GROUPS).reshape(-1, GROUP_WORDS)
+    ends = links[:, [0, 2]].T, prepared.bodies_of_solids[pairs.astype(np.int64)].T
+    chosen = [(carried[a] ^ carried[b]).any(axis=1) == moving for a, b in ends]
+    count = int(chosen[0].sum())
+    at.section_bits(kept, at.LINKS).reshape(-1, LINK_WORDS)[:count] = links[chosen[0]]
+    at.section(kept, at.NUMBERS)[at.LINK_COUNT] = count
+    groups[carried.any(axis=1)[groups[:, 0]] != moving, 4] = 0
+    at.section(kept, at.PAIRS).reshape(-1, 2)[: int(chosen[1].sum())] = pairs[chosen[1]]
+    at.section(kept, at.PAIR_FIRST)[:] = np.concatenate([[0], np.cumsum(chosen[1])])[first.astype(np.int64)]
+    return kept
 
 
 def _places(free: ArrayLike, n: int) -> NDArray[np.int64]:

@@ -1,7 +1,8 @@
-"""The block of constants for one robot and margins, which names that of a scene."""
+"""The block of constants for one robot, which names that of a scene and the margins."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -55,8 +56,8 @@ from pepper_kin.symbolic.tree import read_tree
 MET, MOST_AXES = 16, 2048
 """Objects for each solid, and pairs of solids in all, of which the direction that parted them last is kept;
 of more, some share theirs."""
-MOST_BLOCKS, MOST_ROBOTS = 16, 64
-"""Blocks of one robot at other margins, and robots holding other things, that are kept."""
+MOST_ROBOTS = 64
+"""Robots holding other things that are kept."""
 POSE = 12
 """Numbers of a pose."""
 
@@ -67,9 +68,11 @@ class Prepared:
 
     Attributes:
         structure: What is compared.
-        block: The robot's block, of no margin to the scene and no scene yet; not to be written to.
+        block: The robot's block, of no margins and no scene yet; not to be written to.
         scene: The scene's block.
-        margin: Distance to keep from the scene [m].
+        margins: Distances to keep, from the scene and between two parts of the robot [m].
+        limited: Blocks that compare only what stands, or only what moves, for each choice of free joints.
+        local: The block of each thread, which all scenes and margins share, and whose scene it names.
         carried: Which coordinates of the Pinocchio model carry each body, the world last, shape (bodies, nv).
         bodies_of_solids: Which body each solid of the robot belongs to, shape (solids,).
     """
@@ -77,16 +80,29 @@ class Prepared:
     structure: Structure
     block: Array
     scene: Array
-    margin: float
+    margins: tuple[float, float]
+    limited: dict[bytes, Any]
+    local: threading.local
     carried: NDArray[np.bool_]
     bodies_of_solids: NDArray[np.int64]
 
-    def new_memory(self) -> Array:
-        """Return a block for one thread, at a multiple of 64 bytes; it is valid while this object lives."""
-        memory = at.aligned_copy(self.block)
+    def memory(self) -> Array:
+        """Return the block of this thread, which names this scene until another is asked for."""
+        local = self.local
+        try:
+            if local.named is self:
+                return np.asarray(local.memory)
+        except AttributeError:
+            local.memory = at.aligned_copy(self.block)
+        local.named = self
+        return self.named(local.memory)
+
+    def named(self, memory: Array) -> Array:
+        """Write the scene and the margins into a block; return it."""
         numbers = at.section(memory, at.NUMBERS)
-        numbers[at.MARGIN], numbers[at.SCENE] = self.margin, self.scene.ctypes.data
-        numbers[at.SCENE_SIZE] = self.scene.size
+        numbers[at.MARGIN], numbers[at.SELF_MARGIN] = self.margins
+        numbers[at.RANGE_MARGIN] = self.margins[1] / LEVER
+        numbers[at.SCENE], numbers[at.SCENE_SIZE] = self.scene.ctypes.data, self.scene.size
         return memory
 
 
@@ -226,53 +242,26 @@ class _Robot:
         rounding: What single precision may be wrong by.
         carried: See `Prepared`.
         bodies_of_solids: See `Prepared`.
+        block: See `Prepared`.
+        limited: See `Prepared`.
+        local: See `Prepared`.
     """
 
-    def __init__(self, pepper: PepperModel, structure: Structure) -> None:
-        self._pepper, self._structure = pepper, structure
-        self._tables, self.rounding = _Tables(pepper, structure), Rounding(pepper, structure.solids)
-        self._sections = {
-            **_constants(pepper, structure, self._tables, self.rounding),
-            **_room(pepper, structure, self._tables),
-        }
+    def __init__(self, pepper: PepperModel, structure: Structure, ranges: tuple[DependentRange, ...]) -> None:
+        tables, self.rounding = _Tables(pepper, structure), Rounding(pepper, structure.solids)
+        self.block = at.pack(
+            {
+                **_constants(pepper, structure, tables, self.rounding),
+                **_ranges(ranges),
+                **_room(pepper, structure, tables),
+            }
+        )
+        self.block.setflags(write=False)
+        self.limited: dict[bytes, Any] = {}
+        self.local = threading.local()
         joints = np.array([solid.joint for solid in structure.solids], np.int64)
         self.carried = _carried(pepper)
-        self.bodies_of_solids = np.where(joints > 0, joints - 1, len(self._tables.bodies) - 1)
-        self._blocks: dict[float, Array] = {}
-
-    def block(self, ranges: tuple[DependentRange, ...], self_margin: float) -> Array:
-        """Return the block for a margin between parts of the robot, of no scene yet; not to be written to."""
-        found = self._blocks.get(self_margin)
-        if found is None:
-            found = at.pack({**self._sections, **self._of_margin(ranges, self_margin)})
-            found.setflags(write=False)
-            if len(self._blocks) >= MOST_BLOCKS:
-                self._blocks.clear()
-            self._blocks[self_margin] = found
-        return found
-
-    def _of_margin(self, ranges: tuple[DependentRange, ...], margin: float) -> dict[int, Array]:
-        tables, structure = self._tables, self._structure
-        numbers = np.zeros(at.NUMBERS_SIZE)
-        numbers[at.N], numbers[at.CLASS_COUNT] = self._pepper.n, len(structure.classes)
-        numbers[at.GROUP_COUNT], numbers[at.SELF_MARGIN] = len(structure.groups), margin
-        numbers[at.BODY_COUNT], numbers[at.LINK_COUNT] = len(tables.bodies), len(tables.links)
-        heads, rows, cells = pack_tables(ranges, margin / LEVER)
-        cores, links = tables.cores.copy(), tables.links.copy()
-        wrong = self.rounding.placed[tables.core_bodies]
-        cores[:, 1] += margin + wrong
-        cores[:, 2] += margin - wrong
-        radii = tables.balls[:, 3] + self.rounding.placed[tables.ball_bodies] + self.rounding.comparing()
-        reach = radii[links[:, 1]] + radii[links[:, 3]] + margin
-        links[:, 4] = (np.maximum(reach, 0.0) ** 2 * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
-        return {
-            at.NUMBERS: numbers,
-            at.TABLE_HEADS: heads,
-            at.TABLES: rows,
-            at.TABLE_CELLS: cells,
-            at.LINKS: words(links),
-            at.CORES: singles(cores),
-        }
+        self.bodies_of_solids = np.where(joints > 0, joints - 1, len(tables.bodies) - 1)
 
 
 def prepare(checker: CollisionChecker) -> Prepared:
@@ -281,24 +270,27 @@ def prepare(checker: CollisionChecker) -> Prepared:
     found = _shared.get(like)
     if found is None:
         structure = structure_of(like)
-        robot = _robot_of(like.pepper, structure)
+        robot = _robot_of(like.pepper, structure, like._ranges)
         found = _shared[like] = structure, robot, scene_block(structure, robot.rounding)
     structure, robot, scene = found
-    block = robot.block(checker._ranges, checker.self_margin)
-    return Prepared(structure, block, scene, checker.margin, robot.carried, robot.bodies_of_solids)
+    margins = checker.margin, checker.self_margin
+    own = robot.limited, robot.local, robot.carried, robot.bodies_of_solids
+    return Prepared(structure, robot.block, scene, margins, *own)
 
 
 _shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, Array]] = WeakKeyDictionary()
 """What checkers of the same shapes share, whatever their margins."""
-_kept: RobotMemory[tuple[MovingParts, tuple[tuple[int, ...], ...]], _Robot] = RobotMemory()
+_kept: RobotMemory[tuple[MovingParts, tuple[tuple[int, ...], ...], tuple[DependentRange, ...]], _Robot] = (
+    RobotMemory()
+)
 
 
-def _robot_of(pepper: PepperModel, structure: Structure) -> _Robot:
-    key, kept = (structure.moving, structure.groups), _kept.of(pepper)
+def _robot_of(pepper: PepperModel, structure: Structure, ranges: tuple[DependentRange, ...]) -> _Robot:
+    key, kept = (structure.moving, structure.groups, ranges), _kept.of(pepper)
     if key not in kept:
         if len(kept) >= MOST_ROBOTS:
             kept.pop(next(iter(kept)))
-        kept[key] = _Robot(pepper, structure)
+        kept[key] = _Robot(pepper, structure, ranges)
     return kept[key]
 
 
@@ -322,12 +314,24 @@ def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
 def _constants(
     pepper: PepperModel, structure: Structure, tables: _Tables, rounding: Rounding
 ) -> dict[int, Array]:
-    """Return the sections of constants that do not depend on margins."""
+    """Return the sections of constants."""
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
     balls, axes = tables.balls.copy(), sum(map(len, structure.classes)) + MET * len(members) + 1
     balls[:, 3] += rounding.placed[tables.ball_bodies] + rounding.comparing()
     balls[:, 4] -= rounding.placed[tables.ball_bodies] + rounding.comparing()
+    cores, links = tables.cores.copy(), tables.links.copy()
+    cores[:, 1] += rounding.placed[tables.core_bodies]
+    cores[:, 2] -= rounding.placed[tables.core_bodies]
+    reach = balls[links[:, 1], 3] + balls[links[:, 3], 3] - rounding.comparing()
+    links[:, 4] = (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
+    numbers = np.zeros(at.NUMBERS_SIZE)
+    numbers[at.N], numbers[at.CLASS_COUNT] = pepper.n, len(structure.classes)
+    numbers[at.GROUP_COUNT], numbers[at.BODY_COUNT] = len(structure.groups), len(tables.bodies)
+    numbers[at.LINK_COUNT] = len(tables.links)
     return {
+        at.NUMBERS: numbers,
+        at.LINKS: words(links),
+        at.CORES: singles(cores),
         at.BODIES: words(tables.bodies),
         at.FRAMES: singles(tables.frames),
         at.GROUPS: words(tables.groups),
@@ -346,6 +350,10 @@ def _constants(
         at.FREE: np.arange(pepper.n, dtype=float),
         at.EFFORT: np.full(pepper.n, np.inf),
     }
+
+
+def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
+    return dict(zip((at.TABLE_HEADS, at.TABLES, at.TABLE_CELLS), pack_tables(ranges), strict=True))
 
 
 def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[int, Array]:

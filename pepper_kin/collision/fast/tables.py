@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from pepper_kin.collision.dependent_ranges import DependentRange
@@ -11,32 +9,21 @@ from pepper_kin.core.collision.joint_ranges import CELLS
 from pepper_kin.core.collision.layout import Array
 
 
-def pack_tables(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Array, Array, Array]:
-    """Return the sections TABLE_HEADS, TABLES and TABLE_CELLS.
-
-    Args:
-        ranges: The tables.
-        margin: Angle that the second joint keeps from a contact [rad].
-    """
-    heads, rows, cells = _packed(ranges, margin)
-    return heads.copy(), rows.copy(), cells.copy()
-
-
-@lru_cache(maxsize=64)
-def _packed(ranges: tuple[DependentRange, ...], margin: float) -> tuple[Array, Array, Array]:
+def pack_tables(ranges: tuple[DependentRange, ...]) -> tuple[Array, Array, Array]:
+    """Return the sections TABLE_HEADS, TABLES and TABLE_CELLS."""
     heads, rows, cells, place = [], [np.zeros(0)], [np.zeros(0)], 0
     for table in ranges:
         count = len(table.positions)
         span = float(table.positions[-1] - table.positions[0])
         density = CELLS / span if span > 0 else 0.0
-        heads.append([table.first, table.second, place, count, margin, table.positions[0], density])
+        heads.append([table.first, table.second, place, count, table.positions[0], density])
         rows += [table.positions, table.lower, table.upper]
-        cells.append(_cells(table, span / CELLS, margin))
+        cells.append(_cells(table, span / CELLS))
         place += 3 * count
     return np.array(heads, dtype=float).ravel(), np.concatenate(rows), np.concatenate(cells)
 
 
-def _cells(table: DependentRange, width: float, margin: float) -> Array:
+def _cells(table: DependentRange, width: float) -> Array:
     """Return the numbers of all cells of a table, each a little wider than it is, for rounding."""
     x, low, high = table.positions, table.lower, table.upper
     edges = x[0] + np.arange(CELLS + 1) * width
@@ -56,4 +43,4 @@ def _cells(table: DependentRange, width: float, margin: float) -> Array:
         over_spans(greatest, low),
         over_spans(least, high),
     ]
-    return (np.stack(rows, axis=1) + margin * np.array([1.0, -1.0, 1.0, -1.0])).ravel()
+    return np.stack(rows, axis=1).ravel()

@@ -51,7 +51,7 @@ NODE_SINGLES, ROOT_WORDS = 9, 2
 all its branches, first and end of its own objects.  Of a tree: its first node and the end of its nodes."""
 LINK_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 3, 2
 """Numbers of a pair of bodies: the one with balls, its coarse ball, the one with cores, its coarse ball, the
-square of the distance at which these touch (a float32), class, first and end of its rows in SIDES; of a row
+distance at which these touch (a float32), class, first and end of its rows in SIDES; of a row
 of SIDES: core, first and end of its rows in RANGES; of a row there: first and end of balls."""
 CORE_SINGLES, CORE_LANES = 18, 12
 """Numbers of a core: kind, outer radius, inner radius, half lengths, centre, x, y and z axis in its body;
@@ -90,6 +90,7 @@ class Tables(NamedTuple):
     class_doubts: int
     doubtful: int
     margin: float
+    self_margin: float
 
 
 @compiled
@@ -122,6 +123,7 @@ def tables_of(memory: at.Array) -> Tables:
         here(memory, at.CLASS_DOUBTS),
         here(memory, at.DOUBTFUL),
         numbers[at.MARGIN],
+        numbers[at.SELF_MARGIN],
     )
 
 
@@ -388,11 +390,12 @@ def _check_link(t: Tables, k: int, settled: int) -> int:
     place, other = t.centers + 3 * LANE_BYTES * first, t.centers + 3 * LANE_BYTES * word_at(words + 24)
     x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
     dx, dy, dz = x - load_lanes(other), y - load_lanes(other + 32), z - load_lanes(other + 64)
-    near = lanes_below(dx * dx + dy * dy + dz * dz, spread(single_at(words + 32)))
+    reach, margin = single_at(words + 32) + t.self_margin, t.self_margin
+    near = lanes_below(dx * dx + dy * dy + dz * dz, spread(reach * reach))
     if (near & ~settled) == 0:
         return settled
     a, b = word_at(words), word_at(words + 16)
-    wide = single_at(t.balls + 4 * BALL_SINGLES * first + 12)
+    wide = single_at(t.balls + 4 * BALL_SINGLES * first + 12) + margin
     contact, doubt = settled, 0
     _place_cores(t, b)
     for s in range(word_at(words + 48), word_at(words + 56)):
@@ -403,6 +406,7 @@ def _check_link(t: Tables, k: int, settled: int) -> int:
         if (lanes_below(core_distance(core, room, x, y, z), spread(reach * reach)) & ~contact) == 0:
             continue
         _center_body(t, a)
+        outside, inside = single_at(core + 4) + margin, single_at(core + 8) + margin
         for r in range(word_at(side + 8), word_at(side + 16)):
             pair = t.ranges + 8 * RANGE_WORDS * r
             for i in range(word_at(pair), word_at(pair + 8)):
@@ -410,8 +414,7 @@ def _check_link(t: Tables, k: int, settled: int) -> int:
                 squared = core_distance(
                     core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
                 )
-                outer = single_at(ball + 12) + single_at(core + 4)
-                inner = single_at(ball + 16) + single_at(core + 8)
+                outer, inner = single_at(ball + 12) + outside, single_at(ball + 16) + inside
                 touched = lanes_below(squared, spread(outer * outer))
                 if touched != 0:
                     doubt |= touched

@@ -44,7 +44,7 @@ def _start(memory: Array, rows: Array, count: int) -> int:
     tables, cells = section(memory, at.TABLES), section(memory, at.TABLE_CELLS)
     classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
     n, kept = int(numbers[at.N]), 0
-    violations(heads, tables, cells, rows, n, status[:count])
+    violations(heads, tables, cells, numbers[at.RANGE_MARGIN], rows, n, status[:count])
     for i in range(count):
         classes[i] = groups[i] = 0
         queue[kept] = i
@@ -156,12 +156,13 @@ def _within_ranges(memory: Array, a: Array, b: Array, blocks: int) -> bool:
     status, heads = section_bits(memory, at.STATUS), section(memory, at.TABLE_HEADS)
     tables, cells = section(memory, at.TABLES), section(memory, at.TABLE_CELLS)
     rows, n = section(memory, at.ROWS), section(memory, at.FROZEN).size
+    margin = section(memory, at.NUMBERS)[at.RANGE_MARGIN]
     if heads.size == 0:
         return True
     for k in range(blocks):
         for i in range(LANES):
             _state(memory, i, a, b, (i + 1) / LANES - k / (LANES * blocks))
-        violations(heads, tables, cells, rows, n, status[:LANES])
+        violations(heads, tables, cells, margin, rows, n, status[:LANES])
         for i in range(LANES):
             if status[i] != 0:
                 return False

@@ -88,14 +88,16 @@ BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
     BODY_COUNT,
     LINK_COUNT,
     SELF_MARGIN,
+    RANGE_MARGIN,
     MARGIN,
     GRAVITY_KERNEL,
     BLOCKED,
     SCENE,
     SCENE_SIZE,
-) = range(11)
-"""Places in the section NUMBERS.  SCENE and SCENE_SIZE are the address and the size of the scene's block."""
-NUMBERS_SIZE = 11
+) = range(12)
+"""Places in the section NUMBERS.  RANGE_MARGIN is to joint ranges what SELF_MARGIN is to pairs [rad];
+SCENE and SCENE_SIZE are the address and the size of the scene's block."""
+NUMBERS_SIZE = 12
 
 
 @compiled
