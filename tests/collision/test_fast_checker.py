@@ -236,3 +236,18 @@ def test_misuse_is_named(call, message):
     pepper = pk.load_pepper()
     with pytest.raises(InvalidValueError, match=message):
         call(fast_checker_for(pepper), pepper.posture("Stand"))
+
+
+@pytest.mark.parametrize(("margin", "step"), [(0.0, 0.002), (0.004, 0.02), (0.015, 0.1)])
+def test_along_walks_verdicts_are_coals(margin, step):
+    """Gaps that are kept from one configuration to the next may not be taken for larger than they are."""
+    rng, pepper = np.random.default_rng(8), pk.load_pepper()
+    fast = FastChecker(pepper, None, 0.0, margin)
+    start = np.tile(pepper.posture("Stand"), (30, 1)) + rng.normal(0.0, 0.05, (30, pepper.n))
+    walks = start[:, None] + np.cumsum(rng.normal(0.0, step, (30, 150, pepper.n)), axis=1)
+    walks = np.clip(walks, pepper.lower_limits, pepper.upper_limits).reshape(-1, pepper.n)
+    expected = fast.exact.in_collision(walks)
+    np.testing.assert_array_equal(fast.in_collision(walks), expected)
+    assert 0.05 < expected.mean() < 0.95
+    one_by_one = [bool(fast.in_collision(q)) for q in walks[::7]]
+    np.testing.assert_array_equal(one_by_one, expected[::7])

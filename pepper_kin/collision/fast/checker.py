@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision.checker import LEVER, checker_for
 from pepper_kin.collision.fast.certificate import certified
 from pepper_kin.collision.fast.compiled import CompiledValidity, compile_validity
-from pepper_kin.collision.fast.levers import part_levers
-from pepper_kin.collision.fast.prepared import Prepared, prepare
+from pepper_kin.collision.fast.prepared import prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.scene import Scene
@@ -64,7 +63,6 @@ class FastChecker:
         self._local = threading.local()
         self._lock = threading.Lock()
         self._still: float | None = None
-        self._bare: tuple[Prepared, Array] | None = None
 
     @property
     def supported(self) -> bool:
@@ -189,10 +187,9 @@ class FastChecker:
             InvalidValueError: for vectors of wrong length or with NaN or infinity.
         """
         start, stop = self._ends(a, b)
-        prepared, levers = self._without_margins()
         if not self.supported or self._resting:
             return False
-        classes = len(prepared.structure.classes)
+        levers, classes = self._prepared.levers, len(self._prepared.structure.classes)
         margins = np.full(len(levers), self.exact.margin)
         margins[:classes] = self.exact.self_margin
         angle = self.exact.self_margin / LEVER
@@ -259,24 +256,14 @@ class FastChecker:
             self._still = resting_distance(self._prepared.structure)
         return self._still
 
-    def _without_margins(self) -> tuple[Prepared, Array]:
-        with self._lock:
-            if self._bare is None:
-                bare = self._prepared
-                if self.exact.margin or self.exact.self_margin:
-                    bare = prepare(checker_for(self.pepper, self.exact.scene))
-                self._bare = bare, part_levers(self.pepper, bare.structure)
-            return self._bare
-
     def _part_bounds(self, flat: Array) -> Array:
         from pepper_kin.core.collision.lower_bounds import part_bounds
 
-        prepared, levers = self._without_margins()
-        bounds = np.full((len(flat), len(levers)), np.inf)
+        bounds = np.full((len(flat), len(self._prepared.levers)), np.inf)
         if not self.supported:
             bounds[:] = -np.inf
             return bounds
-        part_bounds(prepared.memory(), flat, bounds)
+        part_bounds(self._prepared.memory(), flat, bounds)
         bounds[np.abs(flat).max(axis=1, initial=0.0) > WIDEST] = -np.inf
         return bounds
 

@@ -74,9 +74,12 @@ ALIGNMENT = 8
     SOLID_POSES,
     AXES,
     GRAVITY,
-) = range(49)
+    LEVERS,
+    GAPS,
+    GAP_STATES,
+) = range(52)
 """Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 49
+SECTIONS = 52
 
 BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""

@@ -185,7 +185,7 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
     """Write lower bounds of the distance of each class of pairs and of each group to the scene [m].
 
     Args:
-        memory: A block whose margins are zero and in which all joints are free.
+        memory: A block in which all joints are free; its margins do not count.
         q: Configurations, shape (m, n).
         bounds: Written, shape (m, classes + groups).
     """

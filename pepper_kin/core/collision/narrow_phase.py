@@ -14,10 +14,13 @@ from pepper_kin.core.collision.layout import (
     BOX,
     CLASS_COUNT,
     FULL,
+    GAP_STATES,
+    GAPS,
     GROUP_SOLIDS,
     JOINT_AXES,
     JOINT_POSES,
     JOINTS,
+    LEVERS,
     MARGIN,
     NODES,
     NUMBERS,
@@ -209,18 +212,44 @@ def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -
 
 
 @compiled
-def _verdict(memory: Array, classes: int, groups: int) -> int:
+def _stays_apart(memory: Array, c: int, q: Array, least: float) -> bool:
+    """Whether the pairs of a class were so far apart lately that they are still farther than a distance."""
+    levers, states = section(memory, LEVERS), section(memory, GAP_STATES)
+    gap = section(memory, GAPS)[c]
+    for j in range(q.size):
+        if q[j] != states[q.size * c + j]:
+            gap -= levers[q.size * c + j] * abs(q[j] - states[q.size * c + j])
+    return bool(gap > least)
+
+
+@compiled
+def _keep_gap(memory: Array, c: int, q: Array) -> float:
+    """Keep, and return, a distance that the pairs of a class surely have at a configuration [m]."""
+    first, pairs, states = section(memory, PAIR_FIRST), section(memory, PAIRS), section(memory, GAP_STATES)
+    gap = math.inf
+    for k in range(int(first[c]), int(first[c + 1])):
+        if gap > 0.0:
+            gap = min(gap, pair_distance(memory, memory, int(pairs[2 * k]), int(pairs[2 * k + 1]), gap))
+    section(memory, GAPS)[c] = gap
+    for j in range(q.size):
+        states[q.size * c + j] = q[j]
+    return gap
+
+
+@compiled
+def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
     """Return FREE, CONTACT, or TIE where some pair is too near to the threshold to tell and none is nearer.
 
     Args:
         memory: The block, with poses in SOLID_POSES.
         classes: Bits of the classes of pairs in doubt; bit 61 stands for all from there on.
         groups: Bits of the groups of solids in doubt about the scene; the same.
+        q: The configuration.
     """
     numbers, scene, worst = section(memory, NUMBERS), scene_of(memory), FREE
     first, pairs, margin = section(memory, PAIR_FIRST), section(memory, PAIRS), numbers[SELF_MARGIN]
     for c in range(int(numbers[CLASS_COUNT])):
-        if not (classes >> min(c, 61)) & 1:
+        if not (classes >> min(c, 61)) & 1 or _keep_gap(memory, c, q) > margin + TIE_WIDTH:
             continue
         for k in range(int(first[c]), int(first[c + 1])):
             verdict = _pair(memory, memory, int(pairs[2 * k]), int(pairs[2 * k + 1]), margin, k)
@@ -243,6 +272,9 @@ def _verdict(memory: Array, classes: int, groups: int) -> int:
 def settle(memory: Array, rows: Array, count: int) -> int:
     """Settle those of some configurations that balls leave in doubt.
 
+    How far the pairs of a class are apart is kept, and with it the configuration: at others nearby, the
+    proven bounds of how far joints move solids tell that they do not touch.
+
     Their verdicts are written into STATUS: FREE, CONTACT, or TIE where some pair is too near to the threshold
     to tell and none is nearer.  Returns how many were in doubt.
 
@@ -251,11 +283,18 @@ def settle(memory: Array, rows: Array, count: int) -> int:
         rows: Configurations, one after the other, shape (count n,).
         count: How many.
     """
-    status, doubts, n = section_bits(memory, STATUS), 0, int(section(memory, NUMBERS)[N])
+    status, doubts, numbers = section_bits(memory, STATUS), 0, section(memory, NUMBERS)
     classes, groups = section_bits(memory, ROW_CLASSES), section_bits(memory, ROW_GROUPS)
+    n, least = int(numbers[N]), numbers[SELF_MARGIN] + TIE_WIDTH
     for i in range(count):
         if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
             doubts += 1
-            place_solids(memory, rows[n * i : n * i + n])
-            status[i] = _verdict(memory, classes[i], groups[i])
+            q, left = rows[n * i : n * i + n], 0
+            for c in range(int(numbers[CLASS_COUNT])):
+                bit = 1 << min(c, 61)
+                if (classes[i] & bit) != 0 and not _stays_apart(memory, c, q, least):
+                    left |= bit
+            if left != 0 or groups[i] != 0:
+                place_solids(memory, q)
+                status[i] = _verdict(memory, left, groups[i], q)
     return doubts
