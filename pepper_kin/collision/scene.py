@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.collision.attachment import attached, released
 from pepper_kin.collision.mesh_file import points_of, triangles_of
+from pepper_kin.collision.named_items import NamedItems
 from pepper_kin.collision.scene_object import (
     PLASTER,
     WOOD,
@@ -53,8 +53,8 @@ class Scene:
         allowed: Sorted pairs of names that may touch: two objects, or an object and a link of the robot.
     """
 
-    objects: Mapping[str, SceneObject]
-    attached: Mapping[str, AttachedObject]
+    objects: NamedItems[SceneObject]
+    attached: NamedItems[AttachedObject]
     allowed: frozenset[tuple[str, str]]
 
     def __init__(
@@ -73,9 +73,17 @@ class Scene:
         for name in standing.keys() & hanging.keys():
             raise InvalidValueError("object name", repr(name), "a name used once, in the world or attached")
         pairs = frozenset(_sorted_pair(a, b) for a, b in allowed)
-        object.__setattr__(self, "objects", MappingProxyType(standing))
-        object.__setattr__(self, "attached", MappingProxyType(hanging))
-        object.__setattr__(self, "allowed", pairs)
+        self._take(NamedItems(standing), NamedItems(hanging), pairs)
+
+    def _take(
+        self,
+        objects: NamedItems[SceneObject],
+        attached: NamedItems[AttachedObject],
+        allowed: frozenset[tuple[str, str]],
+    ) -> None:
+        object.__setattr__(self, "objects", objects)
+        object.__setattr__(self, "attached", attached)
+        object.__setattr__(self, "allowed", allowed)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError("a Scene is frozen: its methods return a new one")
@@ -116,7 +124,7 @@ class Scene:
         pose = transform(
             as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
         )
-        return self._with(objects={**self.objects, name: SceneObject(name, geometry, pose, color)})
+        return self._and_one(SceneObject(name, geometry, pose, color))
 
     def add_box(
         self, name: str, size: ArrayLike, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
@@ -166,7 +174,7 @@ class Scene:
         if not np.allclose(direction / length, [0, 0, 1], rtol=0, atol=1e-15):
             pose[:3, :3] = rotation_to_axis(direction)
         pose[:3, 3] = direction / length * _number(name, "offset", offset)
-        return self._with(objects={**self.objects, name: SceneObject(name, HalfSpace(), pose, PLASTER)})
+        return self._and_one(SceneObject(name, HalfSpace(), pose, PLASTER))
 
     def add_convex_mesh(
         self,
@@ -418,8 +426,15 @@ class Scene:
         parts = {"objects": self.objects, "attached": self.attached, "allowed": self.allowed}
         return Scene(**{**parts, **changed})
 
+    def _and_one(self, item: SceneObject) -> Scene:
+        """Return a scene with an obstacle more, whose name is new; its cost does not grow with the scene."""
+        grown: Scene = object.__new__(Scene)
+        grown._take(self.objects.and_one(item.name, item), self.attached, self.allowed)
+        return grown
+
     def _check_new(self, name: str) -> None:
-        if not isinstance(name, str) or not name or name in self.names:
+        known = isinstance(name, str) and (name in self.objects or name in self.attached)
+        if not isinstance(name, str) or not name or known:
             raise InvalidValueError("object name", repr(name), f"a new name; taken: {', '.join(self.names)}")
 
     def _check_known(self, name: str) -> None:

@@ -25,7 +25,7 @@ from pepper_kin.collision.fast.scene_block import (
     solid_sections,
     words,
 )
-from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.collision.fast.solids import ROW, Array, Solid
 from pepper_kin.collision.fast.structure import (
     MovingParts,
     Structure,
@@ -322,6 +322,7 @@ def _constants(
 ) -> dict[int, Array]:
     """Return the sections of constants."""
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
+    rows = np.array([solid.row for solid in structure.solids]).reshape(-1, ROW)
     balls, axes = tables.balls.copy(), sum(map(len, structure.classes)) + MET * len(members) + 1
     balls[:, 3] += rounding.placed[tables.ball_bodies] + rounding.comparing()
     balls[:, 4] -= rounding.placed[tables.ball_bodies] + rounding.comparing()
@@ -346,7 +347,7 @@ def _constants(
         at.RANGES: words(tables.ranges),
         at.JOINTS: joint_table(pepper).copy(),
         at.FULL: _full_rows(pepper),
-        **solid_sections(list(structure.solids)),
+        **solid_sections(rows, [solid.vertices for solid in structure.solids]),
         at.SOLID_PLACES: np.array([[s.joint, *s.row[8:]] for s in structure.solids]),
         at.PAIR_FIRST: firsts(structure.classes).astype(float),
         at.PAIRS: np.array([pair for pairs in structure.classes for pair in pairs], dtype=float),

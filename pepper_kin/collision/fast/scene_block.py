@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision.fast.rounding import Rounding
-from pepper_kin.collision.fast.solids import OTHER, ROW, Array, Solid
+from pepper_kin.collision.fast.solids import OTHER, Array
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES
@@ -30,7 +30,7 @@ LARGE = 8.0
 def scene_block(structure: Structure, rounding: Rounding) -> Array:
     """Return the block of a scene as one robot sees it, at a multiple of 64 bytes, not to be written to."""
     solids = structure.objects
-    rows = np.array([solid.row for solid in solids]).reshape(-1, ROW)
+    rows = structure.object_rows
     kinds, radii, corners, halves = rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 5:8]
     slack = rounding.comparing(corners + radii)
     outer = radii + slack
@@ -61,7 +61,7 @@ def scene_block(structure: Structure, rounding: Rounding) -> Array:
         at.OBJECTS: singles(items[chosen]),
         at.NODES: singles(nodes),
         **_root_lists(first, lists),
-        **solid_sections([solids[o] for o in chosen.tolist()]),
+        **solid_sections(rows[chosen], [solids[o].vertices for o in chosen.tolist()]),
     }
     block = at.aligned_copy(at.pack(sections))
     block.setflags(write=False)
@@ -137,10 +137,8 @@ def _morton(points: Array) -> NDArray[np.int64]:
     return np.asarray(cells[:, 0] | (cells[:, 1] << 1) | (cells[:, 2] << 2))
 
 
-def solid_sections(solids: list[Solid]) -> dict[int, Array]:
-    """Return the sections that tell solids' shapes and poses."""
-    rows = np.array([solid.row for solid in solids]).reshape(-1, ROW)
-    vertices = [solid.vertices for solid in solids]
+def solid_sections(rows: Array, vertices: Sequence[Array]) -> dict[int, Array]:
+    """Return the sections that tell solids' shapes and poses, of their rows, shape (k, ROW), and vertices."""
     hulls = [corners.T.ravel() for corners in vertices if len(corners)]
     return {
         at.SOLIDS: rows[:, :4],

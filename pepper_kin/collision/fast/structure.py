@@ -19,7 +19,7 @@ from pepper_kin.collision.bodies import (
 )
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
-from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, solid_of
+from pepper_kin.collision.fast.solids import HULL, OTHER, ROW, Array, Solid, solid_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.model import PepperModel
@@ -72,6 +72,11 @@ class Structure:
         """Whether all shapes are convex solids."""
         return all(solid.filled and solid.kind != OTHER for solid in (*self.solids, *self.objects))
 
+    @cached_property
+    def object_rows(self) -> Array:
+        """Numbers of the objects, see `Solid.row`, shape (k, ROW)."""
+        return np.concatenate([np.zeros(0), *(solid.row for solid in self.objects)]).reshape(-1, ROW)
+
     @property
     def solids(self) -> tuple[Solid, ...]:
         """The robot's solids."""
@@ -106,21 +111,18 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     for o, item in enumerate(items):
         groups = every - apart[item.name] if item.name in apart else every
         sets.setdefault(groups, []).append(o)
-    resting = [
-        (i, o)
-        for (joint, names), members in together.items()
-        if joint == 0
-        for o, item in enumerate(items)
-        if item.name not in names
-        for i in members
-    ]
+    resting = [np.zeros((0, 2), np.intp)]
+    for (joint, names), members in together.items():
+        if joint == 0:
+            met = np.array([o for o, item in enumerate(items) if item.name not in names], np.intp)
+            resting.append(np.stack(np.meshgrid(members, met, indexing="ij"), axis=-1).reshape(-1, 2))
     return Structure(
         moving,
         tuple(tuple(together[key]) for key in in_order),
         items,
         tuple(map(_solid_of_object, items)),
         tuple((np.array(objects, np.intp), groups) for groups, objects in sets.items()),
-        np.array(resting, np.intp).reshape(-1, 2),
+        np.concatenate(resting),
     )
 
 

@@ -1,0 +1,84 @@
+"""Named items in order that never change, and grow by one at the same cost whatever their number."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import ItemsView, Iterator, Mapping, ValuesView
+from itertools import islice
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+_lock = threading.Lock()
+
+
+class NamedItems(Mapping[str, Item], Generic[Item]):
+    """A read-only dictionary, in the order of addition.
+
+    Versions that grew out of one another share their items: each knows how many of them are its own.
+
+    Args:
+        items: Name -> item.
+    """
+
+    __slots__ = ("_count", "_items", "_names", "_places")
+
+    def __init__(self, items: Mapping[str, Item]) -> None:
+        self._names, self._items = list(items), list(items.values())
+        self._places = {name: place for place, name in enumerate(self._names)}
+        self._count = len(self._names)
+
+    def and_one(self, name: str, item: Item) -> NamedItems[Item]:
+        """Return these items and one more, whose name none of them has."""
+        with _lock:
+            grown: NamedItems[Item] = object.__new__(NamedItems)
+            if len(self._names) == self._count:
+                grown._names, grown._items, grown._places = self._names, self._items, self._places
+            else:  # another version has grown out of this one
+                grown._names, grown._items = self._names[: self._count], self._items[: self._count]
+                grown._places = {known: place for place, known in enumerate(grown._names)}
+            grown._names.append(name)
+            grown._items.append(item)
+            grown._places[name] = self._count
+            grown._count = self._count + 1
+            return grown
+
+    def __getitem__(self, name: str) -> Item:
+        place = self._places[name]
+        if place >= self._count:
+            raise KeyError(name)
+        return self._items[place]
+
+    def __contains__(self, name: object) -> bool:
+        return self._places.get(name, self._count) < self._count  # type: ignore[call-overload]
+
+    def __iter__(self) -> Iterator[str]:
+        return islice(self._names, self._count)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
+    def values(self) -> ValuesView[Item]:
+        """Return the items."""
+        return _Values(self)
+
+    def items(self) -> ItemsView[str, Item]:
+        """Return names and items."""
+        return _Items(self)
+
+
+class _Values(ValuesView[Item]):
+    _mapping: NamedItems[Item]
+
+    def __iter__(self) -> Iterator[Item]:
+        return islice(self._mapping._items, len(self._mapping))
+
+
+class _Items(ItemsView[str, Item]):
+    _mapping: NamedItems[Item]
+
+    def __iter__(self) -> Iterator[tuple[str, Item]]:
+        return islice(zip(self._mapping._names, self._mapping._items, strict=False), len(self._mapping))
