@@ -72,6 +72,10 @@ class ModelError(PepperKinError):
     """A robot description cannot be used; the message says which element and why."""
 
 
+class ModelWarning(UserWarning):
+    """A part of a robot description was left out; the message says which, and the robot can be used."""
+
+
 class FileFormatError(PepperKinError):
     """A file cannot be read or does not hold what it should.
 

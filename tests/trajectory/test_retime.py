@@ -319,9 +319,48 @@ def test_a_path_without_any_limit_is_refused():
     )
     start, end = text.index("<limit"), text.index("</joint>")
     with pytest.raises(InvalidValueError, match="no finite velocity, acceleration or torque limit"):
-        retime(pk.load_robot(text[:start] + text[end:]), [[0.0], [1.0]])
+        retime(pk.load_robot(text[:start] + text[end:]), [[0.0], [1.0]], acceleration_limits=np.inf)
     only_velocity = pk.load_robot(text[:start] + '<limit velocity="2"/>' + text[end:])
-    assert retime(only_velocity, [[0.0], [1.0]]).duration == pytest.approx(0.5, rel=0.05)
+    duration = retime(only_velocity, [[0.0], [1.0]], acceleration_limits=np.inf).duration
+    assert duration == pytest.approx(0.5, rel=0.05)
+
+
+TWO_JOINTS = (
+    one_joint()
+    .urdf.replace('acceleration="5"', "")
+    .replace(
+        "</robot>",
+        '<link name="tip"/><joint name="K" type="prismatic"><parent link="arm"/><child link="tip"/>'
+        '<limit lower="0" upper="1" velocity="100" effort="1e6"/></joint></robot>',
+    )
+)
+
+
+def test_missing_acceleration_limits_are_named_and_can_be_given():
+    """As makers' URDFs are: a torque that would allow 3000 rad/s^2 is no word about acceleration."""
+    robot = pk.load_robot(TWO_JOINTS)
+    with pytest.raises(InvalidValueError, match="none for J, K, and the robot's description gives none"):
+        retime(robot, [[0.0, 0.0], [1.0, 0.5]])
+    with pytest.raises(InvalidValueError, match=r"none for K, .* by joint name .* or in load_robot"):
+        retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits={"J": 5.0})
+    bang_bang = pytest.approx(2 * np.sqrt(1 / 5), rel=1e-3)
+    assert retime(robot, [[0.0, 0.0], [1.0, 0.0]], acceleration_limits={"J": 5.0}).duration == bang_bang
+    both = retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits={"J": 50.0, "K": 2.5})
+    assert both.duration == bang_bang
+    assert retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits=5.0).duration == bang_bang
+    half = retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits=20.0, acceleration_scale=0.25)
+    assert half.duration == bang_bang
+
+
+def test_given_acceleration_limits_scale_the_limits_of_jerk():
+    robot, path = pk.load_robot(TWO_JOINTS), [[0.0, 0.0], [1.0, 0.0]]
+    given = retime(robot, path, acceleration_limits=5.0, jerk="moderate")
+    known = retime(one_joint(), [[0.0], [1.0]], jerk="moderate")
+    assert given.duration == pytest.approx(known.duration, rel=1e-6)
+    with pytest.raises(pk.exceptions.UnknownNameError, match="unknown joint 'L'; available: J, K"):
+        retime(robot, path, acceleration_limits={"L": 1.0})
+    with pytest.raises(InvalidValueError, match=r"acceleration_limits of J: got -1\.0"):
+        retime(robot, path, acceleration_limits={"J": -1.0})
 
 
 def test_toppra_keeps_its_logging_level(pepper):
