@@ -103,7 +103,8 @@ def test_what_srdfs_of_makers_hold_is_read_without_a_word():
         <chain base_link="trunk" tip_link="tip"/></group>
       <group name="all"><joint name="t"/></group>
       <group_state name="home" group="all"><joint name="world_joint" value="0 0 0"/>
-        <joint name="t" value=" .5 "/></group_state><end_effector name="hand" parent_link="tip" group="all" parent_group="all"/>
+        <joint name="t" value=" .5 "/></group_state>
+      <end_effector name="hand" parent_link="tip" group="all" parent_group="all"/>
       <passive_joint name="l"/><passive_joint name="world_joint"/>
       <link_sphere_approximation link="tip"><sphere center="0 0 0" radius="0.1"/></link_sphere_approximation>
       <joint_property joint_name="l" property_name="angular_distance_weight" value="0.2"/>"""
