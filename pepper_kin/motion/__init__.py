@@ -15,8 +15,10 @@ from pepper_kin.motion.optimisation import (
     minimum_effort_swing,
     optimise,
 )
+from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
+from pepper_kin.motion.validation import Validation, ValidationStatus, validate
 
 __all__ = [
     "Arc",
@@ -32,13 +34,18 @@ __all__ = [
     "PlanStatus",
     "Swing",
     "SwingStatus",
+    "Validation",
+    "ValidationStatus",
     "cartesian_path",
     "gesture",
     "gesture_meaning",
     "gesture_names",
+    "interpolate_path",
     "manifold_of",
     "minimum_effort_swing",
     "optimise",
     "plan",
     "plan_constrained",
+    "simplify_path",
+    "validate",
 ]

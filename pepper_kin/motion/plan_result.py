@@ -31,6 +31,7 @@ class PlanStatus(Enum):
     GOAL_OFF_CONSTRAINT = "goal_off_constraint"
     NO_IK = "no_ik"
     NO_PATH_IN_TIME = "no_path_in_time"
+    PATH_INVALID = "path_invalid"
 
     @property
     def advice(self) -> str:
@@ -48,6 +49,7 @@ _ADVICE = {
     PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
     PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
     PlanStatus.NO_PATH_IN_TIME: "Raise the timeout, try another seed, or free more joints.",
+    PlanStatus.PATH_INVALID: "Plan between its ends with plan().",
 }
 
 
