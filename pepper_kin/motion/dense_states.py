@@ -86,33 +86,33 @@ def reach_along(pepper: PepperModel, scene: Scene | None, curve: CubicPath) -> A
 
 
 def dense_states(
-    pepper: PepperModel, scene: Scene | None, path: Array | CubicPath | Trajectory
+    pepper: PepperModel, scene: Scene | None, path: Array | CubicPath | Trajectory, step: float = STEPS[-1]
 ) -> DenseStates:
-    """Return states, ends included, between which no point of the body moves more than half a millimetre."""
+    """Return states, ends included, between which no point of the body moves more than a step [m]."""
     if isinstance(path, Trajectory):
-        return _of_trajectory(pepper, scene, path)
+        return _of_trajectory(pepper, scene, path, step)
     if not isinstance(path, CubicPath):
         if len(path) == 1:
             return DenseStates(path, np.zeros(1))
         path = polyline(path)
     reach = reach_along(pepper, scene, path)
-    parts = cut(path.breaks, path.coefficients, reach, STEPS[-1])
+    parts = cut(path.breaks, path.coefficients, reach, step)
     last = len(path.breaks) - 2
     piece = np.append(parts.piece, last)
     local = np.append(parts.begin, path.breaks[-1] - path.breaks[-2])
     return DenseStates(path.at(piece, local), path.breaks[piece] + local)
 
 
-def _of_trajectory(pepper: PepperModel, scene: Scene | None, path: Trajectory) -> DenseStates:
+def _of_trajectory(pepper: PepperModel, scene: Scene | None, path: Trajectory, step: float) -> DenseStates:
     count = max(1, math.ceil(path.duration / INSTANTS))
     times = np.linspace(0.0, path.duration, count + 1)
     positions = path(times).position
     reach = reach_along(pepper, scene, polyline(positions))
     moved = np.abs(np.diff(positions, axis=0)) @ reach
-    parts = np.maximum(1, np.ceil(moved / STEPS[-1])).astype(np.int64)
+    parts = np.maximum(1, np.ceil(moved / step)).astype(np.int64)
     if parts.max() > 1:
-        step = np.repeat(np.diff(times) / parts, parts)
+        width = np.repeat(np.diff(times) / parts, parts)
         inner = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        times = np.append(np.repeat(times[:-1], parts) + inner * step, path.duration)
+        times = np.append(np.repeat(times[:-1], parts) + inner * width, path.duration)
         positions = path(times).position
     return DenseStates(positions, times)

@@ -74,7 +74,7 @@ def simplify_path(
     if len(points) == 1:
         return ended.solved(checks.exact, points, STAYS)
     free = free_joints(pepper, None, points[0], points[1:])
-    kept = _margin_of(checks, points, dense_states(pepper, scene, points).positions, margin)
+    kept = _margin_of(checks, points, dense_states(pepper, scene, points, RESOLUTION).positions, margin)
     room = path_problem(checks, points[0], points[1:], free, kept)
     line = planners.Path(points[:, free], room.problem.weights)
     way = waypoints_of(room, line, seed=seed, timeout=timeout)
