@@ -1,6 +1,7 @@
 """From a goal and a scene to a checked path, from a path to a short and smooth motion; gestures."""
 
 from pepper_kin.ik import FrameInPlane
+from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
@@ -31,6 +32,8 @@ __all__ = [
     "Optimised",
     "OptimisedStatus",
     "Plan",
+    "PlanBatch",
+    "PlanProblem",
     "PlanStatus",
     "Swing",
     "SwingStatus",
@@ -45,6 +48,7 @@ __all__ = [
     "minimum_effort_swing",
     "optimise",
     "plan",
+    "plan_batch",
     "plan_constrained",
     "simplify_path",
     "validate",
