@@ -27,6 +27,7 @@ from pepper_kin.model.urdf_source import is_text, mesh_folders, read_source, tol
 if TYPE_CHECKING:
     from pepper_kin.model.missing_limits import LimitsLike
     from pepper_kin.model.shapes import Shape
+    from pepper_kin.model.wheels import Wheels
 
 SphereSet: TypeAlias = "Callable[[UrdfDocument], tuple[Shape, ...]]"
 
@@ -97,6 +98,8 @@ def load_robot(
     srdf: str | Path | None = None,
     package_dirs: Sequence[str | Path] = (),
     *,
+    base: str = "fixed",
+    wheels: Wheels | None = None,
     acceleration_limits: LimitsLike | None = None,
 ) -> PepperModel:
     """Load any robot of revolute, continuous and prismatic joints.
@@ -107,6 +110,10 @@ def load_robot(
             collision, if there is one. Without such pairs, links one joint apart are not checked.
         package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
             sought too, and file names without a folder beside it.
+        base: "fixed"; "planar" for three more joints `BaseX`, `BaseY` [m] and `BaseYaw` [rad] between the
+            world and the root link; or "differential" for the same of a base that goes where it points.
+        wheels: What the base can do: limits of its joints for timing, and the turning radius of a
+            differential one, for which it must be given.
         acceleration_limits: One number for all joints whose <limit> has no `acceleration` (URDF itself knows
             none), or limits by joint name [rad/s^2 or m/s^2]; they become part of the description.
 
@@ -117,7 +124,7 @@ def load_robot(
         FileFormatError: where a file cannot be read.
         ModelError: where the description is malformed; names the element.
         UnknownNameError: for acceleration limits of a joint that there is not.
-        InvalidValueError: for one that is not above zero.
+        InvalidValueError: for one that is not above zero, another base, or wheels that do not go with it.
 
     Warns:
         ModelWarning: naming what the SRDF speaks of and the robot lacks; that is left out.
@@ -125,6 +132,10 @@ def load_robot(
     with told_of(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
         _ = document.shapes  # refuses what is malformed
+    if base != "fixed" or wheels is not None:
+        from pepper_kin.model.wheels import with_wheels
+
+        document = with_wheels(document, base, wheels)
     if acceleration_limits is not None:
         from pepper_kin.model.missing_limits import with_acceleration_limits
 

@@ -15,6 +15,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.dense_states import AnyPath, dense_states, given_path, polyline
+from pepper_kin.motion.driving import moves_base
 from pepper_kin.motion.goals import STAYS, free_joints
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import RESOLUTION, path_problem
@@ -57,7 +58,8 @@ def simplify_path(
         if the path is not valid itself.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, a margin below zero, or a timeout of zero.
+        InvalidValueError: for a wrong shape, NaN, a margin below zero, a timeout of zero, or a path on which
+            a differential base moves: short-cuts would let it go sideways.
         InfeasibleError: for a plan that failed, with its reason.
     """
     check_positive("timeout", timeout, "[s]")
@@ -74,6 +76,8 @@ def simplify_path(
     if len(points) == 1:
         return ended.solved(checks.exact, points, STAYS)
     free = free_joints(pepper, None, points[0], points[1:])
+    if moves_base(pepper, free):
+        raise InvalidValueError("path", "a drive of a differential base", "a path on which the base stands")
     kept = _margin_of(checks, points, dense_states(pepper, scene, points, RESOLUTION).positions, margin)
     room = path_problem(checks, points[0], points[1:], free, kept)
     line = planners.Path(points[:, free], room.problem.weights)

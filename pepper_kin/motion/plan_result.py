@@ -127,9 +127,17 @@ class Ending:
             status, message, self.joint_names, time=elapsed, seed=self.seed, planner=self.planner, **more
         )
 
-    def solved(self, checker: CollisionChecker, path: NDArray[np.float64], message: str, **more: Any) -> Plan:
-        """Return the plan of way-points whose spline has been examined, shape (k, n)."""
-        curve = as_cubic_path(checker.pepper, path) if len(path) > 1 else None
+    def solved(
+        self,
+        checker: CollisionChecker,
+        path: NDArray[np.float64],
+        message: str,
+        curve: CubicPath | None = None,
+        **more: Any,
+    ) -> Plan:
+        """Return the plan of way-points, shape (k, n), whose spline (or another curve) has been examined."""
+        if curve is None and len(path) > 1:
+            curve = as_cubic_path(checker.pepper, path)
         length = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
         return self(
             PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]), length=length,

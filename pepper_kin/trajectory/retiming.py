@@ -31,7 +31,7 @@ from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
-from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames
+from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames, wheel_speeds
 from pepper_kin.trajectory.time_optimal import CHECK_STEP, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
@@ -135,7 +135,7 @@ def _limits(
         None if torque is None else pepper.effort_limits * _share("torque_scale", torque),
         _distance(pepper, balance),
         at_frames(pepper, "payload", payload, "kg"),
-        _speeds(pepper, hand_speed),
+        _speeds(pepper, hand_speed) + wheel_speeds(pepper),
     )
 
 
