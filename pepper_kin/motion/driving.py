@@ -24,10 +24,11 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 Array = NDArray[np.float64]
 
-SPACINGS = (0.1, 0.05, 0.025)
+SPACINGS = (0.2, 0.1, 0.05)
 """Distances of a spline's control points along a drive, in turning radii, to be tried in turn."""
+_WIDER = 1.01
+"""The radius of the curves over the turning radius: a spline of that spacing is narrower by 0.7 %."""
 _LEAST_PIECES = 4  # of a drive between two stops
-_STOPPING = 0.1  # part of the piece before a stop on which the curve's parameter slows down
 _SAME = 1e-9
 
 
@@ -95,7 +96,7 @@ def plan_drive(
                 curves.append(curve)
                 shift[base[2]] += (_end(curve) - end - shift)[base[2]]
             if len(curves) == len(legs):
-                path = joined(curves)
+                path = _in_turn(curves)
                 points = np.vstack([path.coefficients[:, 0], _end(path)])
                 said = f"Drive of {_length(path, base):.2f} m{_said(legs, base)}."
                 return ended.solved(checks.exact, points, said, curve=path, states_checked=checked)
@@ -144,7 +145,7 @@ def _leg(
     for resolution in (COARSE, RESOLUTION):
         room = path_problem(checks, begin, end[None], base, margin, resolution)
         found = planners.car_connect(
-            room.problem, wheels.turning_radius, backward=wheels.backward, seed=seed, timeout=timeout
+            room.problem, _WIDER * wheels.turning_radius, backward=wheels.backward, seed=seed, timeout=timeout
         )
         checked += found.states_checked
         for spacing in SPACINGS if found.curves else ():
@@ -159,9 +160,9 @@ def _leg(
 def _driven(
     room: PathProblem, curves: tuple[planners.CarCurve, ...], wheels: Wheels, spacing: float
 ) -> CubicPath:
-    """Return a curve along those of a car that stops where it changes its direction.
+    """Return a curve along those of a car; it has a kink, where timing stops, where the car turns back.
 
-    Between stops it is the cubic B-spline whose control points are poses of the car, so that it never bends
+    Between kinks it is the cubic B-spline whose control points are poses of the car, so that it never bends
     more than they do, and heading and direction agree up to the third order of the spacing.
     """
     drives: list[list[planners.CarCurve]] = []
@@ -174,7 +175,7 @@ def _driven(
             else:
                 drives.append([part])
     splines = []
-    for k, drive in enumerate(drives):
+    for drive in drives:
         ends = np.cumsum([0.0, *(part.length for part in drive)])
         count = max(_LEAST_PIECES, math.ceil(ends[-1] / (spacing * wheels.turning_radius)))
         breaks = np.linspace(0.0, ends[-1], count + 1)
@@ -183,10 +184,6 @@ def _driven(
         at = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, len(drive) - 1)
         control = np.tile(room.start, (len(s), 1))
         control[:, room.free] = np.stack([drive[i](x - ends[i]) for i, x in zip(at, s, strict=True)])
-        if k > 0:
-            control[1] = control[0]
-        if k < len(drives) - 1:
-            control[-2] = control[-1]
         coefficients = np.empty((count, 4, control.shape[1]))
         power_basis(knots, control, coefficients)
         splines.append(CubicPath(breaks, coefficients))
@@ -194,45 +191,11 @@ def _driven(
 
 
 def _in_turn(curves: list[CubicPath]) -> CubicPath:
-    """Return curves, each of which begins where the one before ends, as one."""
+    """Return curves, each of which begins where the one before ends, as one; timing stops at its kinks."""
     breaks = [np.zeros(1)]
     for curve in curves:
         breaks.append(breaks[-1][-1] + (curve.breaks[1:] - curve.breaks[0]))
     return CubicPath(np.concatenate(breaks), np.concatenate([curve.coefficients for curve in curves]))
-
-
-def joined(curves: list[CubicPath]) -> CubicPath:
-    """Return curves one after the other; at rest where two of them meet."""
-    last = len(curves) - 1
-    return _in_turn([_slowed(curve, k > 0, k < last) for k, curve in enumerate(curves)])
-
-
-def _slowed(curve: CubicPath, begin: bool, end: bool) -> CubicPath:
-    """Return a curve whose derivative is zero at its beginning or end, so that its motion stops there.
-
-    The last tenth of the last piece, which is all but straight, is run through by a cubic that comes to rest.
-    """
-    h = np.diff(curve.breaks)
-    breaks, pieces = list(curve.breaks), list(curve.coefficients)
-    if end:
-        tail = _STOPPING * h[-1]
-        last = np.array([len(h) - 1])
-        a, d = curve.at(last, h[-1:] - tail)[0], curve.at(last, h[-1:] - tail, 1)[0]
-        pieces.append(_hermite(a, d, curve.at(last, h[-1:])[0], np.zeros_like(d), tail))
-        breaks.insert(-1, breaks[-1] - tail)
-    if begin:
-        head, first = _STOPPING * h[0], np.array([0])
-        b, d = curve.at(first, [head])[0], curve.at(first, [head], 1)[0]
-        rest = np.stack([b, d, curve.at(first, [head], 2)[0] / 2, curve.at(first, [head], 3)[0] / 6])
-        pieces[:1] = [_hermite(pieces[0][0], np.zeros_like(d), b, d, head), rest]
-        breaks.insert(1, breaks[0] + head)
-    return CubicPath(np.array(breaks), np.array(pieces))
-
-
-def _hermite(a: Array, da: Array, b: Array, db: Array, h: float) -> Array:
-    """Return the cubic with values and derivatives at both ends of [0, h], shape (4, n)."""
-    slope = (b - a) / h
-    return np.stack([a, da, (3 * slope - 2 * da - db) / h, (da + db - 2 * slope) / h**2])
 
 
 def _is_clear(room: PathProblem, curve: CubicPath) -> bool:

@@ -17,6 +17,8 @@ With jerk limits, accelerations are continuous too; see `pepper_kin.trajectory.j
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -27,6 +29,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.trajectory.balance import WHEELS, support_polygon
+from pepper_kin.trajectory.editing import joined
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
@@ -40,6 +43,7 @@ Array = NDArray[np.float64]
 
 SOLVERS = ("fast", "toppra")
 _TOLERANCE = 1e-9  # of a limit, for rounding
+_KINK = 1e-3  # of the derivative: what is smaller comes from rounding in a file
 
 
 def retime(
@@ -64,8 +68,9 @@ def retime(
     Args:
         pepper: The robot, which gives the limits; infinite ones of velocity and torque do not act.
         path: A plan, or a piecewise cubic curve such as `Plan.curve` or `pepper_kin.planners.SmoothPath`:
-            it is followed exactly.  Or way-points [rad or m], shape (k, n), joined by a cubic spline that
-            leaves the polyline between them (see `pepper_kin.trajectory.path.as_cubic_path`).
+            it is followed exactly, and the motion stops at its kinks.  Or way-points [rad or m], shape
+            (k, n), joined by a cubic spline that leaves the polyline between them (see
+            `pepper_kin.trajectory.path.as_cubic_path`).
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
@@ -106,7 +111,9 @@ def retime(
     curve = as_cubic_path(pepper, path)
     _refuse_missing(pepper, _moving(curve.coefficients), acceleration_limits)
     _refuse_unbounded(curve.coefficients, limits)
-    trajectory = _timed(pepper, curve, limits, rate, _intervals(gridpoints), solver)
+    count = _intervals(gridpoints)
+    timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
+    trajectory = functools.reduce(joined, timed)
     return trajectory if wished is None else _last(pepper, trajectory, wished, limits)
 
 
@@ -143,6 +150,19 @@ def _intervals(gridpoints: int) -> int:
     if isinstance(gridpoints, bool) or not isinstance(gridpoints, (int, np.integer)) or gridpoints < 2:
         raise InvalidValueError("gridpoints", gridpoints, "a whole number of at least 2")
     return int(gridpoints)
+
+
+def _without_kinks(curve: CubicPath) -> list[CubicPath]:
+    """Return the parts of a curve between kinks: the motion stops where the path's direction jumps."""
+    _, first, second, third = curve.coefficients[:-1].swapaxes(0, 1)
+    h, after = np.diff(curve.breaks)[:-1, None], curve.coefficients[1:, 1]
+    before = first + (2.0 * second + 3.0 * third * h) * h
+    size = np.abs(before).max(axis=1, initial=0.0) + np.abs(after).max(axis=1, initial=0.0)
+    kinks = np.flatnonzero(np.abs(after - before).max(axis=1, initial=0.0) > _KINK * (size + _KINK)) + 1
+    if not kinks.size:
+        return [curve]
+    ends = [0, *kinks.tolist(), len(curve.breaks) - 1]
+    return [CubicPath(curve.breaks[a : b + 1], curve.coefficients[a:b]) for a, b in itertools.pairwise(ends)]
 
 
 def _timed(

@@ -403,3 +403,21 @@ def test_smooth_paths_of_the_planners_are_followed_exactly(pepper):
     dense = curve.sample(curve.length / 20_000)
     for q in trajectory(np.linspace(0, trajectory.duration, 20)).position:
         assert np.linalg.norm(dense - q, axis=1).min() < 1e-3
+
+
+def test_the_motion_stops_at_kinks():
+    """Along straight edges, which a spline would leave, it lasts as long as along each of them alone."""
+    robot = one_joint()
+    way = [0.0, 1.0, 0.4, 2.0]
+    edges = np.zeros((3, 4, 1))
+    edges[:, 0, 0], edges[:, 1, 0] = way[:-1], np.diff(way)
+    trajectory = retime(robot, CubicPath(np.arange(4.0), edges))
+    alone = [retime(robot, [[a], [b]]).duration for a, b in itertools.pairwise(way)]
+    assert trajectory.duration == pytest.approx(sum(alone), rel=1e-9)
+    for when, where in zip(np.cumsum(alone)[:-1], way[1:-1], strict=True):
+        state = trajectory(when)
+        assert state.position[0] == pytest.approx(where, abs=1e-9)
+        assert state.velocity[0] == pytest.approx(0.0, abs=1e-6)
+    assert trajectory.check(robot).ok
+    smooth = retime(robot, CubicPath(np.arange(4.0), edges), jerk="moderate")
+    assert smooth.check(robot, jerk="moderate").ok
