@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
     from pepper_kin.exceptions import PepperKinError
     from pepper_kin.model import PepperModel, load_pepper, load_robot
-    from pepper_kin.motion import plan
+    from pepper_kin.motion import PlanProblem, plan, plan_batch
     from pepper_kin.trajectory import Trajectory, retime
     from pepper_kin.twin import Twin, TwinBatch
     from pepper_kin.viewer import Viewer
@@ -73,13 +73,16 @@ _NAMES = {
     "Viewer": "viewer",
     "load_pepper": "model",
     "load_robot": "model",
+    "PlanProblem": "motion",
     "plan": "motion",
+    "plan_batch": "motion",
     "retime": "trajectory",
 }
 
 __all__ = [
     "PepperKinError",
     "PepperModel",
+    "PlanProblem",
     "Scene",
     "Trajectory",
     "Twin",
@@ -98,6 +101,7 @@ __all__ = [
     "model",
     "motion",
     "plan",
+    "plan_batch",
     "planners",
     "retime",
     "servo",

@@ -8,10 +8,23 @@ never raised: it is a status in a result.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 
 class PepperKinError(Exception):
     """Base of all errors of pepper_kin."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel between processes with the sentence and the attributes, not through `__init__`."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(
+    kind: type[PepperKinError], args: tuple[Any, ...], attributes: dict[str, Any]
+) -> PepperKinError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(attributes)
+    return error
 
 
 class InvalidValueError(PepperKinError, ValueError):
@@ -70,6 +83,10 @@ class LimitError(PepperKinError, ValueError):
 
 class ModelError(PepperKinError):
     """A robot description cannot be used; the message says which element and why."""
+
+
+class ModelWarning(UserWarning):
+    """A part of a robot description was left out; the message says which, and the robot can be used."""
 
 
 class FileFormatError(PepperKinError):

@@ -6,6 +6,8 @@ if result.success:
     curve = smooth(problem, shortcut(problem, result.path))
 """
 
+from .car_connect import CarResult, car_connect
+from .car_curves import CarCurve, car_curve
 from .cbirrt import cbirrt
 from .certificate import Certificate, certify
 from .constrained_shortcut import constrained_shortcut, constrained_smooth, project
@@ -26,6 +28,8 @@ from .smooth import SmoothPath, rounded_waypoints, smooth
 
 __all__ = [
     "OMPL_PLANNERS",
+    "CarCurve",
+    "CarResult",
     "Certificate",
     "CompiledManifold",
     "CompiledMotionValidator",
@@ -43,6 +47,8 @@ __all__ = [
     "StateValidityChecker",
     "Status",
     "available_ompl_planners",
+    "car_connect",
+    "car_curve",
     "cbirrt",
     "certify",
     "constrained_shortcut",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,13 +10,10 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.load import model_of
-from pepper_kin.model.urdf_document import Joint, UrdfDocument
+from pepper_kin.model.wheels import BASE_JOINTS, on_planar_base
 
-BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 FAR = 1000.0
 """How far from the world's origin a place may be [m], where the robot itself sets no bound."""
-
-_KINDS = (("prismatic", "1 0 0"), ("prismatic", "0 1 0"), ("continuous", "0 0 1"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,26 +87,7 @@ def wrapped(angle: Array) -> Array:
 
 def _on_wheels(pepper: PepperModel) -> PepperModel:
     """Return the robot with the base's joints between the world and its root link."""
-    document = pepper.document
-    links = [_free_name(document, f"placement_{name}") for name in ("world", "x", "y")]
-    joints, elements = [], [f'  <link name="{name}"/>' for name in links]
-    children = (*links[1:], document.root)
-    for name, (kind, axis), parent, child in zip(BASE_JOINTS, _KINDS, links, children, strict=True):
-        bound = FAR if kind == "prismatic" else math.inf
-        joints.append(
-            Joint(name, kind, parent, child, -bound, bound, math.inf, math.inf, math.inf, mimic=None)
-        )
-        elements.append(
-            f'  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<axis xyz="{axis}"/><limit lower="{-FAR}" upper="{FAR}" effort="1e6" velocity="1e3"/></joint>'
-        )
-    head, tail = document.text.rsplit("</robot>", 1)
-    moving = replace(
-        document,
-        text="\n".join([head.rstrip(), *elements, f"</robot>{tail}"]),
-        links=(*links, *document.links),
-        joints=(*joints, *document.joints),
-    )
+    moving = on_planar_base(pepper.document, "placement", FAR, {})
     robot = model_of(moving, pepper.semantics, pepper.sphere_set)
     changed = pepper.dynamics_model.changed()
     if changed is not None:  # what is not told by the document: payloads, other masses and placements
@@ -124,9 +101,3 @@ def _on_wheels(pepper: PepperModel) -> PepperModel:
             if model.existFrame(frame.name, frame.type):
                 model.frames[model.getFrameId(frame.name, frame.type)].placement = frame.placement
     return robot
-
-
-def _free_name(document: UrdfDocument, name: str) -> str:
-    while name in document.links:
-        name += "_"
-    return name

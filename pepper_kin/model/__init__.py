@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
     from pepper_kin.model.semantics import Semantics
     from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+    from pepper_kin.model.wheels import Wheels
 
 __all__ = [
     "FORMATS",
@@ -37,6 +38,7 @@ __all__ = [
     "Semantics",
     "Shape",
     "Sphere",
+    "Wheels",
     "audit",
     "compare",
     "export",
@@ -63,5 +65,6 @@ __getattr__, __dir__ = lazily(
         "PepperModel": "pepper_model",
         "Semantics": "semantics",
         **dict.fromkeys(("Box", "Capsule", "Cylinder", "Geometry", "Mesh", "Shape", "Sphere"), "shapes"),
+        "Wheels": "wheels",
     },
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from pepper_kin.exceptions import ModelError
+from pepper_kin.exceptions import ModelError, ModelWarning
 from pepper_kin.model.dynamics_model import DynamicsModel
 from pepper_kin.model.expanded_urdf import BASES, DEFAULTS, HANDS, expand, expanded, urdf_folder
 from pepper_kin.model.frozen_arrays import read_only
@@ -21,10 +22,12 @@ from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.tree_order import depth_first, frame_ids
 from pepper_kin.model.urdf_document import Joint, UrdfDocument, parse_urdf
-from pepper_kin.model.urdf_source import mesh_folders, read_source, told_of
+from pepper_kin.model.urdf_source import is_text, mesh_folders, read_source, told_of
 
 if TYPE_CHECKING:
+    from pepper_kin.model.missing_limits import LimitsLike
     from pepper_kin.model.shapes import Shape
+    from pepper_kin.model.wheels import Wheels
 
 SphereSet: TypeAlias = "Callable[[UrdfDocument], tuple[Shape, ...]]"
 
@@ -91,7 +94,13 @@ def pepper_urdf(**arguments: str) -> str:
 
 
 def load_robot(
-    urdf: str | Path, srdf: str | Path | None = None, package_dirs: Sequence[str | Path] = ()
+    urdf: str | Path,
+    srdf: str | Path | None = None,
+    package_dirs: Sequence[str | Path] = (),
+    *,
+    base: str = "fixed",
+    wheels: Wheels | None = None,
+    acceleration_limits: LimitsLike | None = None,
 ) -> PepperModel:
     """Load any robot of revolute, continuous and prismatic joints.
 
@@ -101,6 +110,12 @@ def load_robot(
             collision, if there is one. Without such pairs, links one joint apart are not checked.
         package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
             sought too, and file names without a folder beside it.
+        base: "fixed"; "planar" for three more joints `BaseX`, `BaseY` [m] and `BaseYaw` [rad] between the
+            world and the root link; or "differential" for the same of a base that goes where it points.
+        wheels: What the base can do: limits of its joints for timing, and the turning radius of a
+            differential one, for which it must be given.
+        acceleration_limits: One number for all joints whose <limit> has no `acceleration` (URDF itself knows
+            none), or limits by joint name [rad/s^2 or m/s^2]; they become part of the description.
 
     Returns:
         The same kind of object as `load_pepper` gives.
@@ -108,20 +123,41 @@ def load_robot(
     Raises:
         FileFormatError: where a file cannot be read.
         ModelError: where the description is malformed; names the element.
+        UnknownNameError: for acceleration limits of a joint that there is not.
+        InvalidValueError: for one that is not above zero, another base, or wheels that do not go with it.
+
+    Warns:
+        ModelWarning: naming what the SRDF speaks of and the robot lacks; that is left out.
     """
     with told_of(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
         _ = document.shapes  # refuses what is malformed
+    if base != "fixed" or wheels is not None:
+        from pepper_kin.model.wheels import with_wheels
+
+        document = with_wheels(document, base, wheels)
+    if acceleration_limits is not None:
+        from pepper_kin.model.missing_limits import with_acceleration_limits
+
+        document = with_acceleration_limits(document, acceleration_limits)
     semantics = Semantics()
     if srdf is not None:
         with told_of(srdf):
             semantics = parse_srdf(read_source(srdf), document)
+        _warn_of_unknown_names(srdf, semantics)
     if not semantics.disabled_pairs:
         from pepper_kin.model.neighbours import neighbouring_pairs
 
         semantics = replace(semantics, disabled_pairs=neighbouring_pairs(document))
     with told_of(urdf):
         return build_model(document, semantics)
+
+
+def _warn_of_unknown_names(srdf: str | Path, semantics: Semantics) -> None:
+    """Warn of names in an SRDF that the robot lacks: one text may serve variants, or a name may be wrong."""
+    if semantics.unknown:
+        file = "" if isinstance(srdf, str) and is_text(srdf) else f"{srdf}: "
+        warnings.warn(f"{file}SRDF: {semantics.unknown_names()}", ModelWarning, stacklevel=3)
 
 
 def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:

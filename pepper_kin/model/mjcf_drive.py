@@ -10,6 +10,7 @@ import numpy as np
 from pepper_kin.model.coupling import coupling_of, leader_of
 from pepper_kin.model.kinematic_tree import KinematicTree
 from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.model.xml_text import child, number, numbers
 
 STIFFNESS_PER_EFFORT = 20.0
@@ -24,7 +25,6 @@ FOLLOWER_DAMPING = 3e-4
 
 It stands in for their leader's: a damper on a body without mass would hold it against the constraints.
 """
-BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 BASE_DAMPING = 400.0
 """Assumed gain of the base's velocity actuators [N s/m or N m s/rad]."""
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pepper_kin.model.shapes import Shape
+    from pepper_kin.model.wheels import Wheels
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,11 @@ class PepperModel:
     def collision_spheres(self) -> tuple[Shape, ...]:
         """Spheres that contain the body; none for a robot that has no such set."""
         return () if self.sphere_set is None else self.sphere_set(self.document)
+
+    @property
+    def wheels(self) -> Wheels | None:
+        """What the wheels of the base can do, where `load_robot` put the robot on one; else None."""
+        return self.document.wheels
 
     @property
     def posture_names(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pepper_kin.model.shapes import Shape
+    from pepper_kin.model.wheels import Wheels
 
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
@@ -66,6 +67,7 @@ class UrdfDocument:
         links: Link names in document order.
         joints: All joints in document order.
         package_dirs: Folders that hold packages, for `package://` file names.
+        wheels: What the wheels of a base can do that was added; None where none was.
     """
 
     name: str
@@ -73,6 +75,7 @@ class UrdfDocument:
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
     package_dirs: tuple[Path, ...] = field(default=(), repr=False)
+    wheels: Wheels | None = field(default=None, repr=False)
 
     @property
     def visuals(self) -> tuple[Shape, ...]:

@@ -1,6 +1,7 @@
 """From a goal and a scene to a checked path, from a path to a short and smooth motion; gestures."""
 
 from pepper_kin.ik import FrameInPlane
+from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
@@ -15,8 +16,10 @@ from pepper_kin.motion.optimisation import (
     minimum_effort_swing,
     optimise,
 )
+from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
+from pepper_kin.motion.validation import Validation, ValidationStatus, validate
 
 __all__ = [
     "Arc",
@@ -29,16 +32,24 @@ __all__ = [
     "Optimised",
     "OptimisedStatus",
     "Plan",
+    "PlanBatch",
+    "PlanProblem",
     "PlanStatus",
     "Swing",
     "SwingStatus",
+    "Validation",
+    "ValidationStatus",
     "cartesian_path",
     "gesture",
     "gesture_meaning",
     "gesture_names",
+    "interpolate_path",
     "manifold_of",
     "minimum_effort_swing",
     "optimise",
     "plan",
+    "plan_batch",
     "plan_constrained",
+    "simplify_path",
+    "validate",
 ]

@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision import CollisionChecker
+from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -31,6 +31,7 @@ class PlanStatus(Enum):
     GOAL_OFF_CONSTRAINT = "goal_off_constraint"
     NO_IK = "no_ik"
     NO_PATH_IN_TIME = "no_path_in_time"
+    PATH_INVALID = "path_invalid"
 
     @property
     def advice(self) -> str:
@@ -48,6 +49,7 @@ _ADVICE = {
     PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
     PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
     PlanStatus.NO_PATH_IN_TIME: "Raise the timeout, try another seed, or free more joints.",
+    PlanStatus.PATH_INVALID: "Plan between its ends with plan().",
 }
 
 
@@ -125,21 +127,32 @@ class Ending:
             status, message, self.joint_names, time=elapsed, seed=self.seed, planner=self.planner, **more
         )
 
-    def solved(self, checker: CollisionChecker, path: NDArray[np.float64], message: str, **more: Any) -> Plan:
-        """Return the plan of way-points whose spline has been examined, shape (k, n)."""
-        curve = as_cubic_path(checker.pepper, path) if len(path) > 1 else None
+    def solved(
+        self,
+        checker: CollisionChecker,
+        path: NDArray[np.float64],
+        message: str,
+        curve: CubicPath | None = None,
+        **more: Any,
+    ) -> Plan:
+        """Return the plan of way-points, shape (k, n), whose spline (or another curve) has been examined."""
+        if curve is None and len(path) > 1:
+            curve = as_cubic_path(checker.pepper, path)
         length = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
         return self(
             PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]), length=length,
-            curve=curve, evidence=lambda: _clearance_along(checker, path, curve), **more,
+            curve=curve, **more,
+            evidence=partial(_clearance_along, checker.pepper, checker.scene, path, curve),
         )  # fmt: skip
 
 
-def _clearance_along(checker: CollisionChecker, path: NDArray[np.float64], curve: CubicPath | None) -> float:
+def _clearance_along(
+    pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None
+) -> float:
     """Return the smallest distance along a curve through way-points, four times between any two [m]."""
     dense = path
     if curve is not None:
         pieces = np.arange(len(curve.breaks) - 1)
         parts = [curve.at(pieces, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
         dense = np.concatenate([*parts, path[-1:]])
-    return float(checker.clearance(dense).min())
+    return float(checker_for(pepper, scene).clearance(dense).min())

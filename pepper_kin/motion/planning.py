@@ -17,6 +17,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_plan import plan_constrained
+from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
@@ -69,12 +70,14 @@ def plan(
         The plan; without a path, its status and message tell why.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints.
+        InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints; for
+            constraints, or a planner, that do not go with a differential base.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
     check_planner(planner, constraints is not None)
+    refuse_what_cannot_drive(pepper, joints, planner, constraints is not None)
     if constraints is not None:
         return plan_constrained(
             pepper, start, goal, scene, constraints, joints=joints, margin=margin, seed=seed, timeout=timeout
@@ -92,6 +95,9 @@ def plan(
     free = free_joints(pepper, joints, q_start, goals)
     if is_there(q_start, goals):
         return ended.solved(checks.exact, q_start[None], STAYS, ik=ik)
+    if moves_base(pepper, free):
+        made = plan_drive(ended, checks, q_start, goals, free, margin, begin + timeout)
+        return made if ik is None else replace(made, ik=ik)
     coarse = planner == PLANNERS[0]
     room = path_problem(checks, q_start, goals, free, margin, COARSE if coarse else RESOLUTION)
     result, path = _searched(room, planner, seed, begin, timeout, ik is not None, coarse)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
+from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.payload import AtFrames, payload_wrench
 
 Array = NDArray[np.float64]
 
 WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise seen from above
-_BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 
 
 @lru_cache(maxsize=32)
@@ -28,7 +28,7 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     if not set(WHEELS) <= set(pepper.frame_names):
         return None
     q = pepper.neutral()
-    for joint in set(_BASE_JOINTS) & set(pepper.joint_names):
+    for joint in set(BASE_JOINTS) & set(pepper.joint_names):
         q[pepper.joint_index(joint)] = 0.0
     return read_only([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
 
@@ -85,7 +85,7 @@ def moment_matrix(polygon: Array, margin: float) -> Array:
 
 def moves_base(pepper: PepperModel) -> bool:
     """Return whether the support polygon moves with the base's joints."""
-    return set(_BASE_JOINTS) <= set(pepper.joint_names)
+    return set(BASE_JOINTS) <= set(pepper.joint_names)
 
 
 def balance_margin(
@@ -131,7 +131,7 @@ def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -
     if not moves_base(pepper):
         shape = (*q.shape[:-1], *points.shape)
         return np.broadcast_to(points, shape), np.broadcast_to(directions, shape)
-    x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in _BASE_JOINTS)
+    x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in BASE_JOINTS)
     turn = np.stack([np.stack([np.cos(yaw), -np.sin(yaw)], -1), np.stack([np.sin(yaw), np.cos(yaw)], -1)], -2)
     turned = [np.einsum("...ij,kj->...ki", turn, vectors) for vectors in (points, directions)]
     return turned[0] + np.stack([x, y], axis=-1)[..., None, :], turned[1]

@@ -14,7 +14,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.payload import AtFrames, at_frames, payload_torque
+from pepper_kin.trajectory.payload import AtFrames, at_frames, payload_torque, wheel_speeds
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
 
@@ -68,7 +68,7 @@ def check(
         )
     held, speeds = (
         at_frames(pepper, "payload", payload, "kg"),
-        at_frames(pepper, "hand_speed", hand_speed, "m/s"),
+        at_frames(pepper, "hand_speed", hand_speed, "m/s") + wheel_speeds(pepper),
     )
     time, state = _states(trajectory)
     lower, upper = pepper.lower_limits, pepper.upper_limits

@@ -18,13 +18,14 @@ NAMED = {"gentle": 5.0, "moderate": 10.0, "brisk": 30.0}
 """Factors on the acceleration limits [1/s]: full acceleration is reached in 0.2, 0.1 and 0.033 s."""
 
 
-def jerk_limits(pepper: PepperModel, jerk: JerkLike) -> Array:
+def jerk_limits(pepper: PepperModel, jerk: JerkLike, acceleration: Array | None = None) -> Array:
     """Return the limit of each joint [rad/s^3 or m/s^3], shape (n,).
 
     Args:
         pepper: The robot.
         jerk: A name of `NAMED`; a factor on the acceleration limits [1/s]; or limits, shape (n,), of which
             infinite ones do not act.
+        acceleration: The acceleration limits, shape (n,); None for the robot's.
 
     Raises:
         UnknownNameError: listing the names.
@@ -41,4 +42,5 @@ def jerk_limits(pepper: PepperModel, jerk: JerkLike) -> Array:
     if value.shape not in ((), (pepper.n,)) or not np.all(value > 0):
         allowed = f"a name, a factor above 0 [1/s], or {pepper.n} limits above 0"
         raise InvalidValueError("jerk", repr(jerk)[:80], allowed)
-    return np.array(value if value.ndim else value * pepper.acceleration_limits)
+    limits = pepper.acceleration_limits if acceleration is None else acceleration
+    return np.array(value if value.ndim else value * limits)

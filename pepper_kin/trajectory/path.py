@@ -154,7 +154,7 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         InfeasibleError: for a plan that failed, with its reason.
     """
     if type(path) not in (np.ndarray, list, CubicPath) and isinstance(path, PlannedPath):
-        path = _curve_of(path)
+        path = planned_curve(path)
     if type(path) is CubicPath:
         return _checked(pepper, path)
     if type(path) in (np.ndarray, list) or not isinstance(path, PiecewiseCubic):
@@ -168,7 +168,7 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
 
 
-def _curve_of(plan: PlannedPath) -> PiecewiseCubic:
+def planned_curve(plan: PlannedPath) -> PiecewiseCubic:
     """Return a plan's curve.
 
     Raises:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.wheels import WHEEL_FRAMES
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,12 @@ def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | 
             raise InvalidValueError(f"{quantity} at {name}", value, f"a finite number above 0 [{unit}]")
         found[frame] = float(value)
     return tuple(found.items())
+
+
+def wheel_speeds(pepper: PepperModel) -> AtFrames:
+    """Return the greatest speeds of a differential base's wheels; nothing for other robots [m/s]."""
+    wheels = pepper.wheels
+    return () if wheels is None or not wheels.differential else tuple((f, wheels.speed) for f in WHEEL_FRAMES)
 
 
 def payload_torque(pepper: PepperModel, payload: AtFrames, q: Array, v: Array, a: Array) -> Array:

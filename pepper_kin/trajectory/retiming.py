@@ -17,6 +17,8 @@ With jerk limits, accelerations are continuous too; see `pepper_kin.trajectory.j
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -25,12 +27,14 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.trajectory.balance import WHEELS, support_polygon
+from pepper_kin.trajectory.editing import joined
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.path import PathLike, as_cubic_path
-from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames
+from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
+from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames, wheel_speeds
 from pepper_kin.trajectory.time_optimal import CHECK_STEP, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
@@ -39,6 +43,7 @@ Array = NDArray[np.float64]
 
 SOLVERS = ("fast", "toppra")
 _TOLERANCE = 1e-9  # of a limit, for rounding
+_KINK = 1e-3  # of the derivative: what is smaller comes from rounding in a file
 
 
 def retime(
@@ -53,6 +58,7 @@ def retime(
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
+    acceleration_limits: LimitsLike | None = None,
     duration: float | None = None,
     gridpoints: int = 200,
     solver: str = "fast",
@@ -60,10 +66,11 @@ def retime(
     """Return the time-optimal trajectory along a path, from rest to rest; the module says how.
 
     Args:
-        pepper: The robot, which gives the limits; infinite ones do not act.
+        pepper: The robot, which gives the limits; infinite ones of velocity and torque do not act.
         path: A plan, or a piecewise cubic curve such as `Plan.curve` or `pepper_kin.planners.SmoothPath`:
-            it is followed exactly.  Or way-points [rad or m], shape (k, n), joined by a cubic spline that
-            leaves the polyline between them (see `pepper_kin.trajectory.path.as_cubic_path`).
+            it is followed exactly, and the motion stops at its kinks.  Or way-points [rad or m], shape
+            (k, n), joined by a cubic spline that leaves the polyline between them (see
+            `pepper_kin.trajectory.path.as_cubic_path`).
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
@@ -74,6 +81,9 @@ def retime(
         payload: Point masses held at "left", "right" or a frame by name [kg]; they act on torque and balance.
         jerk: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a second), another
             such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
+        acceleration_limits: One number for all joints of which the robot knows no acceleration limit, or
+            limits by joint name [rad/s^2 or m/s^2]; infinity says that other limits will do.  `load_robot`
+            takes the same once for all.
         duration: The wished duration [s]: the fastest motion is made slower evenly, which keeps every limit.
         gridpoints: Least number of intervals of the grid, at least 2.
         solver: "fast", this library's own, or "toppra", the package of that name, as reference.
@@ -83,8 +93,8 @@ def retime(
 
     Raises:
         InvalidValueError: for an option out of range; one way-point, repeated way-points or a path of zero
-            length; NaN; or a path that no limit bounds.
-        UnknownNameError: for a frame that the robot lacks, or a name of jerk limits.
+            length; NaN; a joint that moves and has no limit of acceleration; or a path that no limit bounds.
+        UnknownNameError: for a frame or joint that the robot lacks, or a name of jerk limits.
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place;
             where the robot would tip over even at rest; where `duration` is less than the least one; or for
@@ -92,29 +102,47 @@ def retime(
     """
     check_choice("solver", solver, SOLVERS)
     wished = None if duration is None else check_positive("duration", duration, "s")
-    rate = None if jerk is None else jerk_limits(pepper, jerk)
     scales = velocity_scale, acceleration_scale, torque_scale if torque else None
-    limits = _limits(pepper, scales, balance, payload, hand_speed)
-    trajectory = _timed(pepper, path, limits, rate, _intervals(gridpoints), solver)
+    greatest = pepper.acceleration_limits
+    if acceleration_limits is not None:
+        greatest = completed_limits(pepper.joint_names, greatest, acceleration_limits)
+    rate = None if jerk is None else jerk_limits(pepper, jerk, greatest)
+    limits = _limits(pepper, greatest, scales, balance, payload, hand_speed)
+    curve = as_cubic_path(pepper, path)
+    _refuse_missing(pepper, _moving(curve.coefficients), acceleration_limits)
+    _refuse_unbounded(curve.coefficients, limits)
+    count = _intervals(gridpoints)
+    timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
+    trajectory = functools.reduce(joined, timed)
     return trajectory if wished is None else _last(pepper, trajectory, wished, limits)
 
 
 def _limits(
     pepper: PepperModel,
+    greatest: Array,
     scales: tuple[float, float, float | None],
     balance: float | None,
     payload: Mapping[str, float] | None,
     hand_speed: float | Mapping[str, float] | None,
 ) -> Limits:
-    """Check what a user says about limits; a third scale of None leaves torque out."""
+    """Check what a user says about limits.
+
+    Args:
+        pepper: The robot.
+        greatest: Acceleration limits, shape (n,).
+        scales: Of velocity, acceleration and torque; None leaves torque out.
+        balance: See `retime`, as the others.
+        payload: See there.
+        hand_speed: See there.
+    """
     velocity, acceleration, torque = scales
     return Limits(
         pepper.velocity_limits * _share("velocity_scale", velocity),
-        pepper.acceleration_limits * _share("acceleration_scale", acceleration),
+        greatest * _share("acceleration_scale", acceleration),
         None if torque is None else pepper.effort_limits * _share("torque_scale", torque),
         _distance(pepper, balance),
         at_frames(pepper, "payload", payload, "kg"),
-        _speeds(pepper, hand_speed),
+        _speeds(pepper, hand_speed) + wheel_speeds(pepper),
     )
 
 
@@ -124,12 +152,23 @@ def _intervals(gridpoints: int) -> int:
     return int(gridpoints)
 
 
+def _without_kinks(curve: CubicPath) -> list[CubicPath]:
+    """Return the parts of a curve between kinks: the motion stops where the path's direction jumps."""
+    _, first, second, third = curve.coefficients[:-1].swapaxes(0, 1)
+    h, after = np.diff(curve.breaks)[:-1, None], curve.coefficients[1:, 1]
+    before = first + (2.0 * second + 3.0 * third * h) * h
+    size = np.abs(before).max(axis=1, initial=0.0) + np.abs(after).max(axis=1, initial=0.0)
+    kinks = np.flatnonzero(np.abs(after - before).max(axis=1, initial=0.0) > _KINK * (size + _KINK)) + 1
+    if not kinks.size:
+        return [curve]
+    ends = [0, *kinks.tolist(), len(curve.breaks) - 1]
+    return [CubicPath(curve.breaks[a : b + 1], curve.coefficients[a:b]) for a, b in itertools.pairwise(ends)]
+
+
 def _timed(
-    pepper: PepperModel, path: PathLike, limits: Limits, jerk: Array | None, intervals: int, solver: str
+    pepper: PepperModel, curve: CubicPath, limits: Limits, jerk: Array | None, intervals: int, solver: str
 ) -> Trajectory:
     """Return the fastest trajectory."""
-    curve = as_cubic_path(pepper, path)
-    _refuse_unbounded(curve.coefficients, limits)
     problem = TimingProblem(pepper, curve.breaks, curve.coefficients, intervals, limits)
     s = problem.grid.s.copy()
     if solver == "fast":
@@ -190,10 +229,29 @@ def _distance(pepper: PepperModel, balance: float | None) -> float | None:
     return float(balance)
 
 
+def _refuse_missing(pepper: PepperModel, moving: NDArray[np.bool_], given: LimitsLike | None) -> None:
+    """Refuse to time joints whose acceleration nobody has said a word about."""
+    missing = ~np.isfinite(pepper.acceleration_limits) & moving
+    said = given if isinstance(given, Mapping) else pepper.joint_names if given is not None else ()
+    names = [pepper.joint_names[j] for j in np.flatnonzero(missing) if pepper.joint_names[j] not in said]
+    if names:
+        raise InvalidValueError(
+            "acceleration_limits",
+            f"none for {', '.join(names)}, and the robot's description gives none",
+            "one number for all, or numbers by joint name [rad/s^2 or m/s^2], here or in load_robot "
+            "(infinity where other limits will do)",
+        )
+
+
+def _moving(coefficients: Array) -> NDArray[np.bool_]:
+    """Return which joints move along a piecewise cubic curve, shape (n,)."""
+    return np.asarray(np.abs(coefficients[:, 1:]).max(axis=(0, 1)) > 0)
+
+
 def _refuse_unbounded(coefficients: Array, limits: Limits) -> None:
     if np.isfinite(limits.velocity).all():
         return
-    moving = np.abs(coefficients[:, 1:]).max(axis=(0, 1)) > 0
+    moving = _moving(coefficients)
     bounds = [limits.velocity, limits.acceleration, *([] if limits.torque is None else [limits.torque])]
     if not limits.speed and not any(np.isfinite(bound[moving]).any() for bound in bounds):
         raise InvalidValueError(

@@ -1,8 +1,10 @@
+import pickle
+
 import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.exceptions import FileFormatError, ModelError
+from pepper_kin.exceptions import FileFormatError, ModelError, UnknownNameError
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -131,3 +133,17 @@ def test_what_is_wrong_in_a_file_begins_with_its_name(tmp_path):
         pk.load_robot(urdf, srdf)
     with pytest.raises(ModelError, match=r"^URDF: not well-formed XML"):
         pk.load_robot("<robot")
+
+
+def test_acceleration_limits_given_at_loading_belong_to_the_description():
+    """All that reads limits then finds them: timing, certificates, exports, copies."""
+    robot = pk.load_robot(ARM, acceleration_limits={"turn": 3.0})
+    np.testing.assert_array_equal(robot.acceleration_limits, [3.0, np.inf])
+    robot = pk.load_robot(robot.urdf, acceleration_limits=2.0)
+    np.testing.assert_array_equal(robot.acceleration_limits, [3.0, 2.0])
+    np.testing.assert_array_equal(pk.load_robot(robot.export("urdf")).acceleration_limits, [3.0, 2.0])
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(robot)).acceleration_limits, [3.0, 2.0])
+    q = [[0.0, 0.0], [1.0, 0.2]]
+    assert pk.retime(robot, q).check(robot).acceleration.ok
+    with pytest.raises(UnknownNameError, match="unknown joint 'bend'; available: turn, slide"):
+        pk.load_robot(ARM, acceleration_limits={"bend": 1.0})

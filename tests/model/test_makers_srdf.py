@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pinocchio
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.exceptions import ModelError, UnknownNameError
+from pepper_kin.exceptions import ModelError, ModelWarning, UnknownNameError
 
 SHARE = Path(importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix/share"))
 ROBOTS = SHARE / "example-robot-data" / "robots"
@@ -73,13 +74,58 @@ def test_a_chain_may_go_up_one_branch_and_down_another():
 def test_groups_may_be_told_after_those_that_hold_them():
     text = '<group name="all"><group name="a"/></group><group name="a"><joint name="t"/></group>'
     assert groups(text) == {"all": ("t",), "a": ("t",)}
-    with pytest.raises(ModelError, match="unknown group in the SRDF 'b'; available: all, a"):
-        groups(text.replace('<group name="a"/>', '<group name="b"/>'))
     with pytest.raises(ModelError, match="SRDF: group 'all' holds itself: all > a > all"):
         groups(text.replace('<joint name="t"/>', '<group name="all"/>'))
 
 
-def test_chains_of_links_that_the_robot_lacks_are_left_out():
-    """One SRDF serves variants of a robot, as Pepper's serves locked hands."""
+def test_names_that_the_robot_lacks_are_left_out_with_a_warning():
+    """One SRDF serves variants of a robot, as Pepper's serves locked hands; or a name is wrong."""
     text = '<group name="arm"><chain base_link="trunk" tip_link="finger"/><joint name="r"/></group>'
-    assert groups(text) == {"arm": ("r",)}
+    with pytest.warns(ModelWarning, match="SRDF: the robot has no link 'finger', which are left out"):
+        assert groups(text) == {"arm": ("r",)}
+    text = """<group name="arm"><group name="hand"/><joint name="r"/><joint name="q"/><link name="tip"/>
+      </group>
+      <passive_joint name="caster"/><end_effector name="hand" parent_link="palm" group="fingers"/>
+      <group_state name="away" group="arm"><joint name="w" value="1"/></group_state>
+      <disable_collisions link1="trunk" link2="sole"/><enable_collisions link1="left" link2="nose"/>"""
+    with pytest.warns(ModelWarning) as told:
+        assert groups(text) == {"arm": ("r", "t")}
+    assert "no joint 'q', 'w', 'caster'; no link 'nose', 'sole', 'palm'; no group 'hand', 'fingers'" in str(
+        told[0].message
+    )
+
+
+def test_what_srdfs_of_makers_hold_is_read_without_a_word():
+    """Comments, spaces, a virtual joint in a group, passive joints, a link's spheres, a joint property."""
+    text = """<!-- <group name="old"><joint name="gone"/></group> -->
+      <virtual_joint name="world_joint" type="planar" parent_frame="odom" child_link="trunk"/>
+      <group name=" all "><joint name="world_joint"/><joint name=" l "/><passive_joint name="r"/>
+        <chain base_link="trunk" tip_link="tip"/></group>
+      <group name="all"><joint name="t"/></group>
+      <group_state name="home" group="all"><joint name="world_joint" value="0 0 0"/>
+        <joint name="t" value=" .5 "/></group_state>
+      <end_effector name="hand" parent_link="tip" group="all" parent_group="all"/>
+      <passive_joint name="l"/><passive_joint name="world_joint"/>
+      <link_sphere_approximation link="tip"><sphere center="0 0 0" radius="0.1"/></link_sphere_approximation>
+      <joint_property joint_name="l" property_name="angular_distance_weight" value="0.2"/>"""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        robot = pk.load_robot(FORK, f'<?xml version="1.0"?>\n<robot name="fork">{text}</robot>')
+    assert robot.semantics.groups == {"all": ("l", "r", "t")}
+    np.testing.assert_array_equal(robot.posture("home"), [0.0, 0.0, 0.5])
+
+
+def test_collisions_of_a_link_are_disabled_with_all_others_but_exceptions():
+    text = """<disable_default_collisions link="tip"/><enable_collisions link1="tip" link2="left"/>
+      <disable_collisions link1="right" link2="left" reason="Never"/>"""
+    robot = pk.load_robot(FORK, f'<robot name="fork">{text}</robot>')
+    assert robot.semantics.disabled_pairs == {
+        ("right", "tip"): "Default",
+        ("tip", "trunk"): "Default",
+        ("left", "right"): "Never",
+    }
+
+
+def test_another_document_is_refused():
+    with pytest.raises(ModelError, match="SRDF: the root element is <sdf>, expected <robot>"):
+        pk.load_robot(FORK, "<sdf/>")

@@ -319,9 +319,48 @@ def test_a_path_without_any_limit_is_refused():
     )
     start, end = text.index("<limit"), text.index("</joint>")
     with pytest.raises(InvalidValueError, match="no finite velocity, acceleration or torque limit"):
-        retime(pk.load_robot(text[:start] + text[end:]), [[0.0], [1.0]])
+        retime(pk.load_robot(text[:start] + text[end:]), [[0.0], [1.0]], acceleration_limits=np.inf)
     only_velocity = pk.load_robot(text[:start] + '<limit velocity="2"/>' + text[end:])
-    assert retime(only_velocity, [[0.0], [1.0]]).duration == pytest.approx(0.5, rel=0.05)
+    duration = retime(only_velocity, [[0.0], [1.0]], acceleration_limits=np.inf).duration
+    assert duration == pytest.approx(0.5, rel=0.05)
+
+
+TWO_JOINTS = (
+    one_joint()
+    .urdf.replace('acceleration="5"', "")
+    .replace(
+        "</robot>",
+        '<link name="tip"/><joint name="K" type="prismatic"><parent link="arm"/><child link="tip"/>'
+        '<limit lower="0" upper="1" velocity="100" effort="1e6"/></joint></robot>',
+    )
+)
+
+
+def test_missing_acceleration_limits_are_named_and_can_be_given():
+    """As makers' URDFs are: a torque that would allow 3000 rad/s^2 is no word about acceleration."""
+    robot = pk.load_robot(TWO_JOINTS)
+    with pytest.raises(InvalidValueError, match="none for J, K, and the robot's description gives none"):
+        retime(robot, [[0.0, 0.0], [1.0, 0.5]])
+    with pytest.raises(InvalidValueError, match=r"none for K, .* by joint name .* or in load_robot"):
+        retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits={"J": 5.0})
+    bang_bang = pytest.approx(2 * np.sqrt(1 / 5), rel=1e-3)
+    assert retime(robot, [[0.0, 0.0], [1.0, 0.0]], acceleration_limits={"J": 5.0}).duration == bang_bang
+    both = retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits={"J": 50.0, "K": 2.5})
+    assert both.duration == bang_bang
+    assert retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits=5.0).duration == bang_bang
+    half = retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits=20.0, acceleration_scale=0.25)
+    assert half.duration == bang_bang
+
+
+def test_given_acceleration_limits_scale_the_limits_of_jerk():
+    robot, path = pk.load_robot(TWO_JOINTS), [[0.0, 0.0], [1.0, 0.0]]
+    given = retime(robot, path, acceleration_limits=5.0, jerk="moderate")
+    known = retime(one_joint(), [[0.0], [1.0]], jerk="moderate")
+    assert given.duration == pytest.approx(known.duration, rel=1e-6)
+    with pytest.raises(pk.exceptions.UnknownNameError, match="unknown joint 'L'; available: J, K"):
+        retime(robot, path, acceleration_limits={"L": 1.0})
+    with pytest.raises(InvalidValueError, match=r"acceleration_limits of J: got -1\.0"):
+        retime(robot, path, acceleration_limits={"J": -1.0})
 
 
 def test_toppra_keeps_its_logging_level(pepper):
@@ -364,3 +403,21 @@ def test_smooth_paths_of_the_planners_are_followed_exactly(pepper):
     dense = curve.sample(curve.length / 20_000)
     for q in trajectory(np.linspace(0, trajectory.duration, 20)).position:
         assert np.linalg.norm(dense - q, axis=1).min() < 1e-3
+
+
+def test_the_motion_stops_at_kinks():
+    """Along straight edges, which a spline would leave, it lasts as long as along each of them alone."""
+    robot = one_joint()
+    way = [0.0, 1.0, 0.4, 2.0]
+    edges = np.zeros((3, 4, 1))
+    edges[:, 0, 0], edges[:, 1, 0] = way[:-1], np.diff(way)
+    trajectory = retime(robot, CubicPath(np.arange(4.0), edges))
+    alone = [retime(robot, [[a], [b]]).duration for a, b in itertools.pairwise(way)]
+    assert trajectory.duration == pytest.approx(sum(alone), rel=1e-9)
+    for when, where in zip(np.cumsum(alone)[:-1], way[1:-1], strict=True):
+        state = trajectory(when)
+        assert state.position[0] == pytest.approx(where, abs=1e-9)
+        assert state.velocity[0] == pytest.approx(0.0, abs=1e-6)
+    assert trajectory.check(robot).ok
+    smooth = retime(robot, CubicPath(np.arange(4.0), edges), jerk="moderate")
+    assert smooth.check(robot, jerk="moderate").ok

@@ -1,0 +1,76 @@
+"""Acceleration limits of joints whose description gives none: URDF itself has no place for them."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.model.joint_vectors import check_positive
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pepper_kin.model.urdf_document import UrdfDocument
+
+LimitsLike: TypeAlias = "float | Mapping[str, float]"
+QUANTITY = "acceleration_limits"
+
+
+def completed_limits(
+    names: Sequence[str], limits: NDArray[np.float64], given: LimitsLike
+) -> NDArray[np.float64]:
+    """Return limits with those that a user gives, shape (n,) [rad/s^2 or m/s^2].
+
+    Args:
+        names: The joints.
+        limits: What is known of them, inf where nothing is, shape (n,).
+        given: One number for all joints that lack a limit, or limits by name, which hold in any case.
+
+    Raises:
+        UnknownNameError: for a joint that there is not.
+        InvalidValueError: for what is not above zero.
+    """
+    if not isinstance(given, Mapping):
+        number = np.inf if _is_infinite(given) else check_positive(QUANTITY, given)
+        return np.where(np.isfinite(limits), limits, number)
+    found = np.array(limits, dtype=float)
+    for name, value in given.items():
+        if name not in names:
+            raise UnknownNameError("joint", name, names)
+        number = np.inf if _is_infinite(value) else check_positive(f"{QUANTITY} of {name}", value)
+        found[names.index(name)] = number
+    return found
+
+
+def with_acceleration_limits(document: UrdfDocument, given: LimitsLike) -> UrdfDocument:
+    """Return a document whose joints have acceleration limits, written where this library reads them.
+
+    Args:
+        document: The robot.
+        given: As in `completed_limits`; joints that follow others need none.
+
+    Raises:
+        UnknownNameError: for a joint that there is not.
+        InvalidValueError: for what is not above zero.
+    """
+    leading = [joint for joint in document.joints if joint.type != "fixed" and joint.mimic is None]
+    names = [joint.name for joint in leading]
+    limits = completed_limits(names, np.array([joint.acceleration for joint in leading]), given)
+    values = {name: float(limit) for name, limit in zip(names, limits, strict=True) if np.isfinite(limit)}
+    root = ET.fromstring(document.text)
+    for element in root.findall("joint"):
+        if element.get("name") in values:
+            limit = element.find("limit")
+            limit = ET.SubElement(element, "limit") if limit is None else limit
+            limit.set("acceleration", repr(values[element.get("name", "")]))
+    joints = tuple(replace(j, acceleration=values.get(j.name, j.acceleration)) for j in document.joints)
+    return replace(document, text=ET.tostring(root, encoding="unicode"), joints=joints)
+
+
+def _is_infinite(value: object) -> bool:
+    return isinstance(value, (int, float)) and value == np.inf

@@ -1,0 +1,242 @@
+"""Many planning problems on all cores: the plans are those of one call after the other."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+from pepper_kin.motion.plan_result import Plan
+from pepper_kin.motion.planning import plan
+
+if TYPE_CHECKING:
+    from pepper_kin.motion.planning_process import Helper
+
+MOST_TOGETHER = 16
+"""Problems of one robot and scene that one process takes at once."""
+_SHARES = 8  # pieces for each process, so that a slow one leaves the rest to others
+_PAUSE = 0.02  # between looks at whether a helper has started [s]
+
+Outcome = tuple["Plan | None", "Exception | None"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanProblem:
+    """What `plan` is asked, as a value; see there.
+
+    Attributes:
+        pepper: The robot.
+        start: Start configuration [rad or m], shape (n,).
+        goal: Goal configuration, several, or IK tasks.
+        scene: The world around the robot; problems in one world should share one object.
+        planner: The planner's name.
+        joints: Joints that may move.
+        constraints: IK tasks kept along the whole path.
+        margin: Distance kept to all things [m].
+        seed: Seed of all random choices.
+        timeout: Time budget [s].
+    """
+
+    pepper: PepperModel
+    start: ArrayLike
+    goal: ArrayLike | Sequence[Any]
+    scene: Scene | None = None
+    planner: str = field(default="rrt_connect", kw_only=True)
+    joints: str | Sequence[str] | None = field(default=None, kw_only=True)
+    constraints: Sequence[Task | TaskGroup] | None = field(default=None, kw_only=True)
+    margin: float = field(default=0.01, kw_only=True)
+    seed: int = field(default=0, kw_only=True)
+    timeout: float = field(default=5.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Copy arrays; whether they are right is asked by `plan`."""
+        for name in ("start", "goal"):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, read_only(value.copy()))
+
+    def solve(self) -> Plan:
+        """Return what `plan` returns, and raise what it raises."""
+        return plan(
+            self.pepper, self.start, self.goal, self.scene, planner=self.planner, joints=self.joints,
+            constraints=self.constraints, margin=self.margin, seed=self.seed, timeout=self.timeout,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PlanBatch:
+    """The outcome of many problems, in their order.
+
+    Attributes:
+        plans: What `plan` returned; None where it raised.
+        errors: What it raised; None where it returned.
+        time: Wall time of all [s].
+    """
+
+    plans: tuple[Plan | None, ...]
+    errors: tuple[Exception | None, ...]
+    time: float
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Which problems have a path, shape (N,)."""
+        return np.array([plan is not None and plan.success for plan in self.plans], dtype=bool)
+
+    def report(self) -> str:
+        """Say in plain words how many have a path, and why the others have none."""
+        lines = [f"{int(self.solved.sum())} of {len(self.plans)} problems have a path, in {self.time:.2f} s."]
+        for number, (found, error) in enumerate(zip(self.plans, self.errors, strict=True)):
+            if error is not None:
+                lines.append(f"Problem {number} was refused: {error}")
+            elif found is not None and not found.success:
+                lines.append(f"Problem {number}: {found.report()}")
+        return "\n".join(lines)
+
+
+def plan_batch(
+    problems: Iterable[PlanProblem],
+    *,
+    processes: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> PlanBatch:
+    """Plan many problems on all cores.
+
+    Each plan is what `plan` returns for that problem alone, to the bit but for its `time`, unless time runs
+    out.  This process works on them as well; helpers, which are processes of their own, join in as soon as
+    they have started, in about a second, and stay for the next call.  What cannot be sent to them (a task
+    class of the main script, say) is solved here.
+
+    Args:
+        problems: Robots, starts, goals and scenes.
+        processes: Number of processes, this one included; None for one on each core.
+        progress: Called in this thread with the number of problems done and that of all, now and then.
+
+    Returns:
+        Plans and errors in the problems' order: an error in one does not stop the others.
+
+    Raises:
+        InvalidValueError: for something else than a problem, or a number of processes below 1.
+    """
+    begin = time.perf_counter()
+    asked = tuple(problems)
+    for number, problem in enumerate(asked):
+        if not isinstance(problem, PlanProblem):
+            raise InvalidValueError(f"problems[{number}]", repr(problem)[:80], "a PlanProblem")
+    count = os.cpu_count() or 1 if processes is None else processes
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise InvalidValueError("processes", repr(processes), "a whole number of at least 1, or None")
+    from pepper_kin.motion.planning_process import helpers  # pipes and processes take long to import
+
+    run = _Run(asked, _pieces(asked, count), progress)
+    run.all(helpers(min(count, len(run.waiting)) - 1))
+    plans, errors = zip(*run.outcomes, strict=True) if asked else ((), ())
+    return PlanBatch(plans, errors, time.perf_counter() - begin)
+
+
+def _pieces(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
+    """Return the problems' numbers in pieces of one robot and one scene each."""
+    groups: dict[tuple[int, int], list[int]] = {}
+    for number, problem in enumerate(problems):
+        groups.setdefault((id(problem.pepper), id(problem.scene)), []).append(number)
+    size = min(MOST_TOGETHER, max(1, len(problems) // (_SHARES * processes)))
+    return [group[k : k + size] for group in groups.values() for k in range(0, len(group), size)]
+
+
+def _outcome(problem: PlanProblem) -> Outcome:
+    try:
+        return problem.solve(), None
+    except Exception as error:
+        return None, error
+
+
+class _Run:
+    """One call: this thread takes pieces from the front, one thread for each helper from the back."""
+
+    def __init__(
+        self,
+        problems: Sequence[PlanProblem],
+        pieces: list[list[int]],
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        self.problems, self.progress = problems, progress
+        self.waiting, self.left = deque(pieces), deque[list[int]]()
+        self.outcomes: list[Outcome] = [(None, None)] * len(problems)
+        self.done = self.told = self.away = 0
+        self.change = threading.Condition()
+
+    def all(self, others: Sequence[Helper]) -> None:
+        """Solve all problems."""
+        threads = [threading.Thread(target=self._hand_out, args=(one,), daemon=True) for one in others]
+        for thread in threads:
+            thread.start()
+        try:
+            while (piece := self._next()) is not None:
+                for number in piece:
+                    self._record([number], [_outcome(self.problems[number])])
+                    self._tell()
+        except BaseException:
+            self.waiting.clear()
+            for one in others:
+                one.end()
+            raise
+        self._tell()
+
+    def _next(self) -> list[int] | None:
+        """Return a piece for this process, after waiting for helpers if need be; None when all is done."""
+        while True:
+            with self.change:
+                for queue in (self.left, self.waiting):
+                    if queue:
+                        return queue.popleft()
+                if not self.away:
+                    return None
+                self.change.wait(_PAUSE)
+            self._tell()
+
+    def _hand_out(self, helper: Helper) -> None:
+        """Let a helper solve pieces until none is left; what it cannot answer is left to this process."""
+        from pepper_kin.motion.planning_process import UnansweredError
+
+        while True:
+            while not helper.ready.wait(_PAUSE):
+                if not self.waiting or helper.ended:
+                    return
+            with self.change:
+                if not self.waiting:
+                    return
+                piece = self.waiting.pop()
+                self.away += 1
+            try:
+                first = self.problems[piece[0]]
+                found = helper.solve(first.pepper, first.scene, [self.problems[k] for k in piece])
+                self._record(piece, found)
+            except UnansweredError:
+                with self.change:
+                    self.left.append(piece)
+            finally:
+                with self.change:
+                    self.away -= 1
+                    self.change.notify()
+
+    def _record(self, piece: Sequence[int], found: Sequence[Outcome]) -> None:
+        with self.change:
+            for number, outcome in zip(piece, found, strict=True):
+                self.outcomes[number] = outcome
+            self.done += len(piece)
+
+    def _tell(self) -> None:
+        if self.progress is not None and self.told < self.done:
+            self.told = self.done
+            self.progress(self.told, len(self.problems))

@@ -1,0 +1,205 @@
+"""Paths of a robot whose base goes where it points: curves of a car for the base, the rest held meanwhile."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import planners
+from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.wheels import BASE_JOINTS, Wheels
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.examination import hull_of, is_clear
+from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
+from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, path_problem
+from pepper_kin.motion.waypoints import waypoints_of
+from pepper_kin.planners.smooth import power_basis
+from pepper_kin.trajectory.path import CubicPath, as_cubic_path
+
+Array = NDArray[np.float64]
+
+SPACINGS = (0.2, 0.1, 0.05)
+"""Distances of a spline's control points along a drive, in turning radii, to be tried in turn."""
+_WIDER = 1.01
+"""The radius of the curves over the turning radius: a spline of that spacing is narrower by 0.7 %."""
+_LEAST_PIECES = 4  # of a drive between two stops
+_SAME = 1e-9
+
+
+def base_places(pepper: PepperModel) -> NDArray[np.int64]:
+    """Return the places of x, y and yaw of a differential base, shape (3,); none for other robots."""
+    if pepper.wheels is None or not pepper.wheels.differential:
+        return np.empty(0, np.int64)
+    return np.array([pepper.joint_index(name) for name in BASE_JOINTS], dtype=np.int64)
+
+
+def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:
+    """Whether the base of a robot that goes where it points is among the joints that move."""
+    return bool(np.isin(base_places(pepper), free).any())
+
+
+def refuse_what_cannot_drive(
+    pepper: PepperModel, joints: str | Sequence[str] | None, planner: str, constrained: bool
+) -> None:
+    """Refuse options that would let a differential base go sideways.
+
+    Raises:
+        InvalidValueError: for constraints or another planner while the base may move.
+    """
+    if not base_places(pepper).size or (planner == "rrt_connect" and not constrained):
+        return
+    names = pepper.joint_group(joints) if isinstance(joints, str) else joints
+    if names is None or set(names) & set(BASE_JOINTS):
+        what = "constraints" if constrained else "planner"
+        raise InvalidValueError(
+            what, "given, while the differential base may move", f"joints= without {', '.join(BASE_JOINTS)}"
+        )
+
+
+def plan_drive(
+    ended: Ending, checks: Checks, start: Array, goals: Array, free: NDArray[np.int64], margin: float,
+    deadline: float,
+) -> Plan:  # fmt: skip
+    """Plan to goals that the base has to drive to: with the body held, which moves before or after.
+
+    Args:
+        ended: Makes the plan.
+        checks: The robot in its scene.
+        start: Start configuration, shape (n,).
+        goals: Goals that are valid, shape (m, n), the best first.
+        free: Places of the joints that move, shape (k,).
+        margin: Distance to keep where the ends allow it [m].
+        deadline: On the clock of `time.perf_counter` [s].
+    """
+    base = base_places(checks.pepper)
+    message, checked = "No goal can be driven to with the body held as at the start or as at the goal", 0
+    for goal in goals:
+        for body_first in (False, True):
+            legs = _legs(start, goal, base, body_first)
+            if not all(checks.free(q) and checks.holds(q[None])[0] for leg in legs for q in leg):
+                continue
+            curves = []
+            shift = np.zeros_like(start)  # of the yaw: full turns that the drive has made
+            for begin, end in legs:
+                left = deadline - time.perf_counter()
+                left = max(left if body_first else left / 2, 1e-3)  # the other order needs time as well
+                curve, states = _leg(checks, begin + shift, end + shift, base, free, margin, ended.seed, left)
+                checked += states
+                if curve is None:
+                    break
+                curves.append(curve)
+                shift[base[2]] += (_end(curve) - end - shift)[base[2]]
+            if len(curves) == len(legs):
+                path = _in_turn(curves)
+                points = np.vstack([path.coefficients[:, 0], _end(path)])
+                said = f"Drive of {_length(path, base):.2f} m{_said(legs, base)}."
+                return ended.solved(checks.exact, points, said, curve=path, states_checked=checked)
+            message = "No path: the base's curves, or the body's motion before or after them, touch something"
+    return ended(PlanStatus.NO_PATH_IN_TIME, f"{message}.", states_checked=checked)
+
+
+def _legs(start: Array, goal: Array, base: NDArray[np.int64], body_first: bool) -> list[tuple[Array, Array]]:
+    """Return ends of a drive and of the body's motion, in order, without one that leads nowhere."""
+    middle = goal.copy() if body_first else start.copy()
+    middle[base] = (start if body_first else goal)[base]
+    legs = [(start, middle), (middle, goal)]
+    return [(a, b) for a, b in legs if np.abs(a - b).max() > _SAME]
+
+
+def _said(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
+    if len(legs) == 1:
+        return " with the body held"
+    first_drives = bool(np.abs(legs[0][0] - legs[0][1])[base].max() > _SAME)
+    return ", then the body moves" if first_drives else " after the body has moved"
+
+
+def _end(path: CubicPath) -> Array:
+    """Return the end of a curve, shape (n,)."""
+    return path.at(len(path.breaks) - 2, path.breaks[-1] - path.breaks[-2])
+
+
+def _length(path: CubicPath, base: NDArray[np.int64]) -> float:
+    ends = np.vstack([path.coefficients[:, 0], _end(path)])[:, base[:2]]
+    return float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
+
+
+def _leg(
+    checks: Checks, begin: Array, end: Array, base: NDArray[np.int64], free: NDArray[np.int64], margin: float,
+    seed: int, timeout: float,
+) -> tuple[CubicPath | None, int]:  # fmt: skip
+    """Return the curve of one leg, or None, and the number of states asked about."""
+    if np.abs(begin - end)[base].max() <= _SAME:
+        moving = np.setdiff1d(free, base)
+        room = path_problem(checks, begin, end[None], moving, margin)
+        result = planners.rrt_connect(room.problem, seed=seed, timeout=timeout)
+        points = None if result.path is None else waypoints_of(room, result.path, seed=seed, timeout=timeout)
+        return (None if points is None else as_cubic_path(checks.pepper, points)), result.states_checked
+    wheels, checked = checks.pepper.wheels, 0
+    assert wheels is not None
+    for resolution in (COARSE, RESOLUTION):
+        room = path_problem(checks, begin, end[None], base, margin, resolution)
+        found = planners.car_connect(
+            room.problem, _WIDER * wheels.turning_radius, backward=wheels.backward, seed=seed, timeout=timeout
+        )
+        checked += found.states_checked
+        for spacing in SPACINGS if found.curves else ():
+            curve = _driven(room, found.curves, wheels, spacing)
+            if _is_clear(room, curve):
+                return curve, checked
+        if not found.curves:
+            break
+    return None, checked
+
+
+def _driven(
+    room: PathProblem, curves: tuple[planners.CarCurve, ...], wheels: Wheels, spacing: float
+) -> CubicPath:
+    """Return a curve along those of a car; it has a kink, where timing stops, where the car turns back.
+
+    Between kinks it is the cubic B-spline whose control points are poses of the car, so that it never bends
+    more than they do, and heading and direction agree up to the third order of the spacing.
+    """
+    drives: list[list[planners.CarCurve]] = []
+    for curve in curves:
+        for piece in range(curve.lengths.size):
+            ends = np.cumsum([0.0, *np.abs(curve.lengths)])
+            part = curve.part(float(ends[piece]), float(ends[piece + 1]))
+            if drives and drives[-1][-1].lengths[0] * part.lengths[0] > 0.0:
+                drives[-1].append(part)
+            else:
+                drives.append([part])
+    splines = []
+    for drive in drives:
+        ends = np.cumsum([0.0, *(part.length for part in drive)])
+        count = max(_LEAST_PIECES, math.ceil(ends[-1] / (spacing * wheels.turning_radius)))
+        breaks = np.linspace(0.0, ends[-1], count + 1)
+        knots = np.concatenate([np.zeros(3), breaks, np.full(3, ends[-1])])
+        s = np.minimum((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0, ends[-1])
+        at = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, len(drive) - 1)
+        control = np.tile(room.start, (len(s), 1))
+        control[:, room.free] = np.stack([drive[i](x - ends[i]) for i, x in zip(at, s, strict=True)])
+        coefficients = np.empty((count, 4, control.shape[1]))
+        power_basis(knots, control, coefficients)
+        splines.append(CubicPath(breaks, coefficients))
+    return _in_turn(splines)
+
+
+def _in_turn(curves: list[CubicPath]) -> CubicPath:
+    """Return curves, each of which begins where the one before ends, as one; timing stops at its kinks."""
+    breaks = [np.zeros(1)]
+    for curve in curves:
+        breaks.append(breaks[-1][-1] + (curve.breaks[1:] - curve.breaks[0]))
+    return CubicPath(np.concatenate(breaks), np.concatenate([curve.coefficients for curve in curves]))
+
+
+def _is_clear(room: PathProblem, curve: CubicPath) -> bool:
+    reach = room.reach
+    if not np.isfinite(reach).all():
+        reach = motion_bounds(room.checks.pepper, *hull_of(curve.breaks, curve.coefficients), room.held)
+    return is_clear(room.checks, curve.breaks, curve.coefficients, reach, room.relaxed_margins)

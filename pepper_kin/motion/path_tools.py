@@ -1,0 +1,181 @@
+"""Paths from elsewhere: made shorter and smooth, or denser."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin import planners
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.motion.checks import LEAST_MARGIN, Checks
+from pepper_kin.motion.dense_states import AnyPath, dense_states, given_path, polyline
+from pepper_kin.motion.driving import moves_base
+from pepper_kin.motion.goals import STAYS, free_joints
+from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
+from pepper_kin.motion.problem import RESOLUTION, path_problem
+from pepper_kin.motion.validation import validate
+from pepper_kin.motion.waypoints import waypoints_of
+from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
+
+Array = NDArray[np.float64]
+
+NAME = "simplify_path"
+_SAME = 1e-9  # [rad or m]
+_MOST_POINTS = 1_000_000
+
+
+def simplify_path(
+    pepper: PepperModel,
+    path: AnyPath,
+    scene: Scene | None = None,
+    *,
+    margin: float = 0.01,
+    seed: int = 0,
+    timeout: float = 1.0,
+) -> Plan:
+    """Make a valid path from elsewhere shorter, and smooth as `plan` makes its own.
+
+    Short-cuts and rounding are those of `plan`, and so is the examination of the curve that is returned.
+
+    Args:
+        pepper: The robot.
+        path: Way-points [rad or m], shape (k, n), which straight edges join; a piecewise cubic curve; a plan;
+            or a trajectory, whose times are forgotten.
+        scene: The world around the robot, with what it holds.
+        margin: Distance kept to all things [m]; less where the path itself is nearer than that.
+        seed: Seed of the choice of short-cuts.
+        timeout: Time budget of the short-cuts [s].
+
+    Returns:
+        A plan from the path's first state to its last, for `retime`; PATH_INVALID, with what is wrong where,
+        if the path is not valid itself.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, a margin below zero, a timeout of zero, or a path on which
+            a differential base moves: short-cuts would let it go sideways.
+        InfeasibleError: for a plan that failed, with its reason.
+    """
+    check_positive("timeout", timeout, "[s]")
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    checks, given = Checks(pepper, scene), given_path(pepper, path)
+    ended = Ending(pepper, time.perf_counter(), seed, NAME)
+    found = validate(pepper, path, scene)
+    if not found.valid:
+        return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)
+    points = given if isinstance(given, np.ndarray) else _followed(given)
+    points = np.clip(points, pepper.lower_limits, pepper.upper_limits)
+    points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SAME)]
+    if len(points) == 1:
+        return ended.solved(checks.exact, points, STAYS)
+    free = free_joints(pepper, None, points[0], points[1:])
+    if moves_base(pepper, free):
+        raise InvalidValueError("path", "a drive of a differential base", "a path on which the base stands")
+    kept = _margin_of(checks, points, dense_states(pepper, scene, points, RESOLUTION).positions, margin)
+    room = path_problem(checks, points[0], points[1:], free, kept)
+    line = planners.Path(points[:, free], room.problem.weights)
+    way = waypoints_of(room, line, seed=seed, timeout=timeout)
+    if way is None:
+        message = "The path is valid, but no spline along it was found that is: it grazes something."
+        return ended(PlanStatus.PATH_INVALID, message, states_checked=found.states_checked)
+    before = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    after = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    message = f"Path of {len(way)} way-points, {after / before:.2f} times as long as the one given."
+    return ended.solved(checks.exact, way, message, states_checked=found.states_checked)
+
+
+def _margin_of(checks: Checks, points: Array, states: Array, margin: float) -> float:
+    """Return a margin that all states between way-points keep, halved until they do [m]."""
+    while margin > LEAST_MARGIN:
+        kept = checks.margins(points[0], points[1:], margin)
+        if checks.free(states, *kept).all():
+            return margin
+        margin /= 2
+    return 0.0
+
+
+def _followed(path: CubicPath | Trajectory) -> Array:
+    """Return way-points along a curve or trajectory, a hundredth [rad or m] or [s] apart."""
+    if isinstance(path, CubicPath):
+        return interpolate_path(path, step=RESOLUTION)
+    times = np.linspace(0.0, path.duration, 1 + math.ceil(path.duration / RESOLUTION))
+    return np.asarray(path(times).position)
+
+
+def interpolate_path(
+    path: ArrayLike | PiecewiseCubic | PlannedPath, *, step: float | None = None, count: int | None = None
+) -> Array:
+    """Return states along a path, curve or plan, as controllers and files want them.
+
+    Args:
+        path: Way-points [rad or m], shape (k, n), k >= 2, which straight edges join; a piecewise cubic curve,
+            or a plan, whose curve is taken.
+        step: Greatest change of any joint from one state to the next [rad or m]; all way-points, or breaks of
+            the curve, are among the states.
+        count: Number of states instead, at equal lengths of the polyline in joint space, or equal steps of
+            the curve's parameter; first and last are the path's own.
+
+    Returns:
+        States [rad or m], shape (m, n).
+
+    Raises:
+        InvalidValueError: for both or neither of `step` and `count`, a step that is not above zero or makes
+            more than a million states, a count below 2, a wrong shape or NaN.
+        InfeasibleError: for a plan that failed, with its reason.
+    """
+    if (step is None) == (count is None):
+        given = "neither" if step is None else "both"
+        raise InvalidValueError("step and count", given, "one of them")
+    if isinstance(path, PlannedPath):
+        path = planned_curve(path)
+    if isinstance(path, PiecewiseCubic):
+        curve = CubicPath(path.breaks, path.coefficients)
+        return _even_on_curve(curve, _count(count)) if step is None else _dense_on_curve(curve, step)
+    points = as_finite(path, "way-points", (None, None))
+    if len(points) < 2:
+        raise InvalidValueError("way-points", f"{len(points)} way-point(s)", "at least 2")
+    if step is not None:
+        return _dense_on_curve(polyline(points), step)
+    line = planners.Path(points)
+    return line(np.linspace(0.0, line.length, _count(count)))
+
+
+def _count(count: int | None) -> int:
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or not 2 <= count <= _MOST_POINTS:
+        raise InvalidValueError("count", count, f"a whole number from 2 to {_MOST_POINTS}")
+    return int(count)
+
+
+def _even_on_curve(curve: CubicPath, count: int) -> Array:
+    s = np.linspace(curve.breaks[0], curve.breaks[-1], count)
+    piece = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
+    return curve.at(piece, s - curve.breaks[piece])
+
+
+def _dense_on_curve(curve: CubicPath, step: float) -> Array:
+    """Return the ends of equal parts of each piece, on which no joint moves farther than a step."""
+    step = check_positive("step", step, "[rad or m]")
+    breaks, coefficients = curve.breaks, np.ascontiguousarray(curve.coefficients)
+    spans = np.abs(_control_slopes(breaks, coefficients)).max(axis=(1, 2)) * np.diff(breaks)
+    if spans.sum() / step > _MOST_POINTS:
+        raise InvalidValueError("step", step, f"at least {spans.sum() / _MOST_POINTS:.3g}")
+    counts = np.maximum(1, np.ceil(spans / step * (1 - 1e-12))).astype(np.int64)
+    piece = np.repeat(np.arange(counts.size), counts)
+    part = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    states = curve.at(piece, part * (np.diff(breaks) / counts)[piece])
+    return np.concatenate([states, curve.at([counts.size - 1], breaks[-1:] - breaks[-2:-1])])
+
+
+def _control_slopes(breaks: Array, coefficients: Array) -> Array:
+    """Return control values of dq/ds, which bound it on each piece, shape (m, 3, n)."""
+    h = np.diff(breaks)[:, None]
+    first, second, third = coefficients[:, 1], coefficients[:, 2], coefficients[:, 3]
+    middle = first + second * h
+    return np.stack([first, middle, middle + (second + 3.0 * third * h) * h], axis=1)

@@ -1,0 +1,337 @@
+"""Shortest curves of a car on the plane: forward only (Dubins), or forward and backward (Reeds and Shepp).
+
+A pose is (x, y, yaw).  The car goes where it points, on arcs of no less than a turning radius.
+
+Sources: L. E. Dubins, On curves of minimal length with a constraint on average curvature, American J. of
+Mathematics 79, 1957; J. A. Reeds and L. A. Shepp, Optimal paths for a car that goes both forwards and
+backwards, Pacific J. of Mathematics 145(2), 1990, whose formulas 8.1 to 8.11 are used here with their
+numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2
+
+from .vectors import FloatArray, finite_vector, positive_number, read_only
+
+PIECES = 5
+"""Most pieces of a shortest curve."""
+
+LEFT, STRAIGHT, RIGHT = 1.0, 0.0, -1.0
+
+_HALF = 0.5 * math.pi
+_TINY = 1e-10
+"""Angles and squares below zero by less than this come from rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class CarCurve:
+    """A shortest curve from one pose to another.
+
+    Attributes:
+        start: (x, y, yaw) [m, m, rad], shape (3,).
+        turns: 1 for a left turn, -1 for a right one, 0 for straight on, shape (k,).
+        lengths: Of the pieces [m], below zero where the car goes backward, shape (k,).
+        radius: The turning radius [m].
+    """
+
+    start: FloatArray
+    turns: FloatArray
+    lengths: FloatArray
+    radius: float
+
+    @property
+    def length(self) -> float:
+        """Length of the curve [m]."""
+        return float(np.abs(self.lengths).sum())
+
+    def __call__(self, s: ArrayLike) -> FloatArray:
+        """Return the poses at lengths along the curve [m], shape (...); yaw is continuous, shape (..., 3)."""
+        places = np.ascontiguousarray(s, dtype=np.float64)
+        poses = np.empty((places.size, 3))
+        poses_on_curve(self.start.copy(), self.pieces, self.radius, places.reshape(-1), poses)
+        return poses.reshape(*np.shape(s), 3)
+
+    @property
+    def pieces(self) -> FloatArray:
+        """Turns and lengths as machine code takes them, shape (2, k)."""
+        return np.ascontiguousarray(np.stack([self.turns, self.lengths]))
+
+    def part(self, begin: float, end: float) -> CarCurve:
+        """Return the part between two lengths along the curve [m]."""
+        ends = np.cumsum(np.abs(self.lengths))
+        starts = ends - np.abs(self.lengths)
+        kept = np.clip(np.minimum(ends, end) - np.maximum(starts, begin), 0.0, None)
+        used = kept > 0.0
+        lengths = np.copysign(kept, self.lengths)[used]
+        return CarCurve(read_only(self(begin)), self.turns[used], read_only(lengths), self.radius)
+
+
+def car_curve(start: ArrayLike, end: ArrayLike, radius: float, *, backward: bool = True) -> CarCurve:
+    """Return the shortest curve from one pose to another.
+
+    Args:
+        start: (x, y, yaw) [m, m, rad].
+        end: The same; its yaw is met up to full turns.
+        radius: The least turning radius [m].
+        backward: Whether the car may go backward too.
+
+    Raises:
+        InvalidValueError: A pose has another shape or is not finite, or the radius is not above zero.
+    """
+    begin, target = finite_vector("start", start, 3), finite_vector("end", end, 3)
+    radius, pieces = positive_number("radius", radius), np.zeros((2, PIECES))
+    shortest_curve(begin.copy(), target.copy(), radius, backward, pieces)
+    used = pieces[1] != 0.0
+    return CarCurve(begin, read_only(pieces[0, used]), read_only(pieces[1, used]), radius)
+
+
+@compiled
+def _wrapped(angle: float) -> float:
+    """Return an angle in [-pi, pi]."""
+    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+
+
+@compiled
+def _turned(angle: float) -> float:
+    """Return an angle in [0, 2 pi); what is below zero by rounding is zero."""
+    rest = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
+    return 0.0 if rest > 2.0 * math.pi - _TINY else rest
+
+
+@compiled
+def _keep(best: float, pieces: Floats2, mirror: float, sign: float, turns: Floats1, values: Floats1) -> float:
+    """Write a word of up to five pieces if it is shorter than the best so far; return the best length."""
+    total = 0.0
+    for k in range(PIECES):
+        total += abs(values[k])
+    if total >= best:
+        return best
+    for k in range(PIECES):
+        pieces[0, k], pieces[1, k] = mirror * turns[k], sign * values[k]
+    return total
+
+
+@compiled
+def _word(room: Floats2, a: float, b: float, c: float, d: float, e: float) -> None:
+    """Write the turns of a word."""
+    room[0, 0], room[0, 1], room[0, 2], room[0, 3], room[0, 4] = a, b, c, d, e
+
+
+@compiled
+def _values(room: Floats2, a: float, b: float, c: float, d: float, e: float) -> None:
+    """Write the lengths of a word, in radii."""
+    room[1, 0], room[1, 1], room[1, 2], room[1, 3], room[1, 4] = a, b, c, d, e
+
+
+@compiled
+def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
+    """Return the outer arcs of the words with two equal inner ones."""
+    delta = _wrapped(u - v)
+    a, b = math.sin(u) - math.sin(delta), math.cos(u) - math.cos(delta) - 1.0
+    first = math.atan2(eta * a - xi * b, xi * a + eta * b)
+    side = 2.0 * (math.cos(delta) - math.cos(v) - math.cos(u)) + 3.0
+    tau = _wrapped(first + math.pi) if side < 0.0 else _wrapped(first)
+    return tau, _wrapped(tau - u + v - phi)
+
+
+@compiled
+def _forward_words(
+    x: float, y: float, phi: float, mirror: float, best: float, pieces: Floats2, room: Floats2
+) -> float:
+    """Try the words of Dubins that begin to the left."""
+    xi, eta = x - math.sin(phi), y - 1.0 + math.cos(phi)
+    far, theta = math.hypot(xi, eta), math.atan2(eta, xi)
+    t = _turned(theta)
+    _word(room, LEFT, STRAIGHT, LEFT, 0.0, 0.0)
+    _values(room, t, far, _turned(phi - t), 0.0, 0.0)
+    best = _keep(best, pieces, mirror, 1.0, room[0], room[1])
+    if far <= 4.0:
+        middle = 2.0 * math.pi - 2.0 * math.asin(far / 4.0)
+        t = _turned(theta - math.asin(far / 4.0) + math.pi)
+        _word(room, LEFT, RIGHT, LEFT, 0.0, 0.0)
+        _values(room, t, middle, _turned(phi - t + middle), 0.0, 0.0)
+        best = _keep(best, pieces, mirror, 1.0, room[0], room[1])
+    xi, eta = x + math.sin(phi), y - 1.0 - math.cos(phi)
+    square = xi * xi + eta * eta
+    if square >= 4.0 - _TINY:
+        u = math.sqrt(max(square - 4.0, 0.0))
+        t = _turned(math.atan2(eta, xi) + math.atan2(2.0, u))
+        _word(room, LEFT, STRAIGHT, RIGHT, 0.0, 0.0)
+        _values(room, t, u, _turned(t - phi), 0.0, 0.0)
+        best = _keep(best, pieces, mirror, 1.0, room[0], room[1])
+    return best
+
+
+@compiled
+def _both_ways_words(
+    x: float, y: float, phi: float, mirror: float, sign: float, best: float, pieces: Floats2, room: Floats2
+) -> float:
+    """Try the words of Reeds and Shepp that begin forward to the left and need no turning round."""
+    turns, values = room[0], room[1]
+    xi, eta = x - math.sin(phi), y - 1.0 + math.cos(phi)
+    far, theta = math.hypot(xi, eta), math.atan2(eta, xi)
+    v = _wrapped(phi - theta)
+    if theta >= -_TINY and v >= -_TINY:  # 8.1
+        _word(room, LEFT, STRAIGHT, LEFT, 0.0, 0.0)
+        _values(room, theta, far, v, 0.0, 0.0)
+        best = _keep(best, pieces, mirror, sign, turns, values)
+    xi, eta = x + math.sin(phi), y - 1.0 - math.cos(phi)
+    square = xi * xi + eta * eta
+    far = math.sqrt(square)
+    if square >= 4.0:  # 8.2
+        u = math.sqrt(square - 4.0)
+        t = _wrapped(math.atan2(eta, xi) + math.atan2(2.0, u))
+        v = _wrapped(t - phi)
+        if t >= -_TINY and v >= -_TINY:
+            _word(room, LEFT, STRAIGHT, RIGHT, 0.0, 0.0)
+            _values(room, t, u, v, 0.0, 0.0)
+            best = _keep(best, pieces, mirror, sign, turns, values)
+    _word(room, LEFT, RIGHT, LEFT, RIGHT, 0.0)
+    rho = 0.25 * (2.0 + far)
+    if rho <= 1.0:  # 8.7
+        u = math.acos(rho)
+        t, v = _tau_omega(u, -u, xi, eta, phi)
+        if t >= -_TINY and v <= _TINY:
+            _values(room, t, u, -u, v, 0.0)
+            best = _keep(best, pieces, mirror, sign, turns, values)
+    rho = (20.0 - square) / 16.0
+    if 0.0 <= rho <= 1.0:  # 8.8
+        u = -math.acos(rho)
+        t, v = _tau_omega(u, u, xi, eta, phi)
+        if t >= -_TINY and v >= -_TINY:
+            _values(room, t, u, u, v, 0.0)
+            best = _keep(best, pieces, mirror, sign, turns, values)
+    if far >= 2.0:  # 8.11
+        u = 4.0 - math.sqrt(square - 4.0)
+        if u <= 0.0:
+            t = _wrapped(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
+            v = _wrapped(t - phi)
+            if t >= -_TINY and v >= -_TINY:
+                _word(room, LEFT, RIGHT, STRAIGHT, LEFT, RIGHT)
+                _values(room, t, -_HALF, u, -_HALF, v)
+                best = _keep(best, pieces, mirror, sign, turns, values)
+    return best
+
+
+@compiled
+def _one_way_words(
+    end: tuple[float, float, float],
+    mirror: float,
+    sign: float,
+    best: float,
+    pieces: Floats2,
+    room: Floats2,
+    backwards: bool,
+) -> float:
+    """Try the words whose reversal is another word: of three arcs, and with one quarter of a circle."""
+    x, y, phi = end
+    turns, values = room[0], room[1]
+    xi, eta = x - math.sin(phi), y - 1.0 + math.cos(phi)
+    far, theta = math.hypot(xi, eta), math.atan2(eta, xi)
+    if far <= 4.0:  # 8.3
+        u = -2.0 * math.asin(0.25 * far)
+        t = _wrapped(theta + 0.5 * u + math.pi)
+        v = _wrapped(phi - t + u)
+        if t >= -_TINY:
+            _word(room, LEFT, RIGHT, LEFT, 0.0, 0.0)
+            if backwards:
+                _values(room, v, u, t, 0.0, 0.0)
+            else:
+                _values(room, t, u, v, 0.0, 0.0)
+            best = _keep(best, pieces, mirror, sign, turns, values)
+    if far >= 2.0:  # 8.9
+        r = math.sqrt(far * far - 4.0)
+        u, t = 2.0 - r, _wrapped(theta + math.atan2(r, -2.0))
+        v = _wrapped(phi - _HALF - t)
+        if t >= -_TINY and u <= 0.0 and v <= _TINY:
+            if backwards:
+                _word(room, LEFT, STRAIGHT, RIGHT, LEFT, 0.0)
+                _values(room, v, u, -_HALF, t, 0.0)
+            else:
+                _word(room, LEFT, RIGHT, STRAIGHT, LEFT, 0.0)
+                _values(room, t, -_HALF, u, v, 0.0)
+            best = _keep(best, pieces, mirror, sign, turns, values)
+    xi, eta = x + math.sin(phi), y - 1.0 - math.cos(phi)
+    far, t = math.hypot(xi, eta), math.atan2(xi, -eta)
+    if far >= 2.0:  # 8.10
+        u, v = 2.0 - far, _wrapped(t + _HALF - phi)
+        if t >= -_TINY and v <= _TINY:
+            if backwards:
+                _word(room, RIGHT, STRAIGHT, RIGHT, LEFT, 0.0)
+                _values(room, v, u, -_HALF, t, 0.0)
+            else:
+                _word(room, LEFT, RIGHT, STRAIGHT, RIGHT, 0.0)
+                _values(room, t, -_HALF, u, v, 0.0)
+            best = _keep(best, pieces, mirror, sign, turns, values)
+    return best
+
+
+@compiled("float64(float64[::1], float64[::1], float64, boolean, float64[:, ::1])")
+def shortest_curve(a: Floats1, b: Floats1, radius: float, backward: bool, pieces: Floats2) -> float:
+    """Write the pieces of the shortest curve between two poses; return its length [m].
+
+    Args:
+        a: (x, y, yaw) [m, m, rad].
+        b: The same.
+        radius: Turning radius [m].
+        backward: Whether the car may go backward too.
+        pieces: Turns and signed lengths [m], shape (2, PIECES); those that are not needed have no length.
+    """
+    dx, dy, c, s = (b[0] - a[0]) / radius, (b[1] - a[1]) / radius, math.cos(a[2]), math.sin(a[2])
+    x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrapped(b[2] - a[2])
+    best, room = math.inf, np.empty((2, PIECES))
+    for mirror in (1.0, -1.0):
+        if not backward:
+            best = _forward_words(x, mirror * y, mirror * phi, mirror, best, pieces, room)
+            continue
+        for sign in (1.0, -1.0):
+            px, py, angle = sign * x, mirror * y, sign * mirror * phi
+            best = _both_ways_words(px, py, angle, mirror, sign, best, pieces, room)
+            best = _one_way_words((px, py, angle), mirror, sign, best, pieces, room, False)
+            bx = px * math.cos(angle) + py * math.sin(angle)
+            by = px * math.sin(angle) - py * math.cos(angle)
+            best = _one_way_words((bx, by, angle), mirror, sign, best, pieces, room, True)
+    for k in range(PIECES):
+        pieces[1, k] *= radius
+    return best * radius
+
+
+@compiled("void(float64[::1], float64[:, ::1], float64, float64, float64[::1])")
+def pose_on_curve(a: Floats1, pieces: Floats2, radius: float, s: float, pose: Floats1) -> None:
+    """Write the pose at a length along a curve; yaw is that of the start plus all turns.
+
+    Args:
+        a: Where the curve begins, (x, y, yaw) [m, m, rad].
+        pieces: Turns and signed lengths [m], shape (2, k).
+        radius: Turning radius [m].
+        s: Length from the beginning [m]; the curve's end where it is longer.
+        pose: Shape (3,); it may be `a`.
+    """
+    x, y, yaw, left = a[0], a[1], a[2], max(s, 0.0)
+    for k in range(pieces.shape[1]):
+        step = min(abs(pieces[1, k]), left)
+        left -= step
+        way = step if pieces[1, k] > 0.0 else -step
+        if pieces[0, k] == STRAIGHT:
+            x, y = x + way * math.cos(yaw), y + way * math.sin(yaw)
+            continue
+        turn = pieces[0, k] * radius
+        then = yaw + way / turn
+        x, y = x + turn * (math.sin(then) - math.sin(yaw)), y - turn * (math.cos(then) - math.cos(yaw))
+        yaw = then
+    pose[0], pose[1], pose[2] = x, y, yaw
+
+
+@compiled("void(float64[::1], float64[:, ::1], float64, float64[::1], float64[:, ::1])")
+def poses_on_curve(a: Floats1, pieces: Floats2, radius: float, places: Floats1, poses: Floats2) -> None:
+    """Write the poses, shape (m, 3), at lengths along a curve [m], shape (m,); see `pose_on_curve`."""
+    for k in range(places.size):
+        pose_on_curve(a, pieces, radius, places[k], poses[k])
