@@ -66,7 +66,7 @@ def test_near_shapes_are_those_that_coal_measures(seed):
     checker = checker_for(PEPPER, scene)
     block, touching = proximity_block(checker, APART), 0
     for q in generator.uniform(LOW, HIGH, (100, PEPPER.n)):
-        slopes, shortages, depths = rows_at(q, block)
+        _, shortages, depths = rows_at(q, block)
         expected = pairs_within(checker, q, APART)
         ranges = sum(bool(table.violated(q)) for table in checker._ranges)
         assert len(expected) <= len(shortages) <= len(expected) + len(checker._ranges)
