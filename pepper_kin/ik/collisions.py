@@ -148,13 +148,13 @@ class _Blocks:
 
     def __init__(self, checker: FastChecker) -> None:
         from pepper_kin.core.inverse_kinematics.proximity import near_rows
-        from pepper_kin.core.inverse_kinematics.verdict import surely_free
+        from pepper_kin.core.inverse_kinematics.verdict import verdict
         from pepper_kin.ik.fast.proximity_table import proximity_block
 
         n, block, address = checker.pepper.n, np.empty(0), 0
         if checker.supported:
             block = checker.compiled(checker.pepper.neutral(), np.arange(n)).new_memory()
-            address = cast("Any", surely_free).address
+            address = cast("Any", verdict).address
         near = proximity_block(checker.exact, MARGIN)
         self._kept = block, near
         self.tests = CollisionTests(

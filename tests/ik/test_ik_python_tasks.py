@@ -141,7 +141,7 @@ def test_a_verdict_that_fails_is_raised(monkeypatch):
     apart = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     two = np.concatenate([apart, apart + 2]), np.concatenate([faces, faces + 4])
-    scene = pk.Scene().add_mesh("not convex", *two, position=(0.0, -0.5, -0.5))
+    scene = pk.Scene().add_mesh("not convex", *two, position=np.array(POINT) - 0.2)
     with pytest.raises(MemoryError, match="no verdict"):
         pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), scene=scene)
 

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.core.clock import seconds_now
+from pepper_kin.core.collision.gjk import FREE as SURELY_FREE
+from pepper_kin.core.collision.gjk import TIE
 from pepper_kin.core.inverse_kinematics.box_step import FREE, HIGH, LOW, solve_box, solve_free
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.interrupts import PULSE, STOPPED, interrupted
@@ -88,17 +90,17 @@ class CollisionTests(NamedTuple):
     """Addresses of functions that know the scene, each `int64 f(int64, int64, int64, int64)`; 0 for none.
 
     Attributes:
-        surely_free: Of `pepper_kin.core.inverse_kinematics.verdict`.
+        verdict: Of `pepper_kin.core.inverse_kinematics.verdict`.
         memory: Address of its block.
         size: Doubles in the block.
-        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `surely_free` does not say so; 0 where
-            that does not doubt anything but ties.
+        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `verdict` cannot tell; 0 where that
+            doubts nothing but ties, which then count as contacts.
         near: Of `near_rows` of `pepper_kin.core.inverse_kinematics.proximity`; 0 where collisions are not
             considered.
         near_memory: Address of its block.
     """
 
-    surely_free: int
+    verdict: int
     memory: int
     size: int
     is_free: int
@@ -201,8 +203,10 @@ def is_free(tests: CollisionTests, q: Floats1) -> bool:
     if tests.near == 0:
         return True
     place = q.ctypes.data
-    if tests.surely_free != 0 and call_four(tests.surely_free, place, tests.memory, tests.size, 0) == 1:
-        return True
+    if tests.verdict != 0:
+        found = call_four(tests.verdict, place, tests.memory, tests.size, 0)
+        if found != TIE:
+            return found == SURELY_FREE
     return tests.is_free != 0 and call_four(tests.is_free, place, 0, 0, 0) == 1
 
 

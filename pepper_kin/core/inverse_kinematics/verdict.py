@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.check import check_rows
+from pepper_kin.core.collision.gjk import CONTACT
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
-def surely_free(configuration: int, memory: int, size: int, _: int) -> int:
-    """Return 1 if surely nothing touches at a configuration, else 0.
+def verdict(configuration: int, memory: int, size: int, _: int) -> int:
+    """Return FREE, CONTACT or TIE, see `pepper_kin.core.collision.gjk`, for a configuration.
 
     Args:
         configuration: Address of q, shape (n,) [rad or m].
@@ -20,6 +21,6 @@ def surely_free(configuration: int, memory: int, size: int, _: int) -> int:
     block = floats_at(memory, size)
     numbers = at.section(block, at.NUMBERS)
     if numbers[at.BLOCKED] > 0:
-        return 0
+        return CONTACT
     check_rows(block, floats_at(configuration, int(numbers[at.N])), 1)
-    return 1 if at.section_bits(block, at.STATUS)[0] == 0 else 0
+    return at.section_bits(block, at.STATUS)[0]
