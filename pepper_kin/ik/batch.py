@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from pepper_kin.ik.fast.structure import known_structures
 from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, Status
-from pepper_kin.ik.solve import solve, whole_number
+from pepper_kin.ik.solve import checked_margin, solve, whole_number
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -30,6 +30,9 @@ from pepper_kin.model.joint_vectors import (
     check_within_limits,
 )
 from pepper_kin.model.shapes import read_only
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 # Rows that a thread takes at a time.
 PIECE = 512
@@ -67,6 +70,7 @@ class BatchResult:
     _tasks: tuple[Task, ...] = field(repr=False)
     _starts: Array = field(repr=False)
     _movable: np.ndarray | None = field(repr=False)
+    _scene: Scene | None = field(repr=False)
 
     def __len__(self) -> int:
         """Return N."""
@@ -101,7 +105,7 @@ class BatchResult:
             solver=self.solver,
             seed=self.seed,
             evidence=CertificateInputs(
-                self._pepper, tasks, self._starts[row], self._movable, None, q
+                self._pepper, tasks, self._starts[row], self._movable, self._scene, q
             ).certificate,
         )
 
@@ -121,6 +125,8 @@ def solve_batch(
     q0: ArrayLike | None = None,
     *,
     solver: str = "fast",
+    scene: Scene | None = None,
+    margin: float = 0.0,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     max_iterations: int = 150,
@@ -139,6 +145,8 @@ def solve_batch(
         tasks: The tasks; those with a single target have the same one in every row.
         q0: Where to start and what to stay near [rad or m], shape (n,) or (N, n); `pepper.neutral()` if None.
         solver: "fast", "placo" or "proxsuite".
+        scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
+        margin: Distance to the scene that is kept [m].
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; None for all.
         max_iterations: Steps from each start.
@@ -166,41 +174,43 @@ def solve_batch(
     whole_number("restarts", restarts, 0)
     whole_number("max_iterations", max_iterations, 1)
     whole_number("threads", threads, 1)
+    world = Collisions(pepper, scene, checked_margin(scene, margin))
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
     if solver == "fast" and known_structures(parts) is not None:
-        arrays = _solve_fast(pepper, parts, starts, movable, options, threads, progress)
+        budget = SearchBudget(deadline=math.inf, **options)
+        arrays = _solve_fast(world, parts, starts, movable, budget, threads, progress)
     else:
-        options |= {"solver": solver, "joints": joints}
+        options |= {"solver": solver, "joints": joints, "scene": scene, "margin": margin}
         arrays = _solve_each(pepper, parts, starts, options, progress)
     for array in arrays:
         array.setflags(write=False)
     duration = time.perf_counter() - begin
-    return BatchResult(*arrays, duration, solver, seed, pepper, parts, starts, movable)
+    return BatchResult(*arrays, duration, solver, seed, pepper, parts, starts, movable, scene)
 
 
 def _solve_fast(
-    pepper: PepperModel,
+    world: Collisions,
     tasks: tuple[Task, ...],
     starts: Array,
     movable: np.ndarray | None,
-    options: dict[str, Any],
+    budget: SearchBudget,
     threads: int,
     progress: Callable[[int, int], None] | None,
 ) -> Arrays:
     """Solve all rows in machine code."""
-    tasks, budget = balanced(tasks), SearchBudget(deadline=math.inf, **options)
-    rows = Rows(pepper, tasks, starts, movable, budget)
+    tasks = balanced(tasks)
+    rows = Rows(world.pepper, tasks, starts, movable, budget, scene=world.scene, margin=world.margin)
     _share_out(rows.solve, len(starts), threads, progress)
     q, numbers, errors, iterations, restarts = rows.answers()
     codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]
     if is_ordered(tasks):
         for row in np.flatnonzero(codes != CODES.index(Status.SOLVED)):
-            _put_in_order(pepper, tasks, starts, movable, budget, int(row), (q, codes, errors))
+            _put_in_order(world, tasks, starts, movable, budget, int(row), (q, codes, errors))
     return q, codes, errors, iterations, restarts
 
 
 def _put_in_order(
-    pepper: PepperModel,
+    world: Collisions,
     tasks: tuple[Task, ...],
     starts: Array,
     movable: np.ndarray | None,
@@ -209,13 +219,14 @@ def _put_in_order(
     answers: tuple[Array, np.ndarray, Array],
 ) -> None:
     """Meet better what comes first in one row, as `solve` does; writes q, codes and errors."""
-    q, codes, errors = answers
+    (q, codes, errors), pepper = answers, world.pepper
     ones = [task.at(row) for task in tasks]
     moves = np.ones(pepper.n, dtype=bool) if movable is None else movable
-    problem = make_problem(pepper, ones, starts[row], moves, keep_idle=True)
-    q[row] = put_first(problem, SolverContext("fast", Collisions(pepper, None), budget), q[row].copy())
+    problem = make_problem(pepper, ones, starts[row], moves, keep_idle=world.scene is None)
+    q[row] = put_first(problem, SolverContext("fast", world, budget), q[row].copy())
     errors[row] = [task.error(pepper, q[row]) for task in ones]
-    if all(error <= task.tolerance for error, task in zip(errors[row], ones, strict=True)):
+    met = all(error <= task.tolerance for error, task in zip(errors[row], ones, strict=True))
+    if met and world.free(q[row]):
         codes[row] = CODES.index(Status.SOLVED)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,14 +17,14 @@ from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
-    from pepper_kin.collision.fast import CompiledValidity, FastChecker
+    from pepper_kin.collision.fast import FastChecker
 
 MARGIN = 0.005
 """Steps keep this distance where they can [m]."""
 NOTICE = 0.10
 """They take notice of bodies nearer than this [m]."""
 
-NO_TESTS = CollisionTests(0, 0, 0, 0)
+NO_TESTS = CollisionTests(0, 0, 0, 0, 0, 0)
 """For searches that leave collisions out."""
 
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
@@ -36,11 +36,12 @@ class Collisions:
     Args:
         pepper: The robot.
         scene: The world; an empty one checks the robot against itself, None checks nothing.
+        margin: Distance to the scene that is kept [m].
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene | None) -> None:
+    def __init__(self, pepper: PepperModel, scene: Scene | None, margin: float = 0.0) -> None:
         self.pepper = pepper
-        self.scene = scene
+        self.scene, self.margin = scene, margin
         self._raised: BaseException | None = None
         self._kept: tuple[Any, ...] = ()
 
@@ -53,17 +54,17 @@ class Collisions:
         """Whether nothing touches at q, shape (n,) [rad or m]."""
         if self.scene is None:
             return True
-        from pepper_kin.collision import in_collision
+        from pepper_kin.collision.checker import checker_for
 
-        return not bool(in_collision(self.pepper, q, self.scene))
+        return not bool(checker_for(self.pepper, self.scene, self.margin).in_collision(q))
 
     def free_many(self, q: Array) -> np.ndarray:
         """Whether nothing touches at each of many configurations, shape (m, n) -> (m,)."""
         if self.scene is None:
             return np.ones(len(q), dtype=bool)
-        from pepper_kin.collision import in_collision
+        from pepper_kin.collision.fast import fast_checker_for
 
-        return ~np.asarray(in_collision(self.pepper, q, self.scene), dtype=bool)
+        return ~fast_checker_for(self.pepper, self.scene, self.margin).in_collision(q)
 
     def clearance(self, q: Array) -> float | None:
         """Return the smallest distance [m]; None where nothing is checked."""
@@ -78,7 +79,7 @@ class Collisions:
 
         Each is one of the nearest pairs of bodies, linearized.  With d its distance at q and g = dd/dq,
 
-            d + g . (q' - q) >= MARGIN.
+            d + g . (q' - q) >= MARGIN + margin.
 
         Args:
             q: Joint positions, shape (n,) [rad or m].
@@ -89,12 +90,12 @@ class Collisions:
         """
         from pepper_kin.collision.near_pairs import near_pairs
 
-        pairs = near_pairs(self.pepper, q, NOTICE, self.scene)
+        pairs = near_pairs(self.pepper, q, NOTICE + self.margin, self.scene)
         slopes, distances = pairs.gradients[:count], pairs.distances[:count]
-        return np.column_stack([slopes, MARGIN - distances + slopes @ q])
+        return np.column_stack([slopes, MARGIN + self.margin - distances + slopes @ q])
 
     def tests(self, signals: np.ndarray) -> CollisionTests:
-        """Return the same as functions at addresses, valid until the next call.
+        """Return the same as functions at addresses, valid until the next call and on this thread.
 
         Args:
             signals: A table, see `pepper_kin.kernels.interrupts`, that is told to stop where a verdict fails;
@@ -102,36 +103,31 @@ class Collisions:
         """
         if self.scene is None:
             return NO_TESTS
-        n = self.pepper.n
-
-        def guarded(answer: Any) -> Any:
-            def call(q: int, result: int, count: int, _: int) -> int:
-                try:
-                    if self._raised is None:
-                        state = floats_at(q, n).copy()
-                        return int(answer(state, result, count))
-                except BaseException as error:  # an exception cannot pass through machine code
-                    self._raised = error
-                signals[STOPPED] = 1
-                return 0
-
-            return _FUNCTION(call)
-
-        def near(q: Array, result: int, count: int) -> int:
-            rows = self.half_spaces(q, count)
-            ctypes.memmove(result, np.ascontiguousarray(rows).ctypes.data, 8 * rows.size)
-            return len(rows)
-
         from pepper_kin.collision.fast import fast_checker_for
 
-        checker = fast_checker_for(self.pepper, self.scene)
-        functions = guarded(lambda q, *_: not checker.in_collision(q)), guarded(near)
-        addresses = [int(ctypes.cast(f, ctypes.c_void_p).value or 0) for f in functions]
-        code = _machine_code(checker) if checker.supported else None
-        self._kept = (functions, code)
-        if code is None:
-            return CollisionTests(0, 0, *addresses)
-        return CollisionTests(code[0].address, code[1].ctypes.data, *addresses)
+        checker = fast_checker_for(self.pepper, self.scene, self.margin)
+        known: WeakKeyDictionary[FastChecker, _Blocks] | None = getattr(_local, "known", None)
+        if known is None:
+            known = _local.known = WeakKeyDictionary()
+        blocks = known.get(checker)
+        if blocks is None:
+            blocks = known[checker] = _Blocks(checker)
+        if checker.alone:
+            self._kept = (blocks,)
+            return blocks.tests
+
+        def is_free(q: int, *_: int) -> int:
+            try:
+                if self._raised is None:
+                    return int(not checker.in_collision(floats_at(q, self.pepper.n).copy()))
+            except BaseException as error:  # an exception cannot pass through machine code
+                self._raised = error
+            signals[STOPPED] = 1
+            return 0
+
+        function = _FUNCTION(is_free)
+        self._kept = (blocks, function)
+        return blocks.tests._replace(is_free=int(ctypes.cast(function, ctypes.c_void_p).value or 0))
 
     def check(self) -> None:
         """Raise what a verdict has raised during a search."""
@@ -143,15 +139,24 @@ class Collisions:
 _local = threading.local()
 
 
-def _machine_code(checker: FastChecker) -> tuple[CompiledValidity, Array]:
-    """Return a checker's verdict on all joints in machine code, and its memory for this thread, kept."""
-    known: WeakKeyDictionary[FastChecker, tuple[CompiledValidity, Array]] | None
-    known = getattr(_local, "known", None)
-    if known is None:
-        known = _local.known = WeakKeyDictionary()
-    found = known.get(checker)
-    if found is None:
-        n = checker.pepper.n
-        validity = checker.compiled(checker.pepper.neutral(), np.arange(n))
-        found = known[checker] = (validity, validity.new_memory())
-    return found
+class _Blocks:
+    """The blocks of memory of one thread for a checker.
+
+    Attributes:
+        tests: What compiled searches call.
+    """
+
+    def __init__(self, checker: FastChecker) -> None:
+        from pepper_kin.core.inverse_kinematics.proximity import near_rows
+        from pepper_kin.core.inverse_kinematics.verdict import verdict
+        from pepper_kin.ik.fast.proximity_table import proximity_block
+
+        n, block, address = checker.pepper.n, np.empty(0), 0
+        if checker.supported:
+            block = checker.compiled(checker.pepper.neutral(), np.arange(n)).new_memory()
+            address = cast("Any", verdict).address
+        near = proximity_block(checker.exact, MARGIN)
+        self._kept = block, near
+        self.tests = CollisionTests(
+            address, block.ctypes.data, block.size, 0, cast("Any", near_rows).address, near.ctypes.data
+        )

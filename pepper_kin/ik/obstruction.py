@@ -17,6 +17,9 @@ from pepper_kin.model.shapes import read_only
 RESTARTS = 3
 """Of a search that asks whether a target can be reached at all."""
 
+POSTURES = 24
+"""Starts for postures that meet tasks, of which is said what touches."""
+
 
 def what_would_help(problem: Problem, whole: Problem, solver: str, budget: SearchBudget) -> str:
     """Return which joints, if they were free too, would let the target be reached, collisions left out.
@@ -49,6 +52,43 @@ def what_would_help(problem: Problem, whole: Problem, solver: str, budget: Searc
         if not (missing & ~groups[name]).any() or _solvable(part, solver, budget):
             return f"the {name.replace('_', ' ')}"
     return "all joints"
+
+
+def what_is_in_the_way(problem: Problem, collisions: Collisions, budget: SearchBudget) -> str:
+    """Say which two things touch most often where the tasks are met, and how deep.
+
+    Args:
+        problem: The problem.
+        collisions: What may not touch.
+        budget: The search's budget; its seed draws postures.
+
+    Returns:
+        A clause; empty where no posture meets the tasks.
+    """
+    from pepper_kin.collision.checker import checker_for
+    from pepper_kin.ik.fast.search import alternatives, search_compiled
+
+    pepper, tasks, q0, movable = problem.pepper, problem.tasks, problem.q0, problem.movable
+    first = search_compiled(pepper, tasks, q0, movable, budget)
+    postures = [first.q] if first.status is Status.SOLVED else []
+    postures += alternatives(pepper, tasks, q0, movable, budget.seed, POSTURES, budget.max_iterations)
+    checker = checker_for(pepper, collisions.scene, collisions.margin)
+    depths: dict[tuple[str, str], list[float | None]] = {}
+    for q in postures:
+        for contact in checker.contact_points(q, collisions.margin):
+            kept = collisions.margin if None in contact.links else 0.0
+            if contact.distance is None or contact.distance <= kept:
+                depth = None if contact.distance is None else kept - contact.distance
+                depths.setdefault(contact.names, []).append(depth)
+    if not depths:
+        return ""
+    names, found = max(depths.items(), key=lambda item: len(item[1]))
+    known = [depth for depth in found if depth is not None]
+    deep = f", {words_for_length(float(np.median(known)))} deep on the median" if known else ""
+    return (
+        f"of {len(postures)} postures that reach it, all collisions aside, {len(found)} have {names[0]} and "
+        f"{names[1]} {'too near' if collisions.margin else 'touching'}{deep}"
+    )
 
 
 def _solvable(problem: Problem, solver: str, budget: SearchBudget) -> bool:

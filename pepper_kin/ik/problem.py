@@ -27,12 +27,14 @@ class SearchBudget(NamedTuple):
         restarts: Number of restarts after the first start.
         max_iterations: Steps from each start.
         deadline: When to stop, on the clock of `time.perf_counter` [s].
+        thorough: Whether to search on where what was found touches something; else it is only moved clear.
     """
 
     seed: int
     restarts: int
     max_iterations: int
     deadline: float
+    thorough: bool = True
 
 
 @dataclass(frozen=True, eq=False)

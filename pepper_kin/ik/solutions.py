@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
-from pepper_kin.ik.solve import check_scene, checked_start, whole_number
+from pepper_kin.ik.solve import checked_margin, checked_start, whole_number
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -33,6 +33,7 @@ def solutions(
     *,
     count: int = 8,
     scene: Scene | None = None,
+    margin: float = 0.0,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     starts: int = 64,
@@ -40,7 +41,8 @@ def solutions(
 ) -> Array:
     """Return different joint positions that fulfil tasks: those that motors can hold first, nearest first.
 
-    Found by the fast solver from starts that lie ever farther from q0.  The same arguments give the same
+    Found by the fast solver from starts that lie ever farther from q0.  With a scene, solutions that touch
+    something are moved clear, where a descent can.  The same arguments give the same
     solutions.  For the best one and, where there is none, the reason, ask `solve`.
 
     Args:
@@ -49,6 +51,7 @@ def solutions(
         q0: Where to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         count: Largest number of solutions.
         scene: What to keep clear of; None for nothing.
+        margin: Distance to the scene that is kept [m].
         seed: Draws the starts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0.  None for all.
         starts: Number of starts.
@@ -68,12 +71,13 @@ def solutions(
     parts = tuple(flatten_tasks(pepper, tasks))
     start = checked_start(pepper, q0)
     movable = None if joints is None else movable_joints(pepper, joints)
-    check_scene(scene)
+    apart = checked_margin(scene, margin)
     wanted, tried = whole_number("count", count, 1), whole_number("starts", starts, 1)
     steps = whole_number("max_iterations", max_iterations, 1)
-    found = alternatives(pepper, parts, start, movable, whole_number("seed", seed, 0), tried, steps)
+    drawn = whole_number("seed", seed, 0)
+    found = alternatives(pepper, parts, start, movable, drawn, tried, steps, scene=scene, margin=apart)
     kept: list[Array] = []
-    for q in _clear_ones(found, Collisions(pepper, scene)):
+    for q in _clear_ones(found, Collisions(pepper, scene, apart)):
         if all(np.abs(q - other).max() >= APART for other in kept):
             kept.append(q)
         if len(kept) == wanted:

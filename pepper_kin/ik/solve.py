@@ -16,7 +16,7 @@ from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
 from pepper_kin.ik.fast.search import search_compiled
-from pepper_kin.ik.obstruction import what_would_help, why_beyond_reach
+from pepper_kin.ik.obstruction import what_is_in_the_way, what_would_help, why_beyond_reach
 from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
 from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, SearchResult, Status
@@ -44,6 +44,7 @@ def solve(
     *,
     solver: str = "fast",
     scene: Scene | None = None,
+    margin: float = 0.0,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     max_iterations: int = 150,
@@ -64,11 +65,12 @@ def solve(
         q0: Where to start and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         solver: "fast", "placo" or "proxsuite".
         scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
+        margin: Distance to the scene that is kept [m]; of its own parts the robot only keeps clear.
         seed: Draws the restarts.
         joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
         max_iterations: Steps from each start.
         restarts: Further starts, used only as long as there is something to gain.  With a scene, "fast" may
-            look through more of them for a solution that touches nothing.
+            use more of them for a solution that touches nothing.
         timeout: Time after which to stop [s]; None for none.
 
     Returns:
@@ -86,9 +88,9 @@ def solve(
     begin = time.perf_counter()
     start = checked_start(pepper, q0)
     movable = None if joints is None else movable_joints(pepper, joints)
-    check_scene(scene)
+    apart = checked_margin(scene, margin)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
-    request = Request(pepper, balanced(parts), start, movable, scene, budget)
+    request = Request(pepper, balanced(parts), start, movable, Collisions(pepper, scene, apart), budget)
     found = _search(request, solver)
     if found.status not in (Status.SOLVED, Status.TIMED_OUT) and is_ordered(parts):
         found = _in_order(request, solver, found)
@@ -114,7 +116,7 @@ class Request(NamedTuple):
         tasks: The tasks, groups taken apart, their weights balanced.
         q0: The start, within the limits, shape (n,).
         movable: Joints that may move, shape (n,); None for all.
-        scene: The scene, or None.
+        collisions: What may not touch.
         budget: How much the search may spend.
     """
 
@@ -122,7 +124,7 @@ class Request(NamedTuple):
     tasks: tuple[Task, ...]
     q0: Array
     movable: np.ndarray | None
-    scene: Scene | None
+    collisions: Collisions
     budget: SearchBudget
 
     def problem(self, *, whole: bool = False) -> Problem:
@@ -130,21 +132,22 @@ class Request(NamedTuple):
         movable = self.movable
         if whole or movable is None:
             movable = np.ones(self.pepper.n, dtype=bool)
-        return make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=whole or self.scene is None)
+        return make_problem(
+            self.pepper, self.tasks, self.q0, movable, keep_idle=whole or self.collisions.scene is None
+        )
 
 
 def _search(request: Request, solver: str) -> SearchResult:
     """Search from the start and further ones."""
-    pepper, scene, budget = request.pepper, request.scene, request.budget
-    collisions = None if scene is None else Collisions(pepper, scene)
+    pepper, collisions, budget = request.pepper, request.collisions, request.budget
     if solver == "fast":
         return search_compiled(pepper, request.tasks, request.q0, request.movable, budget, collisions)
-    return make_solver(solver, request.problem()).search(collisions or Collisions(pepper, None), budget)
+    return make_solver(solver, request.problem()).search(collisions, budget)
 
 
 def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResult:
     """Meet better what comes first."""
-    problem, collisions = request.problem(), Collisions(request.pepper, request.scene)
+    problem, collisions = request.problem(), request.collisions
     q = put_first(problem, SolverContext(solver, collisions, request.budget), found.q)
     met = problem.is_met(problem.residuals(q)) and collisions.free(q)
     return found._replace(q=read_only(q), status=Status.SOLVED if met else found.status)
@@ -153,6 +156,8 @@ def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResul
 def _hint(status: Status, request: Request, solver: str) -> str:
     if status is Status.TIMED_OUT:
         return why_beyond_reach(request.problem())
+    if status is Status.CLOSEST_COLLISION:
+        return what_is_in_the_way(request.problem(), request.collisions, request.budget)
     freed = request.movable is None or request.movable.all()
     if freed or status not in (Status.CLOSEST_LIMITS, Status.CLOSEST_UNREACHABLE):
         return ""
@@ -199,18 +204,22 @@ def _neutral(pepper: PepperModel) -> Array:
     return found
 
 
-def check_scene(scene: object) -> None:
-    """Refuse what is no scene.
+def checked_margin(scene: object, margin: float) -> float:
+    """Return the distance to keep from a scene [m].
 
     Raises:
-        InvalidValueError: unless it is a Scene or None.
+        InvalidValueError: unless the scene is a Scene or None and the margin a finite number of 0 or more, 0
+            where there is no scene.
     """
     if scene is None:
-        return
+        if margin != 0:
+            raise InvalidValueError("margin", margin, "0 where there is no scene to keep it from")
+        return 0.0
     from pepper_kin.collision import Scene
 
     if not isinstance(scene, Scene):
         raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None to leave collisions out")
+    return 0.0 if margin == 0 else check_positive("margin", margin, "m")
 
 
 def whole_number(quantity: str, value: int, least: int) -> int:

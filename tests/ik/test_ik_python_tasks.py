@@ -138,7 +138,10 @@ def test_a_verdict_that_fails_is_raised(monkeypatch):
         raise MemoryError("no verdict")
 
     monkeypatch.setattr(FastChecker, "in_collision", fail)
-    scene = pk.Scene().add_box("block", size=(2.0, 2.0, 2.0), position=(0.0, 0.0, 0.9))
+    apart = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    two = np.concatenate([apart, apart + 2]), np.concatenate([faces, faces + 4])
+    scene = pk.Scene().add_mesh("not convex", *two, position=np.array(POINT) - 0.2)
     with pytest.raises(MemoryError, match="no verdict"):
         pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), scene=scene)
 

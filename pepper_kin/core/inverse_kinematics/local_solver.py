@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from pepper_kin.core.clock import seconds_now
+from pepper_kin.core.collision.gjk import FREE as SURELY_FREE
+from pepper_kin.core.collision.gjk import TIE
 from pepper_kin.core.inverse_kinematics.box_step import FREE, HIGH, LOW, solve_box, solve_free
-from pepper_kin.core.quadratic_program import QuadraticProgram, solve
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.interrupts import PULSE, STOPPED, interrupted
 from pepper_kin.kernels.intrinsics import call_four, call_kernel
@@ -42,8 +42,8 @@ REFLECTION, REFLECTIONS = 0.3, 2
 of the distance to the middle.  Such minima lie on the bounds, and what they hide lies in the other half of
 the range: nine in ten descents from there succeed."""
 
-CUTS, NEAREST = 4, 1
-"""Half-spaces kept in one descent, and how many of them one configuration adds at most."""
+MOST_NEAR = 32
+"""Pairs of bodies that a step takes notice of at most."""
 
 TIMED_OUT = 2
 """Written to `Workspace.stop` when the deadline has passed."""
@@ -90,17 +90,22 @@ class CollisionTests(NamedTuple):
     """Addresses of functions that know the scene, each `int64 f(int64, int64, int64, int64)`; 0 for none.
 
     Attributes:
-        valid_steps: Of `pepper_kin.core.collision.check` over all joints; what it calls free is free.
-        memory: Address of its memory.
-        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `valid_steps` does not say so.
-        near: (q, rows, count, 0) -> number of rows written, at most `count`: half-spaces g . q' >= b of
-            configurations q' near q, a row being g, shape (n,), and b.
+        verdict: Of `pepper_kin.core.inverse_kinematics.verdict`.
+        memory: Address of its block.
+        size: Doubles in the block.
+        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `verdict` cannot tell; 0 where that
+            doubts nothing but ties, which then count as contacts.
+        near: Of `near_rows` of `pepper_kin.core.inverse_kinematics.proximity`; 0 where collisions are not
+            considered.
+        near_memory: Address of its block.
     """
 
-    valid_steps: int
+    verdict: int
     memory: int
+    size: int
     is_free: int
     near: int
+    near_memory: int
 
 
 class Workspace(NamedTuple):
@@ -118,8 +123,10 @@ class Workspace(NamedTuple):
         least: Lower bounds of the step, shape (m,).
         most: Upper bounds of the step, shape (m,).
         state: Active bounds, shape (m,).
-        cuts: Half-spaces g . q >= b, shape (CUTS, n + 1); empty where collisions are not considered.
-        cut_count: How many have been written, shape (1,).
+        near: What is near at q, see `near_rows`, shape (MOST_NEAR, n + 2); empty where collisions are not
+            considered.
+        near_trial: The same at the configuration to try.
+        near_count: Rows of both that are written, shape (2,).
         clock: For `seconds_now`, shape (2,).
         watch: When signals are looked at next [s], shape (1,).
         stop: 1 or TIMED_OUT where the search has to end, shape (1,).
@@ -136,8 +143,9 @@ class Workspace(NamedTuple):
     least: Floats1
     most: Floats1
     state: Ints1
-    cuts: Floats2
-    cut_count: Ints1
+    near: Floats2
+    near_trial: Floats2
+    near_count: Ints1
     clock: Ints1
     watch: Floats1
     stop: Ints1
@@ -160,8 +168,9 @@ def make_workspace(row: Floats1, problem: SolverProblem, tests: CollisionTests) 
         np.empty(m),
         np.empty(m),
         np.empty(m, np.int64),
-        np.empty((CUTS if tests.near != 0 else 0, n + 1)),
-        np.zeros(1, np.int64),
+        np.empty((MOST_NEAR if tests.near != 0 else 0, n + 2)),
+        np.empty((MOST_NEAR if tests.near != 0 else 0, n + 2)),
+        np.zeros(2, np.int64),
         np.empty(2, np.int64),
         np.zeros(1),
         np.zeros(1, np.int64),
@@ -191,12 +200,14 @@ def is_over(problem: SolverProblem, workspace: Workspace) -> bool:
 @compiled(lean=True)
 def is_free(tests: CollisionTests, q: Floats1) -> bool:
     """Whether nothing touches at q, the beginning of an array; true where collisions are not considered."""
-    if tests.is_free == 0:
+    if tests.near == 0:
         return True
     place = q.ctypes.data
-    if tests.valid_steps != 0 and call_four(tests.valid_steps, place, place, 1, tests.memory) == 1:
-        return True
-    return call_four(tests.is_free, place, 0, 0, 0) == 1
+    if tests.verdict != 0:
+        found = call_four(tests.verdict, place, tests.memory, tests.size, 0)
+        if found != TIE:
+            return found == SURELY_FREE
+    return tests.is_free != 0 and call_four(tests.is_free, place, 0, 0, 0) == 1
 
 
 @compiled(lean=True, inline=True)
@@ -222,22 +233,23 @@ def descend(
     max_iterations: int,
     small_gain: float,
     cautious_steps: int,
-    clear: bool,
+    clearing: float,
 ) -> int:
     """Search from a start by Levenberg-Marquardt steps within the bounds; return how many were proposed.
 
-    A step is taken only if it lowers the cost, and, with `clear`, if nothing touches after it; otherwise the
-    damping grows and the next step is shorter.
+    A step is taken only if it lowers the cost; otherwise the damping grows and the next step is shorter.
+    With `clearing`, c, the cost has a term c^2 s_k^2 / 2 for each pair of bodies that is nearer than it shall
+    be, by s_k; such a descent ends as soon as the tasks are well met and nothing seems to touch.
 
     Args:
         problem: The problem.
-        tests: Used where the descent has to keep clear.
+        tests: Used where the descent has to clear what touches.
         workspace: `given` holds the start, and afterwards the result; `result` the kernel's output there.
         max_iterations: Number of steps proposed at most.
         small_gain: A step that gains less than this part of the cost is the last; where it is more than
             SMALL_GAIN, the minimum is not looked for to its very end.
         cautious_steps: How many steps keep away from the bounds.
-        clear: Whether to keep clear of collisions; the start has to be free.
+        clearing: Weight of the shortages of distance; 0 to leave collisions out.
     """
     given, trial, result, other = workspace.given, workspace.trial, workspace.result, workspace.other
     index, t, to_the_end = problem.joints, problem.tolerance.size, small_gain <= SMALL_GAIN
@@ -245,30 +257,36 @@ def descend(
     evaluate(problem, given, result)
     cost = result[t] + _posture_cost(problem, given)
     damping, backed, cautious, iterations = FIRST_DAMPING, False, cautious_steps > 0, 0
-    timed, workspace.cut_count[0] = problem.deadline < np.inf, 0
-    if clear:
-        _cut(problem, tests, workspace, given)
+    timed, workspace.near_count[0] = problem.deadline < np.inf, 0
+    if clearing > 0.0:
+        cost += _look_around(tests, workspace, given, clearing)
+        _keep_near(workspace)
     while iterations < max_iterations and damping < MOST_DAMPING:
-        if problem.stop_when_met and fraction_of_tolerance(result, problem.tolerance) <= CLOSE**2:
+        if (
+            problem.stop_when_met
+            and fraction_of_tolerance(result, problem.tolerance) <= CLOSE**2
+            and (clearing == 0.0 or not _touches(workspace))
+        ):
             break
         if problem.signals[STOPPED] != 0 or (timed and is_over(problem, workspace)):
             break
         iterations += 1
         cautious = cautious and iterations <= cautious_steps
-        _linearize(problem, workspace, damping, cautious)
+        _linearize(problem, workspace, damping, cautious, clearing)
         if not _propose(problem, workspace, cautious):
             damping *= 10
             continue
         size = _distance(index, trial, given)
         evaluate(problem, trial, other)
         new_cost = other[t] + _posture_cost(problem, trial)
+        if clearing > 0.0 and new_cost < cost:
+            new_cost += _look_around(tests, workspace, trial, clearing)
         gain = cost - new_cost
-        if clear and gain > 0:
-            _cut(problem, tests, workspace, trial)
-            gain = gain if is_free(tests, trial) else -1.0
         if gain > 0:
             _copy(trial, given, problem.reference.size)
             _copy(other, result, result.size)
+            if clearing > 0.0:
+                _keep_near(workspace)
             cost = new_cost
             damping, backed = (damping if backed else max(damping / LOWER, LEAST_DAMPING)), False
         elif size >= SMALL_STEP:
@@ -309,7 +327,9 @@ def reflect(problem: SolverProblem, given: Floats1) -> None:
 
 
 @compiled(lean=True, inline=True)
-def _linearize(problem: SolverProblem, workspace: Workspace, damping: float, cautious: bool) -> None:
+def _linearize(
+    problem: SolverProblem, workspace: Workspace, damping: float, cautious: bool, clearing: float
+) -> None:
     """Write the step's quadratic program: H + lambda diag(d)^2 + eps^2, g, and the bounds of the step.
 
     A cautious step has a term |g_i| / (distance to the bound that joint i moves towards) on the diagonal
@@ -318,7 +338,7 @@ def _linearize(problem: SolverProblem, workspace: Workspace, damping: float, cau
     index, low, high, result = problem.joints, problem.low, problem.high, workspace.result
     matrix, gradient, least, most = workspace.matrix, workspace.gradient, workspace.least, workspace.most
     m, k = index.size, problem.task_joints
-    part = CAUTION if cautious else 1.0
+    share = CAUTION if cautious else 1.0
     start = problem.tolerance.size + 1
     place = start + k
     for i in range(m):
@@ -331,11 +351,17 @@ def _linearize(problem: SolverProblem, workspace: Workspace, damping: float, cau
                 place += 1
         for j in range(k if i < k else i, m):
             matrix[i, j] = 0.0
+        for r in range(workspace.near_count[0]):
+            row = workspace.near[r]
+            part = clearing**2 * row[index[i]]
+            slope -= part * row[problem.reference.size]
+            for j in range(i if part != 0.0 else m, m):
+                matrix[i, j] += part * row[index[j]]
         matrix[i, i] += POSTURE_WEIGHT**2 + damping * problem.scale[i]
         if cautious and low[i] < high[i]:
             matrix[i, i] += slope / max(q - low[i], 1e-9) if slope > 0 else -slope / max(high[i] - q, 1e-9)
-        least[i] = max(part * (low[i] - q), -STEP_BOUND)
-        most[i] = min(part * (high[i] - q), STEP_BOUND)
+        least[i] = max(share * (low[i] - q), -STEP_BOUND)
+        most[i] = min(share * (high[i] - q), STEP_BOUND)
         gradient[i] = slope
         workspace.state[i] = FREE
         if cautious:
@@ -351,9 +377,7 @@ def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bo
     """Write the configuration to try; the result tells whether there is one."""
     matrix, gradient, step = workspace.matrix, workspace.gradient, workspace.step
     least, most, state, factor = workspace.least, workspace.most, workspace.state, workspace.factor
-    if workspace.cut_count[0] > 0:
-        good = _step_between(problem, workspace)
-    elif cautious:
+    if cautious:
         good = solve_free(matrix, gradient, least, most, step, state, factor)
     else:
         good = solve_box(matrix, gradient, least, most, step, state, factor)
@@ -372,36 +396,31 @@ def _posture_cost(problem: SolverProblem, given: Floats1) -> float:
     return 0.5 * POSTURE_WEIGHT**2 * total
 
 
-@compiled
-def _cut(problem: SolverProblem, tests: CollisionTests, workspace: Workspace, q: Floats1) -> None:
-    """Remember the half-spaces of what is nearest at q; the oldest are forgotten."""
-    rows = np.empty((NEAREST, problem.reference.size + 1))
-    count = call_four(tests.near, q.ctypes.data, rows.ctypes.data, NEAREST, 0)
-    for i in range(count):
-        workspace.cuts[workspace.cut_count[0] % CUTS] = rows[i]
-        workspace.cut_count[0] += 1
+@compiled(lean=True)
+def _look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, clearing: float) -> float:
+    """Write what is near at q into `near_trial`; return the cost of it."""
+    rows = workspace.near_trial
+    count = call_four(tests.near, q.ctypes.data, rows.ctypes.data, MOST_NEAR, tests.near_memory)
+    workspace.near_count[1] = count
+    total, n = 0.0, rows.shape[1] - 2
+    for r in range(count):
+        total += rows[r, n] * rows[r, n]
+    return 0.5 * clearing**2 * total
 
 
-@compiled
-def _step_between(problem: SolverProblem, workspace: Workspace) -> bool:
-    """Write the step that keeps the half-spaces too; where the room is used up, it may not shrink further."""
-    m, n, count = problem.joints.size, problem.reference.size, min(workspace.cut_count[0], CUTS)
-    matrix = workspace.matrix
-    for i in range(m):
-        for j in range(i):
-            matrix[i, j] = matrix[j, i]
-    rows, least = np.empty((count, m)), np.empty(count)
-    for c in range(count):
-        value = -workspace.cuts[c, n]
-        for i in range(n):
-            value += workspace.cuts[c, i] * workspace.given[i]
-        least[c] = -max(value, 0.0)
-        for i in range(m):
-            rows[c, i] = workspace.cuts[c, problem.joints[i]]
-    program = QuadraticProgram(matrix, workspace.gradient, workspace.least, workspace.most, rows, least)
-    if not solve(program, workspace.step):
-        return False
-    size = 0.0
-    for i in range(m):
-        size += abs(workspace.step[i])
-    return size < math.inf
+@compiled(lean=True)
+def _keep_near(workspace: Workspace) -> None:
+    """Take over what is near at the configuration to try."""
+    workspace.near_count[0] = workspace.near_count[1]
+    for r in range(workspace.near_count[0]):
+        for i in range(workspace.near.shape[1]):
+            workspace.near[r, i] = workspace.near_trial[r, i]
+
+
+@compiled(lean=True)
+def _touches(workspace: Workspace) -> bool:
+    """Whether something seems to touch at q."""
+    last, deepest = workspace.near.shape[1] - 1, -1.0
+    for r in range(workspace.near_count[0]):
+        deepest = max(deepest, workspace.near[r, last])
+    return deepest >= 0.0

@@ -6,7 +6,11 @@ import math
 
 import numpy as np
 
-from pepper_kin.core.inverse_kinematics.collision_free_search import search_among_obstacles
+from pepper_kin.core.inverse_kinematics.collision_free_search import (
+    FIRM_CLEARING,
+    clear_solution,
+    search_among_obstacles,
+)
 from pepper_kin.core.inverse_kinematics.local_solver import (
     CAUTIOUS_STEPS,
     REFLECTIONS,
@@ -94,7 +98,7 @@ def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
                 write_start(search, workspace, used - 1, turn)
             elif turn > 0:
                 reflect(problem, workspace.given)
-            steps = descend(problem, tests, workspace, steps_left, SEARCH_GAIN, CAUTIOUS_STEPS, False)
+            steps = descend(problem, tests, workspace, steps_left, SEARCH_GAIN, CAUTIOUS_STEPS, 0.0)
             iterations, steps_left = iterations + steps, steps_left - steps
             met = is_met(problem, workspace)
             held = met and is_held(search, workspace.given)
@@ -120,7 +124,7 @@ def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
     if not (best_met and problem.stop_when_met) and workspace.stop[0] == 0:
         for i in range(n):
             workspace.given[i] = answer[i]
-        iterations += descend(problem, tests, workspace, options.max_iterations, SMALL_GAIN, 0, False)
+        iterations += descend(problem, tests, workspace, options.max_iterations, SMALL_GAIN, 0, 0.0)
         best_met = is_met(problem, workspace)
         keep(workspace, answer, n, t)
     answer[n + t + ITERATIONS] += iterations
@@ -153,7 +157,7 @@ def _is_met_without_limits(search: Search, workspace: Workspace, moves: Floats1,
         else:
             write_start(free, workspace, number - 2, -1)
         steps = min(STEPS_WITHOUT_LIMITS, options.max_iterations)
-        descend(problem, tests, workspace, steps, SMALL_GAIN, 0, False)
+        descend(problem, tests, workspace, steps, SMALL_GAIN, 0, 0.0)
         if is_met(problem, workspace):
             return True
     return False
@@ -201,9 +205,15 @@ def solve_rows(
         status = SOLVED if met else UNREACHABLE
         if not is_free(tests, answer):
             status = COLLISION
-            if workspace.stop[0] == 0:
+            if workspace.stop[0] == 0 and options.thorough:
                 status = search_among_obstacles(search, workspace, bounds, met, answer)
-        if status == UNREACHABLE and _is_met_without_limits(search, workspace, bounds[2], answer):
+            elif workspace.stop[0] == 0:
+                status = clear_solution(search, workspace, met, answer)
+        if (
+            status == UNREACHABLE
+            and options.thorough
+            and _is_met_without_limits(search, workspace, bounds[2], answer)
+        ):
             status = LIMITS
         if workspace.stop[0] != 0 and status != SOLVED:
             status = TIME if workspace.stop[0] == TIMED_OUT else STOP
@@ -240,7 +250,13 @@ def descend_row(
     set_bounds(problem, bounds)
     workspace = make_workspace(given, problem, tests)
     steps = descend(
-        problem, tests, workspace, options.max_iterations, SMALL_GAIN, 0 if clear else CAUTIOUS_STEPS, clear
+        problem,
+        tests,
+        workspace,
+        options.max_iterations,
+        SMALL_GAIN,
+        0 if clear else CAUTIOUS_STEPS,
+        FIRM_CLEARING[0] if clear else 0.0,
     )
     given[:] = workspace.given
     return steps

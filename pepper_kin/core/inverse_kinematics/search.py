@@ -80,9 +80,11 @@ class SearchOptions(NamedTuple):
         tolerance: Squared tolerances of the t tasks, shape (t,).
         first: x_0 of the points of the unit cube that restarts are made from, in the order of `joints`,
         shape (n,). advance: alpha of these points x_j = frac(x_0 + j alpha), shape (n,). restarts: Further
-        starts. max_iterations: Steps from each start. stop_when_met: Whether nothing is left to gain once
-        all tasks are well met. clock: Address of `clock_gettime`. deadline: When to stop [s], infinite for
-        never. signals: See `pepper_kin.kernels.interrupts`.
+        starts. max_iterations: Steps from each start. thorough: Whether to search on where what was found
+        touches something, and to ask whether joint limits are in the way; else it is only moved clear.
+        stop_when_met: Whether nothing is left to gain once all tasks are well met. clock: Address of
+        `clock_gettime`. deadline: When to stop [s], infinite for never. signals: See
+        `pepper_kin.kernels.interrupts`.
     """
 
     tolerance: Floats1
@@ -90,6 +92,7 @@ class SearchOptions(NamedTuple):
     advance: Floats1
     restarts: int
     max_iterations: int
+    thorough: bool
     stop_when_met: bool
     clock: int
     deadline: float

@@ -60,8 +60,8 @@ class SearchBuffers:
             n = self.answer.size - self.tolerance.size - EXTRA
             first, advance = unit_points(dimension, n, budget.seed)
             self._options = SearchOptions(
-                self.tolerance, first, advance, budget.restarts, budget.max_iterations, stop_when_met, CLOCK,
-                budget.deadline, self.signals,
+                self.tolerance, first, advance, budget.restarts, budget.max_iterations, budget.thorough,
+                stop_when_met, CLOCK, budget.deadline, self.signals,
             )  # fmt: skip
             self._key = key
         return self._options

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from pepper_kin.ik.result import SearchResult, Status
 from pepper_kin.ik.solvers.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 STATUSES = (
     Status.SOLVED,
@@ -54,7 +58,7 @@ def search_compiled(
     buffers.row[:n] = q0
     finite = ready.read(tasks, buffers.row, buffers.tolerance)
     options = buffers.options(budget, finite, ready.tables.task_joints)
-    tests = NO_TESTS if collisions is None or collisions.scene is None else collisions.tests(buffers.signals)
+    tests = NO_TESTS if collisions is None else collisions.tests(buffers.signals)
     bounds = ready.bounds if movable is None else ready.bounds_of(movable)
     ready.solve(ready.tables, bounds, options, tests, buffers.given, buffers.answers, 0, 1)
     q = buffers.answer[:n].copy()
@@ -110,6 +114,8 @@ class Rows:
         starts: q0 of each row, within the limits, shape (N, n).
         movable: Joints that may move, shape (n,); None for all.
         budget: How much to search for each row.
+        scene: What to keep clear of; None for nothing.
+        margin: Distance to the scene that is kept [m].
 
     Attributes:
         statuses: The status of each number that `answers` gives.
@@ -122,6 +128,9 @@ class Rows:
         starts: Array,
         movable: np.ndarray | None,
         budget: SearchBudget,
+        *,
+        scene: Scene | None = None,
+        margin: float = 0.0,
     ) -> None:
         ready = compiled_tasks(pepper, tasks)
         n, t = pepper.n, len(tasks)
@@ -139,7 +148,8 @@ class Rows:
         options = buffers.options(budget, finite, ready.tables.task_joints)
         self._answers = np.empty((len(starts), n + t + EXTRA))
         self._ready, self._sizes, self._buffers = ready, (n, t), buffers
-        self._fixed = (ready.tables, ready.bounds_of(movable), options, NO_TESTS)
+        self._fixed = (ready.tables, ready.bounds_of(movable), options)
+        self._world = (pepper, scene, margin)
 
     def solve(self, begin: int, end: int) -> None:
         """Solve some rows; the interpreter is free for other threads meanwhile.
@@ -147,10 +157,13 @@ class Rows:
         Raises:
             KeyboardInterrupt: after Ctrl-C, or whatever else the handler of a signal has raised.
         """
-        self._ready.solve(*self._fixed, self._given, self._answers, begin, end)
+        collisions = Collisions(*self._world)  # blocks of memory of this thread
+        tests = collisions.tests(self._buffers.signals)
+        self._ready.solve(*self._fixed, tests, self._given, self._answers, begin, end)
         stopped = self._answers[begin:end, sum(self._sizes) + STATUS] == STOP
         if stopped.any():
             self._ready.check(self._buffers)
+            collisions.check()
 
     def answers(self) -> tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]:
         """Return q, status numbers, errors, iterations and restarts of all rows."""
@@ -168,10 +181,14 @@ def alternatives(
     seed: int,
     count: int,
     max_iterations: int,
+    *,
+    scene: Scene | None = None,
+    margin: float = 0.0,
 ) -> list[Array]:
     """Return solutions that `count` starts lead to, those nearest to q0 first.
 
-    The starts lie ever farther from q0 on the way to points that fill the joint box evenly.
+    The starts lie ever farther from q0 on the way to points that fill the joint box evenly.  With a scene,
+    solutions that touch something are moved clear, or left out.
     """
     ready = compiled_tasks(pepper, tasks)
     index, k = ready.index, ready.index.size
@@ -184,7 +201,7 @@ def alternatives(
     starts[:, index] += reach * (low + points * (high - low) - here)
     if movable is not None:
         starts[:, ~movable] = q0[~movable]
-    return solutions_from(pepper, tasks, q0, movable, starts, max_iterations)
+    return solutions_from(pepper, tasks, q0, movable, starts, max_iterations, scene=scene, margin=margin)
 
 
 def solutions_from(
@@ -194,20 +211,25 @@ def solutions_from(
     movable: np.ndarray | None,
     starts: Array,
     max_iterations: int,
+    *,
+    scene: Scene | None = None,
+    margin: float = 0.0,
 ) -> list[Array]:
     """Return solutions that given starts, shape (m, n), lead to, those nearest to q0 first.
 
-    Joints that no task depends on stay where a start has them; how far they move counts unweighted.
+    Joints that no task depends on stay where a start has them; how far they move counts unweighted.  With a
+    scene, solutions that touch something are moved clear, or left out.
     """
-    budget = SearchBudget(0, 0, max_iterations, math.inf)
+    budget = SearchBudget(0, 0, max_iterations, math.inf, thorough=False)
     ready = compiled_tasks(pepper, tasks)
     if ready.python is None:
-        rows = Rows(pepper, tasks, starts, movable, budget)
+        rows = Rows(pepper, tasks, starts, movable, budget, scene=scene, margin=margin)
         rows.solve(0, len(starts))
         q, status, *_ = rows.answers()
         solved = q[status == STATUSES.index(Status.SOLVED)]
     else:
-        found = [search_compiled(pepper, tasks, start, movable, budget) for start in starts]
+        world = Collisions(pepper, scene, margin)
+        found = [search_compiled(pepper, tasks, start, movable, budget, world) for start in starts]
         solved = np.array([one.q for one in found if one.status is Status.SOLVED]).reshape(-1, q0.size)
     k, scale = ready.index.size, np.ones(q0.size)
     scale[ready.index] = ready.tables.scale[:k]

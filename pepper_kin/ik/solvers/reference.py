@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.inverse_kinematics.local_solver import CUTS, NEAREST, SMALL_STEP
+from pepper_kin.core.inverse_kinematics.local_solver import SMALL_STEP
 from pepper_kin.core.inverse_kinematics.search import REACH
 from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
@@ -27,6 +27,9 @@ RESTARTS = 16
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-8, 1e4
 SMALL_GAIN = 1e-6
+
+CUTS, NEAREST = 4, 1
+"""Half-spaces kept in one descent, and how many of them one configuration adds at most."""
 
 STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60
 """Starts and steps for the question whether the joints without limits would reach the target."""

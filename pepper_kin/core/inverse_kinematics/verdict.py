@@ -1,0 +1,26 @@
+"""The exact verdict on one configuration, for searches that know addresses only."""
+
+from __future__ import annotations
+
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.check import check_rows
+from pepper_kin.core.collision.gjk import CONTACT
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at
+
+
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def verdict(configuration: int, memory: int, size: int, _: int) -> int:
+    """Return FREE, CONTACT or TIE, see `pepper_kin.core.collision.gjk`, for a configuration.
+
+    Args:
+        configuration: Address of q, shape (n,) [rad or m].
+        memory: Address of a block of the compiled check in which all joints are free.
+        size: Doubles in it.
+    """
+    block = floats_at(memory, size)
+    numbers = at.section(block, at.NUMBERS)
+    if numbers[at.BLOCKED] > 0:
+        return CONTACT
+    check_rows(block, floats_at(configuration, int(numbers[at.N])), 1)
+    return at.section_bits(block, at.STATUS)[0]
