@@ -12,6 +12,7 @@ from .cbirrt import cbirrt
 from .certificate import Certificate, certify
 from .constrained_shortcut import constrained_shortcut, constrained_smooth, project
 from .constraint_manifold import CompiledManifold, ConstraintManifold
+from .cost_descent import StateCost, descend_cost
 from .deadline import Deadline
 from .informed_rrt_star import informed_rrt_star, rrt_star
 from .metric import Metric
@@ -44,6 +45,7 @@ __all__ = [
     "Result",
     "Roadmap",
     "SmoothPath",
+    "StateCost",
     "StateValidityChecker",
     "Status",
     "available_ompl_planners",
@@ -53,6 +55,7 @@ __all__ = [
     "certify",
     "constrained_shortcut",
     "constrained_smooth",
+    "descend_cost",
     "informed_rrt_star",
     "ompl_plan",
     "project",

@@ -293,6 +293,16 @@ def _surface_of(
     )
 
 
+def no_surface(lower: FloatArray, upper: FloatArray, weights: FloatArray) -> Surface:
+    """Return a manifold without constraints, which all states meet; its function is never called."""
+    n, none, ints = lower.size, np.zeros(0), np.zeros(0, dtype=np.int64)
+    return Surface(
+        0, none, none, none, ints, ints, ints, none, lower.copy(), upper.copy(), weights.copy(), none, ints,
+        np.zeros((0, n)), np.zeros((0, 0)), np.zeros((2, 0)), np.zeros((6, n)),
+        np.zeros(1, dtype=np.int64), 0,
+    )  # fmt: skip
+
+
 @compiled
 def evaluate(surface: Surface, state: FloatArray) -> float:
     """Evaluate F and its Jacobian at a state; return the largest error relative to its tolerance."""

@@ -174,3 +174,28 @@ def draw_17_jerk_limits() -> None:
             plot.set_title("RElbowRoll: acceleration as a share of its limit, for each limit of jerk")
     plot.set_xlabel("s", labelpad=0)
     sheet.save("example_17.png")
+
+
+def draw_18_soft_costs() -> None:
+    """The hand's way past the plate, with the price and without."""
+    told = variables_of("18")
+    pepper, plate, ways = told["pepper"], told["plate"], told["ways"]
+    size = (470, 500)
+    q, places, lengths = ways["with"]
+    stage = Stage().scene(told["scene"]).robot(pepper, q[-1])
+    stage.robot(pepper, q[0], color=GREY, opacity=0.22, apart_from=q[-1])
+    stage.tube(smooth(ways["without"][1]), GREY, 0.005)
+    stage.tube(smooth(places), ORANGE, 0.005)
+    stage.ball(plate, (0.85, 0.2, 0.15, 0.5), 0.06)
+    around = np.array([[x, y, z] for x in (-0.1, 0.5) for y in (-0.25, 0.4) for z in (0.55, 1.22)])
+    camera = framing(around, size, 40, 22, margin=1.0)
+    sheet = Sheet().image(stage.picture(camera))
+    sheet.label(camera, plate, "hot", (60, 40))
+    plot = sheet.axes(535, 60, 245, 370)
+    for name, color in (("without", "grey"), ("with", "orange")):
+        _, places, lengths = ways[name]
+        price = 12 * np.exp(-np.sum((places - plate) ** 2, axis=1) / (2 * 0.06**2))
+        plot.plot(100 * lengths / lengths[-1], price, color=COLORS[color], label=f"{name} the price")
+    plot.set(xlabel="% of the path", ylabel="price", title="what the heat costs", ylim=(0, 9.5))
+    plot.legend(fontsize=9, loc="upper left")
+    sheet.save("example_18.png")

@@ -8,7 +8,7 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
+from pepper_kin.ik.tasks.task import Array, words_for
 
 
 class Status(Enum):
@@ -280,9 +280,8 @@ class IKResult:
 
     def _line(self, error: TaskError) -> str:
         if error.met:
-            words = words_for_length if error.unit == "m" else words_for_angle
             hard = " (hard)" if error.hard else ""
-            return f"{error.label}{hard}: error {words(error.value)}, {error.attained}"
+            return f"{error.label}{hard}: error {words_for(error.value, error.unit)}, {error.attained}"
         limits = self.blocking_limits
         blocked = f": {_listed(limits)} at {_their(limits)}" if limits else ""
         lone = len(self.errors) == 1 and self.status is not Status.TIMED_OUT

@@ -5,8 +5,10 @@ from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
+from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.curves import Arc, Curve, Line
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
+from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
 from pepper_kin.motion.optimisation import (
     Cost,
     Optimised,
@@ -16,6 +18,7 @@ from pepper_kin.motion.optimisation import (
     minimum_effort_swing,
     optimise,
 )
+from pepper_kin.motion.path_costs import CostAlong, PathCost
 from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
@@ -26,13 +29,17 @@ __all__ = [
     "CartesianPath",
     "CartesianStatus",
     "Cost",
+    "CostAlong",
     "Curve",
     "FrameInPlane",
+    "Leg",
     "Line",
     "Optimised",
     "OptimisedStatus",
+    "PathCost",
     "Plan",
     "PlanBatch",
+    "PlanInLegs",
     "PlanProblem",
     "PlanStatus",
     "Swing",
@@ -50,6 +57,8 @@ __all__ = [
     "plan",
     "plan_batch",
     "plan_constrained",
+    "plan_costed",
+    "plan_legs",
     "simplify_path",
     "validate",
 ]

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
-from pepper_kin.ik.tasks.task import words_for_angle, words_for_length
+from pepper_kin.ik.tasks.task import words_for
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
-from pepper_kin.motion.constraints import as_constraints, hardened, manifold_of
+from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
+from pepper_kin.motion.costed_plan import figures_of
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
 
@@ -35,6 +37,7 @@ def plan_constrained(
     scene: Scene | None = None,
     constraints: Sequence[Task | TaskGroup] = (),
     *,
+    costs: Sequence[PathCost | Task | TaskGroup] | None = None,
     joints: str | Sequence[str] | None = None,
     margin: float = 0.01,
     seed: int = 0,
@@ -53,6 +56,7 @@ def plan_constrained(
             together with the constraints.
         scene: The world around the robot.
         constraints: Tasks with one target and a finite tolerance each.
+        costs: Soft costs that are made small together with the length, see `plan_costed`.
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ; give more where the constraints leave them no freedom.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
@@ -64,11 +68,12 @@ def plan_constrained(
         The plan.  Its `constraint_errors` are the largest errors along the spline that `retime` draws.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, no constraint, or one of infinite tolerance.
+        InvalidValueError: for a wrong shape, NaN, no constraint or cost, or one of infinite tolerance.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
     tasks = as_constraints(pepper, constraints)
+    priced = None if costs is None else PathCosts.of(pepper, costs)
     q_start = checked_start(pepper, start, margin, timeout)
     checks = Checks(pepper, scene)
     begin = time.perf_counter()
@@ -76,7 +81,7 @@ def plan_constrained(
     fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start)
     if fault is not None:
         return ended(*fault)
-    goals, ik, fault = goals_of(checks, q_start, _with(goal, tasks), joints, margin, seed, timeout)
+    goals, ik, fault = goals_of(checks, q_start, with_constraints(goal, tasks), joints, margin, seed, timeout)
     faults = [_off(pepper, tasks, q, "goal") for q in goals]
     goals = goals[[k for k, off in enumerate(faults) if off is None]]
     if not len(goals):
@@ -95,44 +100,71 @@ def plan_constrained(
     if result.path is None:
         message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
         return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
-    path = _waypoints(pepper, room, manifold, result.path, seed, timeout / 2)
-    return _ended(ended, checks, tasks, path, said)
+    along = _Along(checks, room, manifold, tasks, seed, timeout / 2)
+    path = along.shortest(result.path)
+    if priced is not None:
+        path, figures, before = along.cheapest(result.path, priced, path)
+        said["costs"] = () if figures is None else priced.said(figures, before)
+    return along.ended(ended, path, said)
 
 
-def _ended(
-    ended: Ending, checks: Checks, tasks: Sequence[Task], path: Array | None, said: dict[str, Any]
-) -> Plan:
-    """Return the plan of way-points, if there are any and their spline keeps the constraints."""
-    errors = () if path is None else largest_errors(checks.pepper, path, tasks)
-    if path is None or not _keeps(tasks, errors):
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
-    return ended.solved(checks.exact, path, _words(tasks, path, errors), constraint_errors=errors, **said)
+class _Along:
+    """From a path on a manifold to the plan that is returned."""
 
+    def __init__(
+        self,
+        checks: Checks,
+        room: PathProblem,
+        manifold: planners.ConstraintManifold,
+        tasks: Sequence[Task],
+        seed: int,
+        timeout: float,
+    ) -> None:
+        self._checks, self._room, self._manifold, self._tasks = checks, room, manifold, tasks
+        self._seed, self._timeout = seed, timeout
 
-def _waypoints(
-    pepper: PepperModel,
-    room: PathProblem,
-    manifold: planners.ConstraintManifold,
-    path: planners.Path,
-    seed: int,
-    timeout: float,
-) -> Array | None:
-    """Shorten and round a path; return way-points whose spline is valid, or None."""
-    short = planners.constrained_shortcut(
-        room.problem, manifold, path, seed=seed, iterations=SHORTCUTS, timeout=timeout
-    )
-    rounded = planners.constrained_smooth(room.relaxed, manifold, short, timeout=timeout)
-    return constrained_waypoints(pepper, room.relaxed, manifold, (rounded, short, path), room.embed)
+    def shortest(self, path: planners.Path) -> Array | None:
+        """Shorten and round a path; return way-points whose spline is valid, shape (m, n), or None."""
+        room, manifold, timeout = self._room, self._manifold, self._timeout
+        short = planners.constrained_shortcut(
+            room.problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
+        )
+        rounded = planners.constrained_smooth(room.relaxed, manifold, short, timeout=timeout)
+        return self._waypoints((rounded, short, path))
 
+    def cheapest(
+        self, path: planners.Path, costs: PathCosts, plain: Array | None
+    ) -> tuple[Array | None, Figures | None, Figures | None]:
+        """Return way-points of a path of little cost, its figures, and those of one without regard to costs.
 
-def _with(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task]) -> Any:
-    """Return the goal; if it is made of tasks, together with the constraints as hard ones."""
-    if not isinstance(goal, Sequence) or not goal or not isinstance(goal[0], (Task, TaskGroup)):
-        return goal
-    parts: list[Any] = []
-    for item in goal:
-        parts += item.parts if isinstance(item, TaskGroup) else [item]
-    return [*parts, *(hardened(task) for task in constraints)]
+        Args:
+            path: A path on the manifold.
+            costs: Soft costs.
+            plain: Way-points of the path without regard to them, shape (m, n).
+        """
+        room = self._room
+        before = None if plain is None else figures_of(room, costs, plain)
+        price = costs.for_planner(room.start, room.free)
+        lowered = planners.descend_cost(
+            room.problem, price, path, manifold=self._manifold, seed=self._seed, timeout=self._timeout
+        )
+        points = self._waypoints((lowered,))
+        figures = None if points is None else figures_of(room, costs, points)
+        if figures is None or (before is not None and before.total <= figures.total):
+            return plain, before, before
+        return points, figures, before
+
+    def _waypoints(self, paths: Sequence[planners.Path]) -> Array | None:
+        room = self._room
+        return constrained_waypoints(room.checks.pepper, room.relaxed, self._manifold, paths, room.embed)
+
+    def ended(self, ended: Ending, path: Array | None, said: dict[str, Any]) -> Plan:
+        """Return the plan of way-points, if there are any and their spline keeps the constraints."""
+        tasks, exact = self._tasks, self._checks.exact
+        errors = () if path is None else largest_errors(self._checks.pepper, path, tasks)
+        if path is None or not _keeps(tasks, errors):
+            return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **{**said, "costs": ()})
+        return ended.solved(exact, path, _words(tasks, path, errors), constraint_errors=errors, **said)
 
 
 def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tuple[PlanStatus, str] | None:
@@ -140,8 +172,7 @@ def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tup
     for task in tasks:
         if task.error(pepper, q) > task.tolerance * (1.0 + 1e-9):
             status = PlanStatus.START_OFF_CONSTRAINT if what == "start" else PlanStatus.GOAL_OFF_CONSTRAINT
-            words = words_for_angle if task.unit_on(pepper) == "rad" else words_for_length
-            allowed = f"its tolerance is {words(task.tolerance)}"
+            allowed = f"its tolerance is {words_for(task.tolerance, task.unit_on(pepper))}"
             return status, f"The {what} does not meet a constraint: {task.shortfall(pepper, q)}; {allowed}."
     return None
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-LARGEST = ("JointPosture", "CenterOfMassOverWheels")
+LARGEST = ("JointPosture", "CenterOfMassOverWheels", "Expression")
 """Tasks whose error is the largest component of the residual: each component is a constraint of its own."""
 
 SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"))
@@ -54,6 +54,16 @@ def hardened(task: Task) -> Task:
     return hard
 
 
+def with_constraints(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task]) -> Any:
+    """Return a goal; if it is made of tasks, together with constraints as hard ones."""
+    if not isinstance(goal, Sequence) or not goal or not isinstance(goal[0], (Task, TaskGroup)):
+        return goal
+    parts: list[Any] = []
+    for item in goal:
+        parts += item.parts if isinstance(item, TaskGroup) else [item]
+    return [*parts, *(hardened(task) for task in constraints)]
+
+
 def manifold_of(
     pepper: PepperModel, constraints: Sequence[Task | TaskGroup], frozen: Array, free: NDArray[np.int64]
 ) -> planners.ConstraintManifold:
@@ -78,16 +88,16 @@ def manifold_of(
     tolerances: list[float] = []
     names: list[str] = []
     for task, size in zip(tasks, sizes, strict=True):
-        first, apart = len(tolerances), type(task).__name__ in LARGEST or _kind(task) in LARGEST
+        first, apart = len(tolerances), type(task).__name__ in LARGEST or kind_of(task) in LARGEST
         count = size if apart else 1
         groups += [first + (k if apart else 0) for k in range(size)]
         tolerances += [task.tolerance] * count
         names += [task.name] * count
-    function: planners.CompiledManifold | _InPython
-    if all(_kind(task) for task in tasks):
+    function: planners.CompiledManifold | InPython
+    if all(kind_of(task) for task in tasks):
         function = _machine_code(pepper, tasks, frozen, free)
     else:
-        function = _InPython(pepper, tasks, frozen, free)
+        function = InPython(pepper, tasks, frozen, free)
     return planners.ConstraintManifold(
         function, int(free.size), sum(sizes), np.array(tolerances), np.array(groups), tuple(names)
     )
@@ -107,12 +117,12 @@ def residuals_of(
     Returns:
         A callable to arrays of shape (m, r) and (m, r, k).
     """
-    python = _InPython(pepper, tuple(tasks), frozen, free)
-    if not all(_kind(task) for task in tasks):
+    python = InPython(pepper, tuple(tasks), frozen, free)
+    if not all(kind_of(task) for task in tasks):
         return python
     from pepper_kin.ik.fast.structure import target_of
 
-    kernel = _kernel(pepper, tuple(_structure(task) for task in tasks))
+    kernel = _kernel(pepper, tuple(structure_of_kind(task) for task in tasks))
     targets = np.concatenate([target_of(task) for task in tasks])
 
     def evaluate(states: Array) -> tuple[Array, Array]:
@@ -123,7 +133,7 @@ def residuals_of(
     return evaluate
 
 
-class _InPython:
+class InPython:
     """Tasks of a user's own classes, state by state."""
 
     def __init__(
@@ -138,13 +148,14 @@ class _InPython:
         return q
 
     def __call__(self, states: Array) -> tuple[Array, Array]:
+        """Return residuals, shape (m, r), and their Jacobians, shape (m, r, k)."""
         q = self.whole(states)
         values = [np.concatenate([task.residual(self._pepper, x) for task in self._tasks]) for x in q]
         slopes = [np.concatenate([task.jacobian(self._pepper, x) for task in self._tasks]) for x in q]
         return np.array(values), np.array(slopes)[:, :, self._free]
 
 
-def _kind(task: Task) -> str:
+def kind_of(task: Task) -> str:
     """Return the kind of a task that can be compiled; empty for others.
 
     A class derived from one of the library's may have a residual of its own, which is not what is compiled.
@@ -159,7 +170,8 @@ def _kind(task: Task) -> str:
         return ""
 
 
-def _structure(task: Task) -> Structure:
+def structure_of_kind(task: Task) -> Structure:
+    """Return the structure of a task of a known kind, hard or not."""
     from pepper_kin.ik.fast.structure import structure_of
 
     return structure_of(task)._replace(hard=False)
@@ -170,7 +182,7 @@ def _machine_code(
 ) -> planners.CompiledManifold:
     from pepper_kin.ik.fast.structure import target_of
 
-    kernel = _kernel(pepper, tuple(_structure(task) for task in tasks))
+    kernel = _kernel(pepper, tuple(structure_of_kind(task) for task in tasks))
     given = np.concatenate([frozen, *[target_of(task) for task in tasks]])
     return planners.CompiledManifold(
         kernel.single_address, given, free, free, pepper.n, kernel.work_size, keep_alive=kernel
@@ -178,31 +190,42 @@ def _machine_code(
 
 
 def _kernel(pepper: PepperModel, structures: tuple[Structure, ...]) -> Kernel:
-    """Return the kernel of `_residuals`, made once and kept."""
+    """Return the kernel of `_expression`, made once and kept."""
     known = _kept.of(pepper)
     if structures not in known:
         key = f"constraints {structures!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
-        known[structures] = compile_function(lambda: _residuals(pepper, structures), key=key)
+        known[structures] = compile_function(lambda: _expression(pepper, structures), key=key)
     return known[structures]
 
 
-def _residuals(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi.Function:
+def _expression(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi.Function:
     """Return the function (q, targets) -> all residuals, then their Jacobian by q, row by row."""
     import casadi
 
+    q = casadi.SX.sym("q", pepper.n)
+    targets = casadi.SX.sym("targets", sum(task.target_size for task in structures))
+    pairs = residuals(pepper, structures, q, targets)
+    rows = casadi.vec(casadi.densify(casadi.vertcat(*(jacobian for _, jacobian in pairs))).T)
+    output = casadi.densify(casadi.vertcat(*(residual for residual, _ in pairs), rows))
+    return casadi.Function("constraints", [q, targets], [casadi.cse(output)])
+
+
+def residuals(
+    pepper: PepperModel, structures: tuple[Structure, ...], q: Any, targets: Any
+) -> list[tuple[Any, Any]]:
+    """Return the residual of each task and its Jacobian by q as expressions.
+
+    Args:
+        pepper: The robot.
+        structures: Of the tasks.
+        q: Symbols, shape (n,).
+        targets: Numbers of all targets, one after the other.
+    """
     from pepper_kin.ik.fast.expression import _motion
     from pepper_kin.ik.fast.task_residuals import task_residual
 
-    q = casadi.SX.sym("q", pepper.n)
-    targets = casadi.SX.sym("targets", sum(task.target_size for task in structures))
-    motion = _motion(pepper, structures, q)
-    values, slopes, place = [], [], 0
+    motion, found, place = _motion(pepper, structures, q), [], 0
     for task in structures:
-        target = targets[place : place + task.target_size]
+        found.append(task_residual(pepper, task, motion, targets[place : place + task.target_size]))
         place += task.target_size
-        residual, jacobian = task_residual(pepper, task, motion, target)
-        values.append(residual)
-        slopes.append(jacobian)
-    rows = casadi.vec(casadi.densify(casadi.vertcat(*slopes)).T)
-    output = casadi.densify(casadi.vertcat(*values, rows))
-    return casadi.Function("constraints", [q, targets], [casadi.cse(output)])
+    return found

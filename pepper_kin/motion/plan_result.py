@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
+
+if TYPE_CHECKING:
+    from pepper_kin.motion.path_costs import CostAlong
 
 
 class PlanStatus(Enum):
@@ -69,6 +72,7 @@ class Plan:
         length: Length of the path in joint space [rad and m mixed]; nan unless solved.
         constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio,
             groups taken apart [m or rad]; empty where there are none.
+        costs: Soft costs along the curve, one after the other; empty where there are none.
         states_checked: Number of configurations asked about.
         time: Wall time [s], without the loading or compiling of code.
         seed: Seed: the same problem and seed give the same plan.
@@ -87,6 +91,7 @@ class Plan:
     planner: str = "rrt_connect"
     constraint_errors: tuple[float, ...] = ()
     curve: CubicPath | None = None
+    costs: tuple[CostAlong, ...] = ()
     evidence: Callable[[], float] | None = field(default=None, repr=False)
 
     @cached_property

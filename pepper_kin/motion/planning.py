@@ -17,8 +17,10 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_plan import plan_constrained
+from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
 from pepper_kin.motion.waypoints import waypoints_of
@@ -46,6 +48,7 @@ def plan(
     planner: str = "rrt_connect",
     joints: str | Sequence[str] | None = None,
     constraints: Sequence[Task | TaskGroup] | None = None,
+    costs: Sequence[PathCost | Task | TaskGroup] | None = None,
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 5.0,
@@ -62,6 +65,7 @@ def plan(
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
         joints: Joints that may move, a group or names; None: those in which start and goals differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
+        costs: Soft costs that are made small together with the length; `plan_costed` then plans.
         margin: Distance kept to all things [m]; less where start or goal are nearer than that.
         seed: Seed of all random choices.
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
@@ -70,17 +74,23 @@ def plan(
         The plan; without a path, its status and message tell why.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints; for
-            constraints, or a planner, that do not go with a differential base.
+        InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints or
+            costs; for any of these that do not go with a differential base.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
-    check_planner(planner, constraints is not None)
-    refuse_what_cannot_drive(pepper, joints, planner, constraints is not None)
+    guided = constraints is not None or costs is not None
+    check_planner(planner, guided)
+    refuse_what_cannot_drive(pepper, joints, planner, guided)
     if constraints is not None:
         return plan_constrained(
-            pepper, start, goal, scene, constraints, joints=joints, margin=margin, seed=seed, timeout=timeout
+            pepper, start, goal, scene, constraints, costs=costs, joints=joints, margin=margin, seed=seed,
+            timeout=timeout,
+        )  # fmt: skip
+    if costs is not None:
+        return plan_costed(
+            pepper, start, goal, scene, costs, joints=joints, margin=margin, seed=seed, timeout=timeout
         )
     q_start = checked_start(pepper, start, margin, timeout)
     checks = Checks(pepper, scene)
@@ -151,7 +161,9 @@ def check_planner(planner: str, constrained: bool) -> None:
             allowed = ", ".join((own, *map(repr, available)))
             raise InvalidValueError("planner", f"{planner!r}{lacking}", f"one of {allowed}")
     if constrained and planner != PLANNERS[0]:
-        raise InvalidValueError("planner", repr(planner), f"{PLANNERS[0]!r} (the default) with constraints")
+        raise InvalidValueError(
+            "planner", repr(planner), f"{PLANNERS[0]!r} (the default) with constraints or costs"
+        )
 
 
 def find_path(

@@ -41,6 +41,9 @@ TASKS = {
     ),
     "centre of mass": [pk.ik.CenterOfMass((0.02, -0.01), weight=3.0)],
     "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08)],
+    "expression": [
+        pk.ik.Expression(PEPPER, lambda q: casadi.vertcat(q[3] * q[4], casadi.sin(q[5])), 0.1, [0.1, 0.2])
+    ],
     "hard and soft": [pk.ik.HandPosition("left", (0.4, 0.2, 0.9), hard=True), pk.ik.LookAt((1.0, 0.0, 1.0))],
     "several": [
         pk.ik.HandPosition("left", (0.4, 0.2, 0.9)),

@@ -15,6 +15,7 @@ from pepper_kin.ik.tasks import (
     BaseYaw,
     CenterOfMass,
     CenterOfMassOverWheels,
+    Expression,
     FrameInPlane,
     FrameOrientation,
     FramePosition,
@@ -39,6 +40,7 @@ KINDS = (
     "CenterOfMassOverWheels",
     "BasePosition",
     "BaseYaw",
+    "Expression",
 )
 """The tasks with machine code; everyday names such as `HandPosition` are among them."""
 
@@ -55,6 +57,7 @@ class Structure(NamedTuple):
         reference: Name of the frame that `frame` or the centre of mass is seen from; empty for the world.
         corners: Corners of the polygon of contacts, x and y in turn, for a task that has one.
         hard: Whether the task is hard.
+        source: Of an expression, see `Expression.source`.
     """
 
     kind: str
@@ -65,6 +68,7 @@ class Structure(NamedTuple):
     reference: str = ""
     corners: tuple[float, ...] = ()
     hard: bool = False
+    source: str = ""
 
 
 def structure_of(task: Task) -> Structure:
@@ -118,6 +122,10 @@ def _posture(task: JointPosture) -> Structure:
     return Structure("JointPosture", "", (), task.joints or (), task.target.shape[-1], hard=task.hard)
 
 
+def _expression(task: Expression) -> Structure:
+    return Structure("Expression", "", (), task.joints, task.target.size, hard=task.hard, source=task.source)
+
+
 _READERS: dict[type, Callable[[Any], Structure]] = {
     FramePosition: lambda task: _of_frame("FramePosition", task.frame, task.hard, 3),
     FrameInPlane: lambda task: _of_frame("FrameInPlane", task.frame, task.hard, 3, task.normal.tobytes()),
@@ -134,6 +142,7 @@ _READERS: dict[type, Callable[[Any], Structure]] = {
     CenterOfMass: lambda task: Structure("CenterOfMass", "", (), (), 2, hard=task.hard),
     CenterOfMassOverWheels: _wheels,
     BasePosition: lambda task: Structure("BasePosition", "", (), task.joints, 2, hard=task.hard),
+    Expression: _expression,
     BaseYaw: lambda task: Structure("BaseYaw", "", (), task.joints, 1, hard=task.hard),
 }
 

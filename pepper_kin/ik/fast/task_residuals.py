@@ -21,7 +21,7 @@ from pepper_kin.model import PepperModel
 MASS_KINDS = ("CenterOfMass", "CenterOfMassOverWheels")
 """Kinds that need the centre of mass."""
 
-LARGEST_KINDS = ("JointPosture", "CenterOfMassOverWheels")
+LARGEST_KINDS = ("JointPosture", "CenterOfMassOverWheels", "Expression")
 """Kinds whose error is the largest component of the residual, not its length."""
 
 
@@ -170,6 +170,16 @@ def _center_of_mass_over_wheels(
     return casadi.fmax(lack, 0.0), casadi.vertcat(*rows)
 
 
+def _expression(pepper: PepperModel, task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    import casadi
+
+    values = casadi.Function.deserialize(task.source)(motion.q)
+    slopes, (lower, upper) = casadi.jacobian(values, motion.q), casadi.vertsplit(target, values.numel())
+    beyond = casadi.if_else(casadi.logic_or(values <= lower, values >= upper), 1.0, 0.0)
+    rows = [beyond[k] * slopes[k, :] for k in range(values.numel())]
+    return casadi.fmax(values - upper, 0.0) + casadi.fmin(values - lower, 0.0), casadi.vertcat(*rows)
+
+
 def _selection(pepper: PepperModel, rows: list[int]) -> Any:
     import casadi
 
@@ -198,4 +208,5 @@ _RESIDUALS: dict[str, Callable[[PepperModel, Structure, Motion, Any], tuple[Any,
     "CenterOfMassOverWheels": _center_of_mass_over_wheels,
     "BasePosition": _joint_posture,
     "BaseYaw": _base_yaw,
+    "Expression": _expression,
 }

@@ -4,6 +4,7 @@ from pepper_kin.ik.tasks.axis_alignment import AxisAlignment
 from pepper_kin.ik.tasks.base_placement import BasePlacement, BasePosition, BaseYaw
 from pepper_kin.ik.tasks.center_of_mass import CenterOfMass
 from pepper_kin.ik.tasks.center_of_mass_over_wheels import CenterOfMassOverWheels
+from pepper_kin.ik.tasks.expression import Expression
 from pepper_kin.ik.tasks.frame_in_plane import FrameInPlane
 from pepper_kin.ik.tasks.frame_orientation import FrameOrientation
 from pepper_kin.ik.tasks.frame_pose import FramePose
@@ -25,6 +26,7 @@ __all__ = [
     "BaseYaw",
     "CenterOfMass",
     "CenterOfMassOverWheels",
+    "Expression",
     "FrameInPlane",
     "FrameOrientation",
     "FramePose",

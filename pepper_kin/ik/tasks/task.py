@@ -231,6 +231,13 @@ def words_for_angle(value: float) -> str:
     return f"{degrees:.1f} deg" if degrees >= 1.0 else f"{degrees:.2g} deg"
 
 
+def words_for(value: float, unit: str) -> str:
+    """Return an amount with its unit: a length and an angle in the unit that suits it."""
+    if unit in ("m", "rad"):
+        return words_for_length(value) if unit == "m" else words_for_angle(value)
+    return f"{value:.3g} {unit}".rstrip()
+
+
 def words_for_vector(vector: Array) -> str:
     """Return "(x, y, z)" with three decimals."""
     return "(" + ", ".join(f"{value + 0.0:.3f}" for value in np.round(vector, 3)) + ")"

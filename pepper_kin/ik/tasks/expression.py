@@ -1,0 +1,225 @@
+"""Keep any CasADi expression of the joint positions at a value, or between bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.task import (
+    POSITION_TOLERANCE,
+    Array,
+    Task,
+    words_for,
+)
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+
+UNBOUNDED = 1e300
+"""What stands for a bound that there is not, so that machine code computes with finite numbers."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Expression(Task):
+    """The values f(q) of an expression lie between bounds: r = max(f - upper, 0) + min(f - lower, 0).
+
+        height = pk.symbolic.frame_pose(pepper, "LArm_effector")
+        level = pk.ik.Expression(pepper, lambda q: height(q)[2, 3] - 0.8, tolerance=0.005)
+
+    The error is the largest component of r; of an equation, lower = upper, r = f - lower.  dr/dq = df/dq by
+    CasADi in the rows where a bound is reached, 0 in the others.  The expression is compiled at its first
+    use, in some tenths of a second, and kept on disk; other bounds do not compile it again.
+
+    Attributes:
+        source: The function q -> f(q), serialized by CasADi.
+        joint_names: Joints of the robot that it was made for; its constants are that robot's.
+        joints: Names of those that f depends on.
+        target: Lower and upper bounds, shape (2, m), read-only; ±`UNBOUNDED` where there is none.
+        weight: Weight in the sum of squares.
+        tolerance: Largest amount by which a value of a task that is met leaves its bounds [unit].
+        hard: Whether it is met even where soft tasks suffer from it.
+        label: What is kept there, in words.
+        quantity: Unit of f: "m", "rad", or any other for messages.
+    """
+
+    source: str
+    joint_names: tuple[str, ...]
+    joints: tuple[str, ...]
+    target: Array
+    weight: float
+    tolerance: float
+    hard: bool
+    label: str
+    quantity: str
+    unit: ClassVar[str] = "m"
+    target_axes: ClassVar[int] = 2
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        function: Callable[[Any], Any],
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        tolerance: float = POSITION_TOLERANCE,
+        *,
+        label: str = "expression",
+        unit: str = "m",
+        weight: float = 1.0,
+        hard: bool = False,
+    ) -> None:
+        """Evaluate the function for symbols q and keep the expression.
+
+        Args:
+            pepper: The robot.
+            function: From q, a column `casadi.SX` of n joint positions [rad or m], to m expressions: what
+                `pk.symbolic` returns may be called in it.  A `casadi.Function` will do.
+            lower: Lower bounds, one or m numbers; none if omitted.
+            upper: Upper bounds, one or m numbers; none if omitted.  Without any bounds all values are to be
+                0.
+            tolerance: Largest amount by which a value may leave its bounds [unit].
+            label: What it is, in words.
+            unit: Unit of the values: "m", "rad", or any other for messages.
+            weight: Weight in the sum of squares.
+            hard: Whether it is met even where soft tasks suffer from it.
+
+        Raises:
+            InvalidValueError: for a function that returns no expressions of q, bounds of another shape or
+                that exclude each other, a weight or tolerance that is none.
+        """
+        source, joints, count = expression_of(pepper, function, label)
+        if lower is None and upper is None:
+            lower = upper = 0.0
+        low = _bounds(lower, f"lower bound of {label}", count, -UNBOUNDED)
+        high = _bounds(upper, f"upper bound of {label}", count, UNBOUNDED)
+        if (low > high).any():
+            raise InvalidValueError(f"lower bound of {label}", lower, f"at most the upper bound, {high}")
+        self._fill(
+            label, weight, tolerance, hard,
+            frame=None, source=source, joint_names=pepper.joint_names, joints=joints, label=label,
+            quantity=unit,
+            target=read_only(np.stack([low, high])),
+        )  # fmt: skip
+
+    @cached_property
+    def _evaluate(self) -> Callable[[Array], tuple[Array, Array]]:
+        return values_and_slopes(self.source)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Travel without CasADi's function."""
+        return {name: value for name, value in vars(self).items() if name != "_evaluate"}
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot with other joints than the one that the expression was made for.
+
+        Raises:
+            InvalidValueError: for such a robot.
+        """
+        if pepper.joint_names != self.joint_names:
+            got = f"an expression of {len(self.joint_names)} joints of another robot"
+            raise InvalidValueError(self.label, got, f"one of {', '.join(pepper.joint_names)}")
+
+    def values(self, q: Array) -> Array:
+        """Return f(q), shape (m,) [unit], at joint positions q, shape (n,) [rad or m]."""
+        return self._evaluate(q)[0]
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return how far values leave their bounds, with sign, shape (m,) [unit]."""
+        found = self.values(q)
+        return np.asarray(np.maximum(found - self.target[1], 0.0) + np.minimum(found - self.target[0], 0.0))
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return df/dq in the rows of values at or beyond a bound, 0 in the others, shape (m, n)."""
+        found, slopes = self._evaluate(q)
+        return np.where(((found <= self.target[0]) | (found >= self.target[1]))[:, None], slopes, 0.0)
+
+    def dependence(self, pepper: PepperModel, q: Array) -> Array:
+        """Return df/dq, shape (m, n), which does not vanish between the bounds."""
+        return self._evaluate(q)[1]
+
+    def unit_on(self, pepper: PepperModel) -> str:
+        """Return the unit of the values."""
+        return self.quantity
+
+    def size(self, residual: Array) -> float:
+        """Return the largest component [unit]."""
+        return float(np.abs(residual).max())
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return which value leaves its bounds most, and by how much."""
+        residual = self.residual(pepper, q)
+        k = int(np.argmax(np.abs(residual)))
+        bound = self.target[1, k] if residual[k] > 0 else self.target[0, k]
+        side = "above" if residual[k] > 0 else "below"
+        which = f"value {k} of {self.label}" if residual.size > 1 else self.label
+        return f"{which} is {words_for(abs(residual[k]), self.quantity)} {side} {bound:.4g}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the values."""
+        return f"value {', '.join(f'{value:.4g}' for value in self.values(q))} {self.quantity}".rstrip()
+
+
+def expression_of(
+    pepper: PepperModel, function: Callable[[Any], Any], label: str
+) -> tuple[str, tuple[str, ...], int]:
+    """Return the function q -> f(q) as CasADi serializes it, the joints that f depends on, and its size m.
+
+    Args:
+        pepper: The robot.
+        function: See `Expression`.
+        label: What messages call it.
+
+    Raises:
+        InvalidValueError: for a function that returns no expressions of q.
+    """
+    import casadi
+
+    allowed = "a function from q, a casadi.SX, to a casadi.SX that depends on it"
+    if not callable(function):
+        raise InvalidValueError(f"function of {label}", repr(function)[:80], allowed)
+    q = casadi.SX.sym("q", pepper.n)
+    found = function(q)
+    parts = list(found) if isinstance(found, (list, tuple)) else [found]
+    try:
+        values = casadi.densify(casadi.vertcat(*[casadi.vec(casadi.SX(part)) for part in parts]))
+        made = casadi.Function("expression", [q], [casadi.cse(values)], ["q"], ["values"])
+    except (NotImplementedError, RuntimeError, TypeError) as error:
+        got = f"{type(found).__name__} {str(error).strip().splitlines()[-1][:120]}"
+        raise InvalidValueError(f"function of {label}", got, allowed) from None
+    pattern = casadi.jacobian(values, q).sparsity()
+    joints = tuple(pepper.joint_names[j] for j in sorted(set(pattern.get_triplet()[1])))
+    if not joints:
+        raise InvalidValueError(f"function of {label}", "values that depend on no joint", allowed)
+    return made.serialize(), joints, int(values.numel())
+
+
+@lru_cache(maxsize=256)
+def values_and_slopes(source: str) -> Callable[[Array], tuple[Array, Array]]:
+    """Return the function from q, shape (n,), to f, shape (m,), and df/dq, shape (m, n), run by CasADi."""
+    import casadi
+
+    function = casadi.Function.deserialize(source)
+    q = casadi.SX.sym("q", function.size1_in(0))
+    values = function(q)
+    both = casadi.Function("both", [q], [values, casadi.densify(casadi.jacobian(values, q))])
+
+    def evaluate(state: Array) -> tuple[Array, Array]:
+        found, slopes = both(state)
+        return np.asarray(found)[:, 0], np.asarray(slopes)
+
+    return evaluate
+
+
+def _bounds(given: ArrayLike | None, quantity: str, count: int, missing: float) -> Array:
+    """Return bounds, shape (m,), where infinity or nothing means none."""
+    try:
+        bounds = np.broadcast_to(np.asarray(missing if given is None else given, dtype=float), (count,))
+    except (TypeError, ValueError):
+        raise InvalidValueError(quantity, repr(given)[:80], f"one number or {count}") from None
+    if np.isnan(bounds).any():
+        raise InvalidValueError(quantity, given, "numbers, infinite where there is no bound")
+    return np.clip(bounds, -UNBOUNDED, UNBOUNDED)

@@ -1,0 +1,282 @@
+"""Soft costs along a path: prices of configurations, compiled, and their integral along a curve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import planners
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.ik.tasks.expression import expression_of, values_and_slopes
+from pepper_kin.ik.tasks.task import checked_weight
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.motion.constraints import SOURCES, InPython, as_constraints, kind_of, structure_of_kind
+from pepper_kin.motion.constraints import residuals as residual_expressions
+from pepper_kin.trajectory.path import CubicPath
+
+if TYPE_CHECKING:
+    import casadi
+
+    from pepper_kin.ik.fast.structure import Structure
+
+Array = NDArray[np.float64]
+
+SAMPLES = 24
+"""Of a piece of a curve, over which a cost is summed."""
+
+_kept: RobotMemory[tuple[tuple[str, ...], tuple[Structure, ...]], Kernel] = RobotMemory()
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class PathCost:
+    """A price w c(q) >= 0 of being at a configuration, for each metre of the path.
+
+        hand = pk.symbolic.frame_pose(pepper, "LArm_effector")
+        high = pk.motion.PathCost(pepper, lambda q: 20 * (1.1 - hand(q)[2, 3]) ** 2)
+
+    Lengths are those of the planners' metric, |b dq| with b_j the farthest that joint j moves a point of the
+    body, see `pepper_kin.collision.motion_tree.motion_bounds`.  Where w c is 1, a piece of the path counts
+    twice its length.
+
+    Attributes:
+        source: The function q -> c(q), serialized by CasADi.
+        joint_names: Joints of the robot that it was made for; its constants are that robot's.
+        weight: w.
+        label: What it is, in words.
+    """
+
+    source: str
+    joint_names: tuple[str, ...]
+    weight: float
+    label: str
+
+    def __init__(
+        self, pepper: PepperModel, function: Callable[[Any], Any], weight: float = 1.0, *, label: str = "cost"
+    ) -> None:
+        """Evaluate the function for symbols q and keep the expression.
+
+        Args:
+            pepper: The robot.
+            function: From q, a column `casadi.SX` of n joint positions [rad or m], to one expression; what
+                `pk.symbolic` returns may be called in it.  Where it is negative it counts as 0.
+            weight: w, above zero.
+            label: What it is, in words.
+
+        Raises:
+            InvalidValueError: for a function that does not return one expression of q, or a weight that is
+                none.
+        """
+        source, _, count = expression_of(pepper, function, label)
+        if count != 1:
+            raise InvalidValueError(f"function of {label}", f"{count} values", "one")
+        vars(self).update(
+            source=source, joint_names=pepper.joint_names, weight=checked_weight(weight, label), label=label
+        )
+
+    def values(self, q: Array) -> Array:
+        """Return w c at configurations, shape (m, n); shape (m,)."""
+        evaluate = values_and_slopes(self.source)
+        return np.array([self.weight * max(float(evaluate(x)[0][0]), 0.0) for x in q])
+
+
+class CostAlong(NamedTuple):
+    """A soft cost along a plan's curve.
+
+    Attributes:
+        label: What it is.
+        integral: Integral of the price along the curve [m].
+        before: The same along the plan that is made without costs [m]; infinite where there is none.
+        mean: Integral over length: the mean price.
+        highest: The highest price at a sample.
+    """
+
+    label: str
+    integral: float
+    before: float
+    mean: float
+    highest: float
+
+
+class Figures(NamedTuple):
+    """Of a curve: its length in the metric [m], integrals, means and maxima of the prices, shapes (k,)."""
+
+    length: float
+    integrals: Array
+    means: Array
+    highest: Array
+
+    @property
+    def total(self) -> float:
+        """Length and all integrals [m]."""
+        return self.length + float(self.integrals.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class PathCosts:
+    """Soft costs of one robot.
+
+    The price of a task with residual r, weight w and tolerance rho is (w |r| / rho)^2: at the tolerance a
+    piece of the path counts twice.
+
+    Attributes:
+        pepper: The robot.
+        costs: Costs of expressions.
+        tasks: Tasks with one target and a finite tolerance each.
+    """
+
+    pepper: PepperModel
+    costs: tuple[PathCost, ...]
+    tasks: tuple[Task, ...]
+
+    @classmethod
+    def of(cls, pepper: PepperModel, given: Sequence[PathCost | Task | TaskGroup]) -> PathCosts:
+        """Return costs checked, groups of tasks taken apart.
+
+        Raises:
+            InvalidValueError: for something else than costs and tasks, costs of a robot with other joints,
+                a task with several targets, or one of infinite tolerance.
+            UnknownNameError: for a frame or joint that the robot lacks.
+        """
+        items = [given] if isinstance(given, (PathCost, Task, TaskGroup)) else list(given)
+        costs = tuple(item for item in items if isinstance(item, PathCost))
+        for cost in costs:
+            if cost.joint_names != pepper.joint_names:
+                got = f"an expression of {len(cost.joint_names)} joints of another robot"
+                raise InvalidValueError(cost.label, got, f"one of {', '.join(pepper.joint_names)}")
+        others = [item for item in items if not isinstance(item, PathCost)]
+        if not items:
+            raise InvalidValueError("costs", "none", "at least one PathCost or task")
+        tasks = as_constraints(pepper, cast("list[Task | TaskGroup]", others)) if others else ()
+        return cls(pepper, costs, tasks)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What the costs are, in words."""
+        return (*(cost.label for cost in self.costs), *(task.name for task in self.tasks))
+
+    def prices(self, q: Array) -> Array:
+        """Return the price of each cost at configurations, shape (m, n); shape (m, k)."""
+        if self._compiled:
+            found = np.asarray(self._kernel(q, self._numbers))[:, 1 + self.pepper.n :]
+            return np.maximum(found, 0.0)
+        columns = [cost.values(q) for cost in self.costs]
+        for task in self.tasks:
+            scale = (task.weight / task.tolerance) ** 2
+            columns.append(np.array([scale * float(np.sum(task.residual(self.pepper, x) ** 2)) for x in q]))
+        return np.stack(columns, axis=1)
+
+    def for_planner(self, frozen: Array, free: NDArray[np.int64]) -> planners.StateCost:
+        """Return the sum of the prices as planners take it.
+
+        Args:
+            frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+            free: Indices of the joints that move, shape (k,).
+        """
+        if not self._compiled:
+            return planners.StateCost(self._in_python(frozen, free), int(free.size))
+        kernel, given = self._kernel, np.concatenate([frozen, self._numbers])
+        width = self.pepper.n + len(self.labels)  # the single prices follow the gradient
+        code = planners.CompiledManifold(
+            kernel.single_address, given, free, free, width, kernel.work_size, keep_alive=kernel
+        )
+        return planners.StateCost(code, int(free.size))
+
+    def figures(self, curve: CubicPath, weights: Array) -> Figures:
+        """Return length, integrals, means and maxima along a curve.
+
+        Args:
+            curve: The curve.
+            weights: Weights of the metric, shape (n,).
+        """
+        spans = np.diff(curve.breaks)
+        pieces = np.repeat(np.arange(spans.size), SAMPLES)
+        local = (np.tile(np.arange(SAMPLES), spans.size) + 0.5) / SAMPLES * spans[pieces]
+        steps = np.linalg.norm(curve.at(pieces, local, 1) * weights, axis=1) * spans[pieces] / SAMPLES
+        prices, length = self.prices(np.ascontiguousarray(curve.at(pieces, local))), float(steps.sum())
+        integrals = steps @ prices
+        ends = self.prices(curve.at(np.append(np.arange(spans.size), -1), np.append(0 * spans, spans[-1])))
+        highest = np.maximum(prices.max(axis=0), ends.max(axis=0))
+        return Figures(length, integrals, integrals / length, highest)
+
+    def said(self, found: Figures, before: Figures | None) -> tuple[CostAlong, ...]:
+        """Return what a plan states.
+
+        Args:
+            found: Along its curve.
+            before: Along that without costs.
+        """
+        old = np.full(len(self.labels), np.inf) if before is None else before.integrals
+        rows = zip(self.labels, found.integrals, old, found.means, found.highest, strict=True)
+        return tuple(CostAlong(label, *map(float, numbers)) for label, *numbers in rows)
+
+    @property
+    def _compiled(self) -> bool:
+        return all(kind_of(task) for task in self.tasks)
+
+    @property
+    def _numbers(self) -> Array:
+        """Targets of the tasks, then the weight of each cost."""
+        from pepper_kin.ik.fast.structure import target_of
+
+        weights = [*(c.weight for c in self.costs), *((t.weight / t.tolerance) ** 2 for t in self.tasks)]
+        return np.concatenate([*(target_of(task) for task in self.tasks), weights])
+
+    @property
+    def _kernel(self) -> Kernel:
+        """The kernel of `_expression`, made once and kept."""
+        known, pepper = _kept.of(self.pepper), self.pepper
+        sources = tuple(cost.source for cost in self.costs)
+        structures = tuple(structure_of_kind(task) for task in self.tasks)
+        if (sources, structures) not in known:
+            by = source_digest(*SOURCES)
+            key = f"path costs {sources!r} {structures!r} of {robot_digest(pepper)} by {by}"
+            known[sources, structures] = compile_function(
+                lambda: _expression(pepper, sources, structures), key=key
+            )
+        return known[sources, structures]
+
+    def _in_python(self, frozen: Array, free: NDArray[np.int64]) -> Callable[[Array], tuple[Array, Array]]:
+        tasks = [InPython(self.pepper, (task,), frozen, free) for task in self.tasks]
+        whole = tasks[0].whole
+
+        def evaluate(states: Array) -> tuple[Array, Array]:
+            price, slope = np.zeros((len(states), 1)), np.zeros((len(states), 1, free.size))
+            for cost in self.costs:
+                both = [values_and_slopes(cost.source)(x) for x in whole(states)]
+                price[:, 0] += [cost.weight * max(float(value[0]), 0.0) for value, _ in both]
+                slope[:, 0] += [cost.weight * (value[0] > 0) * slopes[0, free] for value, slopes in both]
+            for task, function in zip(self.tasks, tasks, strict=True):
+                values, slopes = function(states)
+                scale = (task.weight / task.tolerance) ** 2
+                price[:, 0] += scale * np.sum(values**2, axis=1)
+                slope[:, 0] += 2 * scale * np.einsum("mr,mrk->mk", values, slopes)
+            return price, slope
+
+        return evaluate
+
+
+def _expression(
+    pepper: PepperModel, sources: Sequence[str], structures: tuple[Structure, ...]
+) -> casadi.Function:
+    """Return the function (q, targets and weights) -> sum of prices, its gradient by q, single prices."""
+    import casadi
+
+    q = casadi.SX.sym("q", pepper.n)
+    size = sum(task.target_size for task in structures)
+    given = casadi.SX.sym("given", size + len(sources) + len(structures))
+    weights = given[size:]
+    values = [casadi.fmax(casadi.Function.deserialize(source)(q), 0.0) for source in sources]
+    slopes = [casadi.jacobian(value, q) for value in values]
+    for residual, jacobian in residual_expressions(pepper, structures, q, given[:size]):
+        values.append(casadi.sumsqr(residual))
+        slopes.append(2 * (residual.T @ jacobian))
+    prices = [weights[k] * value for k, value in enumerate(values)]
+    slope = sum((weights[k] * row for k, row in enumerate(slopes)), casadi.SX(1, pepper.n))
+    output = casadi.vertcat(sum(prices), casadi.vec(casadi.densify(slope)), *prices)
+    return casadi.Function("path_costs", [q, given], [casadi.cse(casadi.densify(output))])
