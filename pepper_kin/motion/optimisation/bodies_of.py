@@ -87,7 +87,7 @@ def _joints(pepper: PepperModel, frames: tuple[str, ...]) -> tuple[Any, Array, A
     return (
         np.array(order, np.int64),
         np.hstack([np.reshape(axes, (-1, 3)), np.reshape(origins, (-1, 3))]),
-        np.array(slides, np.bool_),
+        np.array(slides, np.int64),
     )
 
 
@@ -95,12 +95,12 @@ def _parent(pepper: PepperModel, link: str) -> int:
     return int(pepper.inner_model.frames[pepper.frame_id(link)].parentJoint)
 
 
-def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.bool_]:
+def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.int64]:
     model = pepper.inner_model
-    carried = np.zeros((len(parents), model.nv), np.bool_)
+    carried = np.zeros((len(parents), model.nv), np.int64)
     for body, parent in enumerate(parents):
         while parent > 0:
-            carried[body, model.joints[parent].idx_v] = True
+            carried[body, model.joints[parent].idx_v] = 1
             parent = model.parents[parent]
     return carried
 
@@ -125,7 +125,7 @@ def _core(shape: Any, pose: Array) -> tuple[Array, float]:
         shape.computeLocalAABB()
         low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
         half, center = (high - low) / 2, center + pose[:3, :3] @ (low + high) / 2
-    return np.concatenate([center, np.ravel(pose[:3, :3]), half, [kind]]), radius
+    return np.concatenate([center, np.ravel(pose[:3, :3].T), half, [kind]]), radius
 
 
 def _reaches(cores: Array) -> Array:

@@ -13,7 +13,6 @@ from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.balance_term import BalanceTerm
 from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm
-from pepper_kin.motion.optimisation.closeness_term import ClosenessTerm
 from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
 from pepper_kin.motion.optimisation.held_term import HeldTerm
 from pepper_kin.motion.optimisation.moving import Moving
@@ -97,8 +96,8 @@ class SplineProblem:
         constraints: list[RangeTerm | ClearanceTerm | HeldTerm] = [HeldTerm(self._moving, tasks, 4)]
         if scene is not None:
             constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), apart]
-        near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
-        self._floors = [term for term in constraints if len(term)]
+        near = ClearanceTerm(self._moving, scene or Scene(), 0.0, 2, closeness=True)
+        self._floors = [term for term in constraints if term.rows_count]
         standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
@@ -145,10 +144,7 @@ class SplineProblem:
                 max_iterations=GENERAL_STEPS * max_iterations, timeout=timeout,
             )  # fmt: skip
         if wanted is None:
-            return descend(
-                objective, self._first, duration,
-                max_iterations=max_iterations, timeout=timeout, after_step=self._tighten,
-            )  # fmt: skip
+            return descend(objective, self._first, duration, max_iterations=max_iterations, timeout=timeout)
         x = self._first
         if duration >= wanted:
             hurry = Objective(
@@ -156,14 +152,12 @@ class SplineProblem:
                 objective.constraints,
             )  # fmt: skip
             short = descend(
-                hurry, x, duration, max_iterations=max_iterations, timeout=timeout,
-                after_step=lambda c, t: self._tighten(c, t) or t < _SHORT * wanted,
-            )  # fmt: skip
+                hurry, x, duration, max_iterations=max_iterations, timeout=timeout, stop_below=_SHORT * wanted
+            )
             x = short.unknowns
         return descend(
-            objective, x, wanted, free_duration=False,
-            max_iterations=max_iterations, timeout=timeout, after_step=self._tighten,
-        )  # fmt: skip
+            objective, x, wanted, free_duration=False, max_iterations=max_iterations, timeout=timeout
+        )
 
     def trajectory(self, descent: Descent) -> Trajectory:
         """Return the motion of all joints that a descent found."""
@@ -178,12 +172,7 @@ class SplineProblem:
         """Return a duration in which a motion keeps all limits with room to spare, if there is one."""
         duration = _FIRST_STRETCH * self._before.duration
         for _ in range(_MOST_STRETCHES):
-            if self._objective.barrier(control, duration) < np.inf:
+            if self._objective.measure(control, duration)[1] < np.inf:
                 break
             duration *= _STRETCH
         return 1.05 * duration
-
-    def _tighten(self, control: Array, duration: float) -> bool:
-        for term in self._floors:
-            term.tighten(self._objective.samples(term, control))
-        return False
