@@ -38,6 +38,8 @@ def is_clear(
     coefficients: Array,
     reach: Array,
     margins: tuple[float, float],
+    *,
+    held: bool = True,
 ) -> bool:
     """Whether margins are kept and gravity is held along a piecewise cubic curve.
 
@@ -52,13 +54,14 @@ def is_clear(
         coefficients: Constant term first, shape (m, 4, n) [rad or m].
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
         margins: To the scene and to the robot itself [m].
+        held: Whether to ask if the joints can hold still along the curve.
     """
     breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
     moving = (coefficients[:, 1:] != 0.0).any(axis=(0, 1)) | (np.ptp(coefficients[:, 0], axis=0) > 0.0)
     parts = cut(breaks, coefficients, reach, STEPS[0])
     for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
         states = middles(coefficients, parts)
-        if step == STEPS[0] and not checks.holds(states).all():
+        if held and step == STEPS[0] and not checks.holds(states).all():
             return False
         if shorter is None:
             return bool(checks.along(states, moving, margins).all())

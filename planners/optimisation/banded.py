@@ -8,27 +8,27 @@ from __future__ import annotations
 import math
 
 from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.row_sums import add_rows
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 PADDING = 4
 """Zeros after the band in each row: four rows at a time are read as far as the last of them reaches."""
 
 
-@compiled(lean=True, vector=True, inline=True)
+@compiled(lean=True, inline=True)
 def add_row(target: Floats1, share: float, row: Floats1) -> None:
     """Add a multiple of a row as long as the target."""
-    for k in range(target.size):
-        target[k] += share * row[k]
+    add_rows(target.ctypes.data, (row.ctypes.data,), (share,), target.size)
 
 
-@compiled(lean=True, vector=True)
+@compiled(lean=True, inline=True)
 def add_four_rows(
     target: Floats1, rows: tuple[Floats1, Floats1, Floats1, Floats1], p: float, q: float, r: float, s: float
 ) -> None:
     """Add multiples of four rows that are as long as the target."""
     a, b, c, d = rows
-    for k in range(target.size):
-        target[k] += p * a[k] + q * b[k] + r * c[k] + s * d[k]
+    places = a.ctypes.data, b.ctypes.data, c.ctypes.data, d.ctypes.data
+    add_rows(target.ctypes.data, places, (p, q, r, s), target.size)
 
 
 @compiled(lean=True, vector=True)

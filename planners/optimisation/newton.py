@@ -18,7 +18,7 @@ FIRST_MU, LAST_MU = 2e-3, 1e-4  # shares of the cost
 SHRINK = 0.4  # of mu, after a step of good length or near its minimum
 LONG = 0.5
 LIGHT, MOST_DAMPING = 1e-3, 1e6
-NEAR = 0.3  # squared Newton decrement over mu
+NEAR, NEAR_ENOUGH = 0.3, 3.0  # squared Newton decrements over mu: to lower it, and to end with the last one
 
 GOING_ON, CONVERGED, STALLED, TIME_UP, SHORT_ENOUGH, BROKEN = range(6)
 """How a call ends; BROKEN where a term did not answer."""
@@ -101,8 +101,9 @@ def _step(tables: Tables, work: Workspace, free_duration: bool, tolerance: float
         numbers[DAMPING] = min(4.0 * damping, 1e3)
     stuck = numbers[DAMPING] > MOST_DAMPING
     # A damped step promises little wherever it is made.
-    near = stuck or (length > 0.0 and -fall < NEAR * numbers[MU] and damping <= LIGHT)
-    if near and numbers[SHARE] <= tolerance:
+    quiet = length > 0.0 and damping <= LIGHT
+    near = stuck or (quiet and -fall < NEAR * numbers[MU])
+    if numbers[SHARE] <= tolerance and (near or (quiet and -fall < NEAR_ENOUGH * numbers[MU])):
         return (STALLED if stuck else CONVERGED), length > 0.0
     if near or length >= LONG:
         numbers[SHARE] = max(SHRINK * numbers[SHARE], tolerance)

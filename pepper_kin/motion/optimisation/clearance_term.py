@@ -41,11 +41,11 @@ MOST_PAIRS = 8
 _SPARE = 2e-3  # [m]
 _POSE = 16
 
-_N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN = range(6)
+_N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
 (
     _FLOOR, _JOINTS, _REST, _FRAME, _CORES, _RADIUS, _REACH, _CARRIED, _JOINT_FRAME, _JOINT_AXIS, _SLIDES,
     _PAIRS, _GAP, _COLUMNS, _ROOM,
-) = range(6, 36, 2)  # fmt: skip
+) = range(7, 37, 2)  # fmt: skip
 
 
 class ClearanceTerm(FlooredTerm):
@@ -80,13 +80,13 @@ class ClearanceTerm(FlooredTerm):
             bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
         address, room = (poses.batch_address, poses.work_size) if poses else (0, 0)
         memory, kept = memory_of(
-            [moving.pepper.n, margin, address, room, len(frames), -1.0 if closeness else 1.0],
+            [moving.pepper.n, margin, address, room, len(frames), -1.0 if closeness else 1.0, 0.0],
             [np.zeros(0), moving.joints, moving.rest, *bodies, columns, np.zeros(0)],
         )
         most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
-        # Poses, whole states, centers, squares, cores and their marks, the rows of pairs; axes, words, work.
+        # Poses, whole states, positions, centers, squares, cores and their marks, the rows of pairs; axes, words, work.
         self._room_size = (
-            _POSE * len(frames) + moving.pepper.n + 20 * count + 1 + 8 * most + 1, 7 * joints + 16 + room
+            _POSE * len(frames) + moving.pepper.n + moving.joints.size + 20 * count + 1 + 8 * most + 1, 7 * joints + 16 + room
         )  # fmt: skip
         self._room = np.zeros(0)
         super().__init__(
@@ -99,6 +99,7 @@ class ClearanceTerm(FlooredTerm):
         size = count * self._room_size[0] + self._room_size[1]
         if size > self._room.size:
             self._room = np.zeros(size)
+            self.memory[_KNOWN] = 0.0
             set_array(self.memory, _ROOM, self._room)
 
     def distances(self, q: Array) -> Array:
@@ -126,7 +127,10 @@ def _bodies_in(memory: Floats1) -> Bodies:
 
 @compiled
 def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Floats4, NearRows, NearRoom]:
-    """Return the poses and the nearest pairs at positions of the moving joints, and room that was used."""
+    """Return the poses and the nearest pairs at positions of the moving joints, and room that was used.
+
+    Asked again for the same positions, as a step asks after the search along the last one, it finds them there.
+    """
     n, frames, bodies = int(memory[_N]), int(memory[_FRAMES]), _bodies_in(memory)
     room, used, size, joints = (
         floats_of(memory, _ROOM),
@@ -137,11 +141,7 @@ def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Fl
     poses = take(room, used, count * frames * _POSE)
     whole, work = take(room, used, count * n), take(room, used, int(memory[_WORK]) + 8)
     words = words_at(take(room, used, 8).ctypes.data, 8)
-    if frames > 0:
-        states = whole.reshape((count, n))
-        whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
-        flat = poses.reshape((count, _POSE * frames))
-        evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
+    last = take(room, used, q.size)
     near_room = NearRoom(
         take(room, used, 3 * size * count).reshape((size, 3, count)), take(room, used, count),
         take(room, used, 16 * size * count).reshape((count, size, 16)),
@@ -155,8 +155,26 @@ def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Fl
         words_at(take(room, used, count).ctypes.data, count),
     )  # fmt: skip
     placed = poses.reshape((count, frames, 4, 4))
+    if memory[_KNOWN] == count * (MOST_PAIRS + 1) + most and _are_equal(last, q):
+        return placed, near, near_room
+    if frames > 0:
+        states = whole.reshape((count, n))
+        whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
+        flat = poses.reshape((count, _POSE * frames))
+        evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
     find_near_rows(placed, bodies, INFLUENCE, near, near_room)
+    memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
+    for i in range(q.size):
+        last[i] = q[i]
     return placed, near, near_room
+
+
+@compiled(lean=True)
+def _are_equal(first: Floats1, second: Floats1) -> bool:
+    same = True
+    for k in range(first.size):
+        same &= first[k] == second[k]
+    return same
 
 
 @compiled("void(float64[::1], float64[:, ::1], float64[::1])")

@@ -19,7 +19,8 @@ Point: TypeAlias = tuple[float, float, float]
 
 BOX, CYLINDER = 0, 1
 _ROUNDS = 240
-_SMALL = 1e-9  # [m]
+_ENOUGH = 1e-8  # share of a squared distance that a round must save
+_TOUCHING = 1e-18  # [m^2]
 
 # Columns of an array of cores: centre, x, y and z axis, half sizes, kind.
 CENTER, AXES, HALF, KIND = 0, 3, 12, 15
@@ -60,7 +61,7 @@ def _by_turns(a: Floats1, b: Floats1) -> tuple[Point, Point]:
         other = project(b, mine[0], mine[1], mine[2])
         mine = project(a, other[0], other[1], other[2])
         distance = (mine[0] - other[0]) ** 2 + (mine[1] - other[1]) ** 2 + (mine[2] - other[2]) ** 2
-        if before - distance < _SMALL**2:
+        if before - distance < _ENOUGH * distance + _TOUCHING:
             break
         before = distance
     return mine, other

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene, checker_for
-from pepper_kin.collision.dependent_ranges import dependent_ranges
+from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
+from pepper_kin.motion.examination import hull_of, is_clear
 from pepper_kin.motion.optimisation.cost import Cost, figures_of
 from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
 from pepper_kin.motion.plan_result import Plan
@@ -36,7 +38,7 @@ SOLVERS = ("newton", "ipopt", FATROP)
 TIMEOUT = 5.0
 """Wall time of a search, if nothing else is said [s]."""
 _STEP = 0.001  # [s], between the states at which the result is examined
-_COAL_STATES = 16  # of them, the nearest to anything, are measured by coal
+_DISTANCE_STEP = 0.004  # [s], between those whose distances are measured
 _CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
 _MORE = 1.0 + 1e-6
 _KEPT = 0.5  # share of the margin that the motion between samples must keep
@@ -155,7 +157,6 @@ def _timed(
     if isinstance(path, Plan):
         if path.path is None:
             raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
-        path = path.path
     return retime(
         pepper,
         path,
@@ -200,10 +201,10 @@ class _Judge:
             return refused(OptimisedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
         if stretch > 1.0:
             found = found.scaled(stretch * _MORE)
-        clearance = self._clearance(states.position)
+        clearance = self._clearance(found)
         if not clearance > max(min(_KEPT * self.margin, 0.9 * self.problem.clearance_before), 0.0):
             near = f"comes as near as {clearance * 1000:.1f} mm to something"
-            text = near if np.isfinite(clearance) else "lets neighbouring links touch, by their joint ranges"
+            text = near if np.isfinite(clearance) else "touches something, or may do so"
             return refused(OptimisedStatus.NOT_CLEAR, f"The optimised motion {text}.")
         errors = self._errors(found)
         for task, error in zip(self.tasks, errors, strict=True):
@@ -225,11 +226,10 @@ class _Judge:
         )  # fmt: skip
 
     def _before_is_clear(self) -> bool:
-        q = self.before(sample_times(self.before.duration, _STEP)).position
-        touching = any(table.violated(q).any() for table in dependent_ranges(self.pepper))
         kept = zip(self.tasks, self._errors(self.before), strict=True)
-        off = any(error > task.tolerance * _MORE for task, error in kept)
-        return self.problem.clearance_before > 0 and not touching and not off
+        if any(error > task.tolerance * _MORE for task, error in kept):
+            return False
+        return self.problem.clearance_before > 0 and _touches_nothing(self.pepper, self.before, self.scene)
 
     def _errors(self, motion: Trajectory) -> tuple[float, ...]:
         """Return the largest error of each task along a motion, by Pinocchio."""
@@ -239,9 +239,25 @@ class _Judge:
         q = motion(times).position
         return tuple(max(task.error(self.pepper, state) for state in q) for task in self.tasks)
 
-    def _clearance(self, q: Array) -> float:
-        """Return the least distance along a motion [m] by coal; -inf where neighbouring bodies touch."""
-        if any(table.violated(q).any() for table in dependent_ranges(self.pepper)):
+    def _clearance(self, motion: Trajectory) -> float:
+        """Return the least distance along a motion [m]; -inf where something touches.
+
+        That nothing touches is proven along all of the motion; the distance is coal's where the search's own is
+        least, at instants 4 ms apart.
+        """
+        if not _touches_nothing(self.pepper, motion, self.scene):
             return -float("inf")
-        nearest = np.argsort(self.problem.distances(q), kind="stable")[:_COAL_STATES]
-        return float(checker_for(self.pepper, self.scene).clearance(q[nearest]).min(initial=np.inf))
+        q = motion(sample_times(motion.duration, _DISTANCE_STEP)).position
+        distances = self.problem.distances(q)
+        nearest = q[int(np.argmin(distances))]
+        return min(float(checker_for(self.pepper, self.scene).clearance(nearest)), float(distances.min()))
+
+
+def _touches_nothing(pepper: PepperModel, motion: Trajectory, scene: Scene) -> bool:
+    """Whether nothing touches anywhere along a motion; see `examination.is_clear`."""
+    held = tuple((item.frame, item.extent) for item in scene.attached.values())
+    reach = motion_bounds(pepper, held=held)
+    if not np.isfinite(reach).all():
+        reach = motion_bounds(pepper, *hull_of(motion.breaks, motion.coefficients), held)
+    checks = Checks(pepper, scene)
+    return is_clear(checks, motion.breaks, motion.coefficients, reach, (0.0, 0.0), held=False)

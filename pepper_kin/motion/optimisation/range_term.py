@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from pepper_kin.collision.dependent_ranges import DependentRange, dependent_rang
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.signatures import Floats1
+from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimisation.moving import Moving
 from pepper_kin.motion.optimisation.term_memory import ROOM, floats_of, memory_of, words_of
@@ -65,10 +67,7 @@ class RangeTerm(FlooredTerm):
         place = np.full(pepper.n, -1)
         place[moving.joints] = np.arange(moving.joints.size)
         edges = [
-            edge
-            for table in dependent_ranges(pepper)
-            for edge in _edges(table, pepper.lower_limits, pepper.upper_limits, margin)
-            if place[edge.first] >= 0 or place[edge.second] >= 0
+            edge for edge in _edges_of(pepper, margin) if place[edge.first] >= 0 or place[edge.second] >= 0
         ]
         joints = [(e.first, e.second, place[e.first], place[e.second]) for e in edges]
         memory, kept = memory_of(
@@ -148,6 +147,13 @@ def range_rows(states: int, result: int, asked: int, memory_address: int) -> int
                 if across >= 0:
                     own[across] = signs[e] / (INFLUENCE - floor)
     return 0
+
+
+@lru_cache(maxsize=16)
+def _edges_of(pepper: PepperModel, margin: float) -> tuple[_Edge, ...]:
+    """Return the edges of all tables of a robot."""
+    limits = pepper.lower_limits, pepper.upper_limits
+    return tuple(edge for table in dependent_ranges(pepper) for edge in _edges(table, *limits, margin))
 
 
 def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> list[_Edge]:

@@ -23,6 +23,7 @@ from pepper_kin.planners.optimisation import (
     Descent,
     Objective,
     RestSpline,
+    Term,
     Weights,
     descend,
     descend_by,
@@ -96,7 +97,12 @@ class SplineProblem:
         constraints: list[RangeTerm | ClearanceTerm | HeldTerm] = [HeldTerm(self._moving, tasks, 4)]
         if scene is not None:
             constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), apart]
-        near = ClearanceTerm(self._moving, scene or Scene(), 0.0, 2, closeness=True)
+        costs: list[tuple[float, Term]] = []
+        if cost.effort > 0:
+            costs.append((cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)))
+        if cost.clearance > 0:
+            near = ClearanceTerm(self._moving, scene or Scene(), 0.0, 2, closeness=True)
+            costs.append((cost.clearance, near))
         self._floors = [term for term in constraints if term.rows_count]
         standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
@@ -105,12 +111,9 @@ class SplineProblem:
             Bounds(lower, upper, velocity, acceleration),
             Weights(cost.time, max(cost.jerk, _SMALL), jerk_scale(pepper)[joints]),
             [torque, *standing, *self._floors],
-            [
-                (cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)),
-                (cost.clearance, near),
-            ],
+            costs,
         )
-        self.clearance_before = float(self.distances(path).min())
+        self.clearance_before = float(self.distances(path[:: _FIT_SAMPLES // 4]).min())
 
     def distances(self, q: Array) -> Array:
         """Return the least distances at whole configurations, shape (m, n) -> (m,) [m].
