@@ -72,7 +72,7 @@ def _emit_sum(typing_context: Any, target: Any, rows: Any, shares: Any, count: A
 
 @intrinsic(_emit_sum)
 def add_rows(target: int, rows: tuple[int, ...], shares: tuple[float, ...], count: int) -> None:
-    """Add multiples of some rows to a row; all begin at addresses, and the target overlaps none of the others.
+    """Add multiples of some rows to a row; all begin at addresses, and the target overlaps no other.
 
     Args:
         target: Row that is added to.

@@ -202,6 +202,16 @@ class Objective:
         measure_motion(self.tables, self.workspace, np.ascontiguousarray(control), duration)
         return float(self.workspace.slacks.min())
 
+    def worst_slack(self, control: FloatArray, duration: float) -> tuple[float, int, int]:
+        """Return what is left to the nearest limit as a share of it, the rate's order, and the coordinate.
+
+        Order 0 stands for positions.
+        """
+        share = self.least_slack(control, duration)
+        slacks = self.workspace.slacks
+        place = np.unravel_index(np.argmin(slacks), slacks.shape)
+        return share, int(place[0]) // 2, int(place[2])
+
     def system(self, control: FloatArray, duration: float, mu: float) -> NewtonSystem:
         """Return Newton's equations of cost + mu * barrier."""
         work = self.workspace

@@ -10,7 +10,20 @@ from pepper_kin.kernels.signatures import Floats2
 
 from .merit import add_costs, measure, sample, tighten
 from .system import fill_system, solve_system
-from .tables import COST, DAMPING, DURATION, FALL, FIXED, MU, SHARE, STEP, WALLS, Tables, Workspace
+from .tables import (
+    COST,
+    DAMPING,
+    DURATION,
+    FALL,
+    FIXED,
+    MU,
+    QUIET,
+    SHARE,
+    STEP,
+    WALLS,
+    Tables,
+    Workspace,
+)
 
 ARMIJO = 1e-4
 SHORTEST = 1e-5  # step lengths below are given up
@@ -18,6 +31,7 @@ FIRST_MU, LAST_MU = 2e-3, 1e-4  # shares of the cost
 SHRINK = 0.4  # of mu, after a step of good length or near its minimum
 LONG = 0.5
 LIGHT, MOST_DAMPING = 1e-3, 1e6
+LITTLE = 1.0  # gain of a step over mu
 NEAR, NEAR_ENOUGH = 0.3, 3.0  # squared Newton decrements over mu: to lower it, and to end with the last one
 
 GOING_ON, CONVERGED, STALLED, TIME_UP, SHORT_ENOUGH, BROKEN = range(6)
@@ -95,15 +109,20 @@ def _step(tables: Tables, work: Workspace, free_duration: bool, tolerance: float
         return BROKEN, False
     if length == 0.0:
         numbers[DAMPING] = 100.0 * damping
-    elif length > LONG:
+    elif length >= LONG:
         numbers[DAMPING] = max(damping / 5.0, 1e-9)
     else:
         numbers[DAMPING] = min(4.0 * damping, 1e3)
     stuck = numbers[DAMPING] > MOST_DAMPING
     # A damped step promises little wherever it is made.
-    quiet = length > 0.0 and damping <= LIGHT
-    near = stuck or (quiet and -fall < NEAR * numbers[MU])
-    if numbers[SHARE] <= tolerance and (near or (quiet and -fall < NEAR_ENOUGH * numbers[MU])):
+    light = length > 0.0 and damping <= LIGHT
+    near = stuck or (light and -fall < NEAR * numbers[MU])
+    if length > 0.0:
+        # Bodies that take turns at being nearest keep a damped search busy for long.
+        gain = value - numbers[COST] - numbers[MU] * numbers[WALLS]
+        numbers[QUIET] = numbers[QUIET] + 1.0 if gain < LITTLE * numbers[MU] else 0.0
+    ended = near or (light and -fall < NEAR_ENOUGH * numbers[MU]) or numbers[QUIET] >= 2.0
+    if numbers[SHARE] <= tolerance and ended:
         return (STALLED if stuck else CONVERGED), length > 0.0
     if near or length >= LONG:
         numbers[SHARE] = max(SHRINK * numbers[SHARE], tolerance)

@@ -84,9 +84,10 @@ class ClearanceTerm(FlooredTerm):
             [np.zeros(0), moving.joints, moving.rest, *bodies, columns, np.zeros(0)],
         )
         most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
-        # Poses, whole states, positions, centers, squares, cores and their marks, the rows of pairs; axes, words, work.
+        # Poses, whole states, positions, centers, squares, cores with marks, rows; axes, words, work.
+        moved = moving.pepper.n + moving.joints.size
         self._room_size = (
-            _POSE * len(frames) + moving.pepper.n + moving.joints.size + 20 * count + 1 + 8 * most + 1, 7 * joints + 16 + room
+            _POSE * len(frames) + moved + 20 * count + 8 * most + 2, 7 * joints + 16 + room
         )  # fmt: skip
         self._room = np.zeros(0)
         super().__init__(
@@ -129,7 +130,7 @@ def _bodies_in(memory: Floats1) -> Bodies:
 def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Floats4, NearRows, NearRoom]:
     """Return the poses and the nearest pairs at positions of the moving joints, and room that was used.
 
-    Asked again for the same positions, as a step asks after the search along the last one, it finds them there.
+    Asked again for the same positions, as a step asks after the search along the last one, it has them.
     """
     n, frames, bodies = int(memory[_N]), int(memory[_FRAMES]), _bodies_in(memory)
     room, used, size, joints = (

@@ -43,6 +43,13 @@ _FIRST_STRETCH, _STRETCH, _MOST_STRETCHES = 1.1, 1.2, 25
 _INSIDE = 1e-4  # of the range: how far first control points keep from position limits
 _RANGE_MARGIN = 0.002  # [m] kept by neighbouring bodies, whose ranges change in steps between samples
 _SMALL = 1e-9  # weight of the jerk where only time counts: keeps the problem well posed
+_LIMITS = ("position", "velocity", "acceleration", "jerk")
+_WHAT = {
+    "ClearanceTerm": "the distance to things",
+    "RangeTerm": "neighboring bodies apart",
+    "HeldTerm": "the tasks",
+    "BalanceTerm": "the balance",
+}
 _SHORT = 0.995  # of the wanted duration, from which the search slows down to it
 
 
@@ -59,6 +66,7 @@ class SplineProblem:
         intervals: Pieces of the spline.
         tasks: IK tasks that stay met along the motion.
         all_joints: Whether joints that stand still in the motion to start from may move, too.
+        jerk: Limits of jerk of all joints, shape (n,); None for none.
 
     Attributes:
         clearance_before: Least distance of the motion to start from, at samples [m]; see `distances`.
@@ -76,6 +84,7 @@ class SplineProblem:
         tasks: Sequence[Task] = (),
         *,
         all_joints: bool = False,
+        jerk: Array | None = None,
     ) -> None:
         path = before(np.linspace(0.0, before.duration, _FIT_SAMPLES * max(int(intervals), 4) + 1)).position
         joints = np.flatnonzero(np.ptp(path, axis=0) > _STILL)
@@ -108,7 +117,7 @@ class SplineProblem:
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
             self._spline,
-            Bounds(lower, upper, velocity, acceleration),
+            Bounds(lower, upper, velocity, acceleration, None if jerk is None else jerk[joints]),
             Weights(cost.time, max(cost.jerk, _SMALL), jerk_scale(pepper)[joints]),
             [torque, *standing, *self._floors],
             costs,
@@ -179,3 +188,23 @@ class SplineProblem:
                 break
             duration *= _STRETCH
         return 1.05 * duration
+
+    def broken(self, descent: Descent) -> str:
+        """Say which limit or constraint the motion of a descent breaks most, and where."""
+        objective = self._objective
+        control = self._spline.control_points(descent.unknowns)
+        share, order, joint = objective.worst_slack(control, descent.duration)
+        if share <= 0.0:
+            name = self._moving.pepper.joint_names[self._moving.joints[joint]]
+            return f"It breaks the {_LIMITS[order]} limit of {name} by {-share:.1%}."
+        for term in objective.constraints:
+            values = term.values(*objective.states(term, control, descent.duration))
+            if not np.isfinite(term.wall.barrier(values)):
+                sample, row = np.unravel_index(np.argmax(np.abs(values)), values.shape)
+                if isinstance(term, TorqueTerm):
+                    return (
+                        f"It takes {abs(values[sample, row]):.1%} of the torque of {term.joint_names[row]}."
+                    )
+                at = float(np.argmin(values.min(axis=1))) / len(values)
+                return f"It does not keep {_WHAT[type(term).__name__]} after {at:.0%} of its duration."
+        return "It keeps them at samples only."

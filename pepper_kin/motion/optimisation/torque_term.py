@@ -26,4 +26,6 @@ class TorqueTerm(KernelTerm):
         names = ("inverse_dynamics", "inverse_dynamics_derivatives")
         values, slopes = (kernel(moving.pepper, name) for name in names)
         shares = np.diag(1.0 / limits)[np.isfinite(limits)]
+        finite = np.flatnonzero(np.isfinite(limits))
+        self.joint_names = tuple(moving.pepper.joint_names[j] for j in finite)
         super().__init__(moving, (values, slopes), shares, per_interval, Wall.WITHIN_ONE)
