@@ -47,7 +47,13 @@ class Examiner:
         self._tests: dict[tuple[tuple[float, float], bool], Callable[[Array], NDArray[np.bool_]]] = {}
 
     def is_clear(
-        self, breaks: Array, coefficients: Array, reach: Array, margins: tuple[float, float]
+        self,
+        breaks: Array,
+        coefficients: Array,
+        reach: Array,
+        margins: tuple[float, float],
+        *,
+        held: bool = True,
     ) -> bool:
         """Whether margins are kept and gravity is held along a piecewise cubic curve.
 
@@ -61,13 +67,14 @@ class Examiner:
             coefficients: Constant term first, shape (m, 4, n) [rad or m].
             reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
             margins: To the scene and to the robot itself [m].
+            held: Whether to ask if the joints can hold still along the curve.
         """
         breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
         parts = cut(breaks, coefficients, reach, STEPS[0])
         kept = self._test(margins, False)
         for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
             states = middles(coefficients, parts)
-            if step == STEPS[0] and not self._checks.holds(states).all():
+            if held and step == STEPS[0] and not self._checks.holds(states).all():
                 return False
             if shorter is None:
                 return bool(kept(states).all())

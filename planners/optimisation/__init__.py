@@ -6,6 +6,8 @@ found = descend(objective, spline.fit(states), duration)
 """
 
 from .assembly import Bounds, Objective
+from .banded import add_row
+from .compiled_term import FAILED, KINDS, ROWS, START, TIGHTEN, VALUES, CompiledTerm
 from .descend import Descent, OptimisationStatus, descend
 from .effort import EffortMotion, EffortStatus, minimum_effort
 from .general import FATROP, check_no_timeout, descend_by
@@ -13,8 +15,15 @@ from .rows import Rows, Term, Wall, Weights
 from .spline import RestSpline
 
 __all__ = [
+    "FAILED",
     "FATROP",
+    "KINDS",
+    "ROWS",
+    "START",
+    "TIGHTEN",
+    "VALUES",
     "Bounds",
+    "CompiledTerm",
     "Descent",
     "EffortMotion",
     "EffortStatus",
@@ -25,6 +34,7 @@ __all__ = [
     "Term",
     "Wall",
     "Weights",
+    "add_row",
     "check_no_timeout",
     "descend",
     "descend_by",

@@ -1,19 +1,36 @@
-"""Value, gradient and Gauss-Newton matrix of cost and barrier over the control points and the duration."""
+"""Costs and constraints of a motion, as arrays for the compiled search."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ..vectors import FloatArray
-from .bordered import BorderedBand
-from .rows import Rows, Term, Weights
-from .spline import RestSpline
+from .banded import PADDING
+from .compiled_term import CalledBack, CompiledTerm
+from .newton import fill_equations, measure_cost, measure_motion, solve_equations
+from .rows import Term, Wall, Weights
+from .spline import RestSpline, basis_at, differences
+from .tables import (
+    ABOVE_ZERO,
+    CONSTRAINT,
+    CORNER,
+    COST,
+    FALL,
+    NUMBERS,
+    ORDERS,
+    SLOPE,
+    STEP,
+    WALLS,
+    WITHIN_ONE,
+    Tables,
+    Workspace,
+)
 
-FIXED = 3
-"""Control points at either end that start and goal fix."""
+_FAR = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,74 +42,93 @@ class Bounds:
         upper: Greatest positions.
         velocity: Greatest absolute velocities.
         acceleration: Greatest absolute accelerations.
+        jerk: Greatest absolute jerks; None for no limits.
     """
 
     lower: FloatArray
     upper: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    jerk: FloatArray | None = None
+
+    @property
+    def rates(self) -> FloatArray:
+        """Limits of velocity, acceleration and jerk, shape (3, n)."""
+        jerk = np.full(len(self.lower), np.inf) if self.jerk is None else self.jerk
+        return np.stack([self.velocity, self.acceleration, jerk])
 
 
+@dataclass(frozen=True, eq=False)
 class Sampling:
-    """Samples of a spline for one term: the same number in each interval."""
+    """Samples of splines for one term: the same number in each interval.
 
-    def __init__(self, spline: RestSpline, per_interval: int) -> None:
-        self.spline, self.per_interval = spline, per_interval
-        count = spline.intervals * per_interval
-        s = np.arange(count) / count
-        self.basis = tuple(spline.basis(s, order) for order in range(3))
-        columns = np.arange(count)[:, None] // per_interval + np.arange(spline.degree + 1)
-        self.local = tuple(np.take_along_axis(b, columns, axis=1) for b in self.basis)
+    Attributes:
+        per_interval: That number.
+        basis: Weights of all control points in derivatives by s, three of shape (K, C).
+        local: Those of the control points that matter, shape (3, K, p + 1).
+    """
+
+    per_interval: int
+    basis: tuple[FloatArray, ...]
+    local: FloatArray
 
     def states(self, control: FloatArray, duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return positions, velocities and accelerations at the samples, shape (K, n) each."""
         b0, b1, b2 = self.basis
         return b0 @ control, b1 @ control / duration, b2 @ control / duration**2
 
-    def add(
-        self,
-        system: BorderedBand,
-        rows: Rows,
-        state: tuple[FloatArray, FloatArray, FloatArray],
-        duration: float,
-        slope: FloatArray,
-        curvature: FloatArray,
-    ) -> None:
-        """Add sum(slope_kr d row_kr + curvature_kr (d row_kr)^2 / 2) to a system.
 
-        Args:
-            system: Gradient and matrix to add to.
-            rows: Rows and their derivatives at the samples.
-            state: The samples' states.
-            duration: Duration T.
-            slope: First derivative by each row, shape (K, R).
-            curvature: Second derivative by each row, shape (K, R).
-        """
-        (_, v, a), (f0, f1, f2) = state, self.local
-        parts: list[tuple[FloatArray, FloatArray, FloatArray | None, int]] = [(f0, rows.by_position, None, 0)]
-        if rows.by_velocity is not None:
-            parts.append((f1 / duration, rows.by_velocity, v, 1))
-        if rows.by_acceleration is not None:
-            parts.append((f2 / duration**2, rows.by_acceleration, a, 2))
-        jacobian: FloatArray | float = 0.0
-        by_duration = np.zeros_like(rows.value)
-        for weight, part, rate, order in parts:
-            jacobian = jacobian + part[:, :, None, :] * weight[:, None, :, None]
-            if rate is not None:
-                by_duration -= order / duration * np.matmul(part, rate[..., None])[..., 0]
-        count, width, n = self.spline.intervals, self.spline.degree + 1, self.spline.n
-        flat = np.asarray(jacobian).reshape(count, -1, width * n)
-        weighted = flat * curvature.reshape(count, -1, 1)
-        matrix = np.matmul(weighted.transpose(0, 2, 1), flat).reshape(count, width, n, width, n)
-        vectors = np.stack([slope, curvature * by_duration], axis=-1).reshape(count, -1, 2)
-        right = np.matmul(flat.transpose(0, 2, 1), vectors).reshape(count, width, n, 2)
-        for i in range(width):
-            system.gradient[i : i + count] += right[:, i, :, 0]
-            system.border[i : i + count] += right[:, i, :, 1]
-            for j in range(i + 1):
-                system.blocks[j : j + count, i - j] += matrix[:, i, :, j, :]
-        system.slope += float((slope * by_duration).sum())
-        system.corner += float((curvature * by_duration**2).sum())
+@lru_cache(maxsize=64)
+def _sampling(intervals: int, degree: int, per_interval: int) -> Sampling:
+    count = intervals * per_interval
+    s = np.arange(count) / count
+    basis = tuple(basis_at(s, intervals, degree, order) for order in range(3))
+    columns = np.arange(count)[:, None] // per_interval + np.arange(degree + 1)
+    return Sampling(per_interval, basis, np.stack([np.take_along_axis(b, columns, axis=1) for b in basis]))
+
+
+@lru_cache(maxsize=16)
+def _jerk_band(intervals: int, degree: int) -> FloatArray:
+    """Return the lower band of the matrix of the integral of the squared jerk, shape (C, p + 1)."""
+    points, gauss = np.polynomial.legendre.leggauss(degree - 2)
+    s = ((np.arange(intervals)[:, None] + (points + 1) / 2) / intervals).ravel()
+    third = basis_at(s, intervals, degree, 3)
+    third = third * np.sqrt(np.tile(gauss / 2, intervals) / intervals)[:, None]
+    matrix = third.T @ third
+    band = np.zeros((intervals + degree, degree + 1))
+    for d in range(degree + 1):
+        band[: len(band) - d, d] = np.diagonal(matrix, d)
+    return band
+
+
+@lru_cache(maxsize=16)
+def _rate_rows(intervals: int, degree: int) -> FloatArray:
+    """Return the rows of the matrices to control points of derivatives; see `Tables.rates`."""
+    rows = np.zeros((ORDERS, intervals + degree, ORDERS + 1))
+    for order in range(1, ORDERS + 1):
+        matrix = differences(intervals, degree)[order]
+        for k in range(order + 1):
+            rows[order - 1, : len(matrix), k] = np.diagonal(matrix, k)[: len(matrix)]
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonSystem:
+    """Newton's equations [[A, b], [b^T, c]] (x, t) = -(g, s) of the inner control points and the duration.
+
+    Attributes:
+        band: Upper band of A, see `banded`, shape (size n, (p + 1) n + PADDING).
+        gradient: g, shape (size n,).
+        border: b, shape (size n,).
+        corner: c.
+        slope: s.
+    """
+
+    band: FloatArray
+    gradient: FloatArray
+    border: FloatArray
+    corner: float
+    slope: float
 
 
 class Objective:
@@ -118,14 +154,23 @@ class Objective:
         self.constraints = tuple(constraints)
         self.costs = tuple((weight, term) for weight, term in costs if weight > 0)
         terms = (*constraints, *(term for _, term in self.costs))
-        self._samplings = {m: Sampling(spline, m) for m in {term.per_interval for term in terms}}
-        points, gauss = np.polynomial.legendre.leggauss(spline.degree - 2)
-        s = ((np.arange(spline.intervals)[:, None] + (points + 1) / 2) / spline.intervals).ravel()
-        third = spline.basis(s, 3) * np.sqrt(np.tile(gauss / 2, spline.intervals) / spline.intervals)[:, None]
-        self._jerk = third.T @ third
-        self._jerk_weight = weights.jerk / weights.jerk_scale**2
-        limits = ((1, bounds.velocity), (2, bounds.acceleration))
-        self._rates = [(order, spline.difference(order), limit) for order, limit in limits]
+        kinds = sorted({term.per_interval for term in terms})
+        self._samplings = {m: _sampling(spline.intervals, spline.degree, m) for m in kinds}
+        self._called: list[CalledBack] = []
+        compiled_terms = []
+        for term in terms:
+            if not isinstance(term, CompiledTerm):
+                states = np.zeros((3, spline.intervals * term.per_interval, spline.n))
+                states[0] = spline.start
+                called = CalledBack(term, spline.n, states)
+                self._called.append(called)
+                term = called.compiled
+            term.reserve(spline.intervals * term.per_interval)
+            compiled_terms.append(term)
+        shares = [CONSTRAINT] * len(self.constraints) + [weight for weight, _ in self.costs]
+        self.tables = self._make_tables(compiled_terms, kinds, shares)
+        self.workspace = self._make_workspace(compiled_terms)
+        self._keep_alive = compiled_terms
 
     def samples(self, term: Term, control: FloatArray) -> FloatArray:
         """Return the positions at a term's samples, shape (K, n), of control points, shape (C, n)."""
@@ -137,109 +182,110 @@ class Objective:
         """Return positions, velocities and accelerations at a term's samples, shape (K, n) each."""
         return self._samplings[term.per_interval].states(control, duration)
 
+    def measure(self, control: FloatArray, duration: float) -> tuple[float, float]:
+        """Return the cost without barriers of control points, shape (C, n), and a duration, and the barrier.
+
+        The barrier is the sum of -log(slack) over all limits and constraints.  Where one is not kept both are
+        inf.
+        """
+        self.check(measure_motion(self.tables, self.workspace, np.ascontiguousarray(control), duration))
+        numbers = self.workspace.numbers
+        return float(numbers[COST]), float(numbers[WALLS])
+
     def cost(self, control: FloatArray, duration: float) -> float:
-        """Return the cost without barriers of control points, shape (C, n), and a duration."""
-        total = self.weights.time * duration + self._jerk_cost(control, duration)
-        for weight, term in self.costs:
-            sampling = self._samplings[term.per_interval]
-            values = term.values(*sampling.states(control, duration))
-            total += weight * duration * float((values**2).sum()) / len(values)
-        return total
+        """Return the cost without barriers; limits need not be kept."""
+        self.check(measure_cost(self.tables, self.workspace, np.ascontiguousarray(control), duration))
+        return float(self.workspace.numbers[COST])
 
-    def barrier(self, control: FloatArray, duration: float) -> float:
-        """Return the sum of -log(slack) over all limits and constraints; inf where one is not kept."""
-        total = sum(_logarithms(slack) for slack in self.box_slacks(control, duration))
-        for term in self.constraints:
-            if not total < np.inf:
-                break
-            state = self._samplings[term.per_interval].states(control, duration)
-            total += term.wall.barrier(term.values(*state))
-        return total
+    def least_slack(self, control: FloatArray, duration: float) -> float:
+        """Return what is left to the nearest of the limits of positions and rates, as a share of it."""
+        measure_motion(self.tables, self.workspace, np.ascontiguousarray(control), duration)
+        return float(self.workspace.slacks.min())
 
-    def system(self, control: FloatArray, duration: float, mu: float) -> tuple[BorderedBand, float, float]:
-        """Return Newton's equations of cost + mu * barrier, and the two values."""
-        spline = self.spline
-        system = BorderedBand(spline.intervals + spline.degree, spline.degree, spline.n)
-        cost = self.weights.time * duration + self._add_jerk(system, control, duration)
-        system.slope += self.weights.time
-        walls = self._add_boxes(system, control, duration, mu)
-        for term in self.constraints:
-            sampling = self._samplings[term.per_interval]
-            state = sampling.states(control, duration)
-            rows = term.rows(*state)
-            walls += term.wall.barrier(rows.value)
-            slope, curvature = term.wall.slopes(rows.value)
-            sampling.add(system, rows, state, duration, mu * slope, mu * curvature)
-        for share, term in self.costs:
-            sampling = self._samplings[term.per_interval]
-            state = sampling.states(control, duration)
-            rows = term.rows(*state)
-            weight = 2 * share * duration / len(rows.value)
-            part = weight / 2 * float((rows.value**2).sum())
-            sampling.add(
-                system, rows, state, duration, weight * rows.value, np.full(rows.value.shape, weight)
-            )
-            system.slope += part / duration
-            cost += part
-        return system, cost, walls
+    def worst_slack(self, control: FloatArray, duration: float) -> tuple[float, int, int]:
+        """Return what is left to the nearest limit as a share of it, the rate's order, and the coordinate.
 
-    def _jerk_cost(self, control: FloatArray, duration: float) -> float:
-        return float((self._jerk_weight * control * (self._jerk @ control)).sum()) / duration**5
+        Order 0 stands for positions.
+        """
+        share = self.least_slack(control, duration)
+        slacks = self.workspace.slacks
+        place = np.unravel_index(np.argmin(slacks), slacks.shape)
+        return share, int(place[0]) // 2, int(place[2])
 
-    def _add_jerk(self, system: BorderedBand, control: FloatArray, duration: float) -> float:
-        """Add w |r|^2 with r = jerk T^(1/2); in the duration, r falls as T^(-5/2)."""
-        pull = 2 * self._jerk_weight * (self._jerk @ control) / duration**5
-        cost = float((pull * control).sum()) / 2
-        system.gradient += pull
-        system.border -= 2.5 / duration * pull
-        system.slope -= 5.0 / duration * cost
-        system.corner += 12.5 / duration**2 * cost
-        for distance in range(self.spline.degree + 1):
-            diagonal = np.diagonal(self._jerk, distance)[:, None]
-            part = 2 / duration**5 * diagonal * self._jerk_weight
-            system.diagonals[: len(part), distance] += part
-        return cost
+    def system(self, control: FloatArray, duration: float, mu: float) -> NewtonSystem:
+        """Return Newton's equations of cost + mu * barrier."""
+        work = self.workspace
+        self.check(fill_equations(self.tables, work, np.ascontiguousarray(control), duration, mu))
+        corner, slope = float(work.numbers[CORNER]), float(work.numbers[SLOPE])
+        return NewtonSystem(work.band.copy(), work.right.copy(), work.border.copy(), corner, slope)
 
-    def box_slacks(self, control: FloatArray, duration: float) -> list[FloatArray]:
-        """Return what is left to the limits of positions and rates, as shares, of control points."""
-        inner = control[FIXED:-FIXED]
-        lower, upper, width = self._position_box()
-        slacks = [(inner - lower) / width, (upper - inner) / width]
-        for order, difference, limit in self._rates:
-            share = difference @ control / (limit * duration**order)
-            slacks += [1.0 - share, 1.0 + share]
-        return slacks
+    def solve(self, damping: float, free_duration: bool) -> tuple[FloatArray, float, float]:
+        """Return the steps of inner control points and duration by the equations that `system` wrote last.
 
-    def _position_box(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return bounds and the width that counts as 1; far bounds for coordinates without any."""
-        lower, upper = self.bounds.lower, self.bounds.upper
-        finite = np.isfinite(upper - lower)
-        return np.maximum(lower, -1e6), np.minimum(upper, 1e6), np.where(finite, upper - lower, 1e6)
+        Args:
+            damping: Share by which the diagonal is raised.
+            free_duration: Whether the duration may change.
 
-    def _add_boxes(self, system: BorderedBand, control: FloatArray, duration: float, mu: float) -> float:
-        slacks = self.box_slacks(control, duration)
-        width = self._position_box()[2]
-        below, above = slacks[0], slacks[1]
-        system.gradient[FIXED:-FIXED] += mu / width * (1 / above - 1 / below)
-        system.diagonals[FIXED:-FIXED, 0] += mu / width**2 * (1 / above**2 + 1 / below**2)
-        for (order, difference, limit), up, down in zip(self._rates, slacks[2::2], slacks[3::2], strict=True):
-            scale = 1.0 / (limit * duration**order)
-            share = 1.0 - up
-            slope, curvature = mu * (1 / up - 1 / down), mu * (1 / up**2 + 1 / down**2)
-            by_duration = -order / duration * share
-            system.gradient += difference.T @ (slope * scale)
-            system.border += difference.T @ (curvature * scale * by_duration)
-            system.slope += float((slope * by_duration).sum())
-            system.corner += float((curvature * by_duration**2).sum())
-            count = len(difference)
-            curvature *= scale**2
-            entries = [np.diagonal(difference, k)[:count, None] for k in range(order + 1)]
-            for i in range(order + 1):
-                for j in range(i + 1):
-                    system.diagonals[j : j + count, i - j] += entries[i] * entries[j] * curvature
-        return sum(_logarithms(slack) for slack in slacks)
+        Returns:
+            Steps, shape (size, n), that of the duration, and gradient . step.
 
+        Raises:
+            numpy.linalg.LinAlgError: where the matrix is not positive definite.
+        """
+        work = self.workspace
+        if not solve_equations(work, damping, free_duration):
+            raise np.linalg.LinAlgError("Newton's matrix is not positive definite.")
+        numbers = work.numbers
+        return work.step.reshape(-1, self.spline.n).copy(), float(numbers[STEP]), float(numbers[FALL])
 
-def _logarithms(slack: FloatArray) -> float:
-    """Return -sum(log(slack)); inf where a slack is not above zero."""
-    return -float(np.log(slack).sum()) if slack.min(initial=1.0) > 0.0 else float("inf")
+    def check(self, answered: bool) -> None:
+        """Raise what a term in Python raised."""
+        if not answered:
+            for called in self._called:
+                called.check()
+
+    def _make_tables(self, terms: Sequence[CompiledTerm], kinds: list[int], shares: list[float]) -> Tables:
+        spline, bounds = self.spline, self.bounds
+        samplings = [self._samplings[m] for m in kinds]
+        counts = [(spline.intervals * m, m) for m in kinds]
+        most = max((count for count, _ in counts), default=1)
+        basis = np.zeros((max(len(kinds), 1), 3, most, spline.degree + 1))
+        for place, sampling in enumerate(samplings):
+            basis[place, :, : sampling.local.shape[1]] = sampling.local
+        rows, first = [], 0
+        for term in terms:
+            place = kinds.index(term.per_interval)
+            wall = WITHIN_ONE if term.wall is Wall.WITHIN_ONE else ABOVE_ZERO
+            rows.append(
+                (term.address, term.memory.ctypes.data, place, term.rows_count, term.parts, wall, first,
+                 int(term.has_floors))
+            )  # fmt: skip
+            first += counts[place][0] * term.rows_count * (1 + term.parts * spline.n)
+        self._results = first
+        finite = np.isfinite(bounds.upper - bounds.lower)
+        lower, upper = np.maximum(bounds.lower, -_FAR), np.minimum(bounds.upper, _FAR)
+        return Tables(
+            basis,
+            np.array(counts, np.int64).reshape(-1, 2),
+            np.array(rows, np.int64).reshape(-1, 8),
+            np.array(shares, float),
+            _rate_rows(spline.intervals, spline.degree),
+            1.0 / bounds.rates,
+            np.stack([lower, upper, np.where(finite, bounds.upper - bounds.lower, _FAR)]),
+            _jerk_band(spline.intervals, spline.degree),
+            np.asarray(self.weights.jerk / self.weights.jerk_scale**2, float) * np.ones(spline.n),
+            np.array([float(self.weights.time)]),
+        )
+
+    def _make_workspace(self, terms: Sequence[CompiledTerm]) -> Workspace:
+        spline, basis = self.spline, self.tables.basis
+        n, width, size = spline.n, (spline.degree + 1) * spline.n, spline.size * spline.n
+        count, most = spline.intervals + spline.degree, max((term.rows_count for term in terms), default=0)
+        return Workspace(
+            np.empty((len(basis), 3 * basis.shape[2] * n)), np.empty(max(self._results, 1)),
+            np.empty((2 + 2 * ORDERS, count, n)), np.empty((size, width + PADDING)), np.empty(size),
+            np.empty(size), np.empty((width, width)), np.empty((most + 4, width + 1)),
+            np.zeros((3, most + n + 4)),
+            np.empty((4 * n, n)), np.empty(size), np.empty(size), np.empty((count, n)), np.empty((count, n)),
+            np.zeros(NUMBERS), np.zeros(2, np.int64),
+        )  # fmt: skip

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
+from pepper_kin.core.clock import CLOCK
 from pepper_kin.exceptions import InvalidValueError
 
 from ..vectors import FloatArray, finite_points, positive_number, read_only
-from .assembly import FIXED, Objective
+from .assembly import Objective
+from .newton import (
+    BROKEN,
+    CONVERGED,
+    FIRST_MU,
+    GOING_ON,
+    LAST_MU,
+    SHORT_ENOUGH,
+    STALLED,
+    TIME_UP,
+    search,
+)
+from .tables import DAMPING, DURATION, FIXED, MU, QUIET, SHARE
 
-_ARMIJO = 1e-4
-_SHORTEST = 1e-5  # step lengths below are given up
-_FIRST_MU, _LAST_MU = 2e-3, 1e-4  # shares of the cost
-_SHRINK = 0.4  # of mu, after a step of good length or near its minimum
-_LONG = 0.5
-_LIGHT, _MOST_DAMPING = 1e-3, 1e6
-_NEAR = 0.3  # squared Newton decrement over mu
+_FIRST_DAMPING = 1e-6
+_SLICE = 0.25  # [s] that machine code runs before Python listens to an interrupt again
 
 
 class OptimisationStatus(Enum):
@@ -44,8 +51,16 @@ _ADVICE = {
     OptimisationStatus.OUT_OF_ITERATIONS: "The motion keeps all limits; more iterations make it cheaper.",
     OptimisationStatus.OUT_OF_TIME: "The motion keeps all limits; more time makes it cheaper.",
     OptimisationStatus.STALLED: "The motion keeps all limits; start elsewhere to find a cheaper one.",
-    OptimisationStatus.STOPPED: "The caller ended the search; the motion keeps all limits.",
+    OptimisationStatus.STOPPED: "The motion is as short as it has to be, and keeps all limits.",
     OptimisationStatus.START_INFEASIBLE: "Start from a slower motion, or one further from the constraints.",
+}
+
+
+_STATUSES = {
+    CONVERGED: OptimisationStatus.CONVERGED,
+    STALLED: OptimisationStatus.STALLED,
+    TIME_UP: OptimisationStatus.OUT_OF_TIME,
+    SHORT_ENOUGH: OptimisationStatus.STOPPED,
 }
 
 
@@ -82,8 +97,8 @@ def descend(
     free_duration: bool = True,
     max_iterations: int = 60,
     timeout: float = float("inf"),
-    tolerance: float = _LAST_MU,
-    after_step: Callable[[FloatArray, float], bool] | None = None,
+    tolerance: float = LAST_MU,
+    stop_below: float = 0.0,
 ) -> Descent:
     """Lower the cost of a motion by Newton steps on cost + mu * barrier, with mu falling.
 
@@ -101,8 +116,7 @@ def descend(
         timeout: Wall time after which the best motion so far is returned [s].
         tolerance: Last mu as a share of the cost: with k limits that act, the cost found exceeds the nearest
             minimum by about k times that share.
-        after_step: Called with control points and duration after each step.  It may tighten constraints, if
-            that motion stays feasible; where it returns True the search ends.
+        stop_below: Duration below which the search ends.
 
     Returns:
         The descent; its motion keeps all limits, unless the start did not.
@@ -115,87 +129,31 @@ def descend(
     x = np.array(finite_points("unknowns", unknowns, spline.n))
     if len(x) != spline.size:
         raise InvalidValueError("unknowns", f"{len(x)} control points", f"{spline.size} control points")
-    walk = _Walk(objective, x, positive_number("duration", duration), free_duration, tolerance)
-    first_cost = objective.cost(spline.control_points(x), walk.t)
+    t = positive_number("duration", duration)
+    work = objective.workspace
+    work.control[:] = spline.control_points(x)
+    work.trial[:] = work.control
+    first_cost = objective.cost(work.control, t)
+    share = max(FIRST_MU, tolerance)
+    work.numbers[[SHARE, MU, DAMPING, DURATION, QUIET]] = share, share * first_cost, _FIRST_DAMPING, t, 0.0
     status, iterations = OptimisationStatus.START_INFEASIBLE, 0
-    if objective.barrier(spline.control_points(x), walk.t) < np.inf:
+    if objective.measure(work.control, t)[1] < np.inf:
         status = OptimisationStatus.OUT_OF_ITERATIONS
+        end = begin + timeout
         while iterations < max_iterations:
-            if time.perf_counter() - begin > timeout:
-                status = OptimisationStatus.OUT_OF_TIME
-                break
-            iterations += 1
-            moved, ending = walk.step()
-            if moved and after_step is not None and after_step(spline.control_points(walk.x), walk.t):
-                ending = OptimisationStatus.STOPPED
-            if ending is not None:
-                status = ending
-                break
-    cost = objective.cost(spline.control_points(walk.x), walk.t)
+            until = min(end, time.perf_counter() + _SLICE)
+            ended, steps = search(
+                objective.tables, work, free_duration, max_iterations - iterations, tolerance, until,
+                stop_below, CLOCK,
+            )  # fmt: skip
+            iterations += steps
+            objective.check(ended != BROKEN)
+            if ended == GOING_ON or (ended == TIME_UP and time.perf_counter() < end):
+                continue
+            status = _STATUSES[ended]
+            break
+    control, t = work.control.copy(), float(work.numbers[DURATION])
     return Descent(
-        status, read_only(walk.x), walk.t, cost, first_cost, iterations, walk.mu, time.perf_counter() - begin
-    )
-
-
-class _Walk:
-    """A motion, control points x and duration t, that goes downhill step by step."""
-
-    def __init__(
-        self, objective: Objective, x: FloatArray, t: float, free_duration: bool, tolerance: float
-    ) -> None:
-        self.x, self.t = x, t
-        self._objective, self._free, self._tolerance = objective, free_duration, tolerance
-        self._share, self._damping = max(_FIRST_MU, tolerance), 1e-6
-        self.mu = self._share * objective.cost(objective.spline.control_points(x), t)
-
-    def step(self) -> tuple[bool, OptimisationStatus | None]:
-        """Make a step and lower mu where due; return whether it moved, and how the walk ended, if it did."""
-        objective = self._objective
-        control = objective.spline.control_points(self.x)
-        system, cost, walls = objective.system(control, self.t, self.mu)
-        try:
-            step, t_step, slope = system.solve(FIXED, self._damping, self._free)
-        except np.linalg.LinAlgError:
-            self._damping *= 10
-            return False, None if self._damping < _MOST_DAMPING else OptimisationStatus.STALLED
-        value, damping = cost + self.mu * walls, self._damping
-        length = _search(objective, self.x, self.t, step, t_step, slope, value, self.mu)
-        self.x, self.t = self.x + length * step, self.t + length * t_step
-        if length:
-            self._damping = max(self._damping / 5, 1e-9) if length > _LONG else min(4 * self._damping, 1e3)
-        else:
-            self._damping *= 100
-        stuck = self._damping > _MOST_DAMPING
-        # A damped step promises little wherever it is made.
-        near = stuck or (length > 0 and -slope < _NEAR * self.mu and damping <= _LIGHT)
-        if near and self._share <= self._tolerance:
-            return length > 0, OptimisationStatus.STALLED if stuck else OptimisationStatus.CONVERGED
-        if near or length >= _LONG:
-            self._share = max(_SHRINK * self._share, self._tolerance)
-            self.mu = min(self.mu, self._share * cost)
-            self._damping = min(self._damping, 1.0)
-        return length > 0, None
-
-
-def _search(
-    objective: Objective,
-    x: FloatArray,
-    t: float,
-    step: FloatArray,
-    t_step: float,
-    slope: float,
-    value: float,
-    mu: float,
-) -> float:
-    """Return the first of 1, 1/2, 1/4 ... of a step that stays inside and lowers the merit; 0 for none."""
-    length = 1.0 if t_step >= 0 else min(1.0, 0.5 * t / -t_step)
-    spline = objective.spline
-    while length > _SHORTEST:
-        control, duration = spline.control_points(x + length * step), t + length * t_step
-        walls = objective.barrier(control, duration)
-        if walls < np.inf:
-            new = objective.cost(control, duration) + mu * walls
-            if new <= value + _ARMIJO * length * slope + 1e-12 * abs(value):
-                return length
-        length /= 2
-    return 0.0
+        status, read_only(control[FIXED:-FIXED]), t, objective.cost(control, t), first_cost, iterations,
+        float(work.numbers[MU]), time.perf_counter() - begin,
+    )  # fmt: skip

@@ -127,7 +127,7 @@ class _Walk:
     def excess(self) -> float:
         """Return by how much of a limit the motion breaks one, at most; 0 or less where it breaks none."""
         objective, control = self._objective, self._objective.spline.control_points(self.x)
-        found = [-float(slack.min(initial=1.0)) for slack in objective.box_slacks(control, self.t)]
+        found = [-objective.least_slack(control, self.t)]
         for term in objective.constraints:
             values = term.values(*objective.states(term, control, self.t))
             room = 1.0 - np.abs(values) if term.wall is Wall.WITHIN_ONE else values

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +40,6 @@ class RestSpline:
     goal: FloatArray
     intervals: int = 20
     degree: int = 3
-    _differences: tuple[FloatArray, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Copy and check the fields.
@@ -55,7 +55,6 @@ class RestSpline:
             raise InvalidValueError("degree", self.degree, "3 or 5")
         if isinstance(self.intervals, bool) or not isinstance(self.intervals, int) or self.intervals < 4:
             raise InvalidValueError("intervals", self.intervals, "a whole number of at least 4")
-        object.__setattr__(self, "_differences", self._difference_matrices())
 
     @property
     def n(self) -> int:
@@ -85,7 +84,7 @@ class RestSpline:
         Returns:
             Shape (M + p - order, M + p).
         """
-        return self._differences[order]
+        return differences(self.intervals, self.degree)[order]
 
     def basis(self, s: ArrayLike, order: int = 0) -> FloatArray:
         """Return the weights of the control points in a derivative by s.
@@ -97,9 +96,7 @@ class RestSpline:
         Returns:
             Shape (k, M + p); in each row only p + 1 weights, one after the other, differ from zero.
         """
-        return _values(np.asarray(s, dtype=float), self.intervals, self.degree - order) @ self.difference(
-            order
-        )
+        return basis_at(np.asarray(s, dtype=float), self.intervals, self.degree, order)
 
     def fit(self, states: ArrayLike) -> FloatArray:
         """Return the unknowns whose spline is nearest, in least squares, to states at equidistant parameters.
@@ -117,9 +114,9 @@ class RestSpline:
         points = finite_points("states", states, self.n)
         if len(points) < 2 * self.intervals:
             raise InvalidValueError("states", f"{len(points)} of them", f"at least {2 * self.intervals}")
-        weights = self.basis(np.linspace(0.0, 1.0, len(points)))
+        weights, inverse = _fit(self.intervals, self.degree, len(points))
         ends = self.control_points(np.zeros((self.size, self.n)))
-        return np.asarray(np.linalg.lstsq(weights[:, 3:-3], points - weights @ ends, rcond=None)[0])
+        return np.asarray(inverse @ (points - weights @ ends))
 
     def pieces(self, unknowns: ArrayLike, duration: float) -> tuple[FloatArray, FloatArray]:
         """Return the motion over time as piecewise polynomials.
@@ -132,24 +129,45 @@ class RestSpline:
             Breaks, shape (M + 1,), and coefficients in powers of the time since the last break, constant
             term first, shape (M, p + 1, n).
         """
-        left = np.arange(self.intervals) / self.intervals
         control = self.control_points(unknowns)
         factorial, terms = 1.0, []
-        for order in range(self.degree + 1):
+        for order, weights in enumerate(_at_knots(self.intervals, self.degree)):
             factorial *= max(order, 1)
-            terms.append(self.basis(left, order) @ control / (factorial * duration**order))
+            terms.append(weights @ control / (factorial * duration**order))
         breaks = np.linspace(0.0, 1.0, self.intervals + 1) * duration
         return read_only(breaks), read_only(np.stack(terms, axis=1))
 
-    def _difference_matrices(self) -> tuple[FloatArray, ...]:
-        count, knots = self.intervals + self.degree, self.knots
-        matrices = [np.eye(count)]
-        for order in range(1, self.degree + 1):
-            left = degree = self.degree - order + 1
-            inner = knots[order - 1 : knots.size - order + 1]
-            span = inner[left + 1 : left + 1 + len(matrices[-1]) - 1] - inner[1 : len(matrices[-1])]
-            matrices.append(np.diff(matrices[-1], axis=0) * (degree / span)[:, None])
-        return tuple(read_only(matrix) for matrix in matrices)
+
+@lru_cache(maxsize=64)
+def differences(intervals: int, degree: int) -> tuple[FloatArray, ...]:
+    """Return the matrices from control points to those of derivatives by s; see `RestSpline.difference`."""
+    count, knots = intervals + degree, _knots(intervals, degree)
+    matrices = [np.eye(count)]
+    for order in range(1, degree + 1):
+        left = below = degree - order + 1
+        inner = knots[order - 1 : knots.size - order + 1]
+        span = inner[left + 1 : left + 1 + len(matrices[-1]) - 1] - inner[1 : len(matrices[-1])]
+        matrices.append(np.diff(matrices[-1], axis=0) * (below / span)[:, None])
+    return tuple(read_only(matrix) for matrix in matrices)
+
+
+def basis_at(s: FloatArray, intervals: int, degree: int, order: int) -> FloatArray:
+    """Return the weights of control points in a derivative by s; see `RestSpline.basis`."""
+    return _values(s, intervals, degree - order) @ differences(intervals, degree)[order]
+
+
+@lru_cache(maxsize=16)
+def _fit(intervals: int, degree: int, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return the weights of control points at equidistant parameters, and the inverse of the inner ones'."""
+    weights = basis_at(np.linspace(0.0, 1.0, count), intervals, degree, 0)
+    return read_only(weights), read_only(np.asarray(np.linalg.pinv(weights[:, 3:-3]), float))
+
+
+@lru_cache(maxsize=16)
+def _at_knots(intervals: int, degree: int) -> tuple[FloatArray, ...]:
+    """Return the weights of control points in all derivatives by s where intervals begin."""
+    left = np.arange(intervals) / intervals
+    return tuple(read_only(basis_at(left, intervals, degree, order)) for order in range(degree + 1))
 
 
 def _knots(intervals: int, degree: int) -> FloatArray:

@@ -135,10 +135,10 @@ def test_floors_admit_a_start_that_is_too_near_and_rise_behind_it():
     assert slack.min() > 0
     exact = pk.collision.clearance(pepper, q, SCENE)
     apart = exact > 1e-3
-    floor = 0.05 + np.ravel(term._floor)
+    floor = 0.05 + term.floor
     assert np.all(floor[apart] > 0)  # no floor lets bodies touch that are apart
-    before, clearest = term._floor.copy(), np.tile(q[np.argmax(exact)], (100, 1))
+    before, clearest = term.floor.copy(), np.tile(q[np.argmax(exact)], (100, 1))
     assert exact.max() > 0.06
     term.tighten(clearest)
-    assert np.all(term._floor == 0.0)
+    assert np.all(term.floor == 0.0)
     assert np.any(before < 0)

@@ -205,3 +205,55 @@ def test_misuse_is_named(over_the_table):
     failed = pk.plan(pepper, pepper.joint_vector({"HipRoll": 0.5}), plan.path[0])
     with pytest.raises(InvalidValueError, match="a plan that is start_in_collision"):
         optimise(pepper, failed)
+
+
+def test_what_cannot_be_kept_is_named(over_the_table):
+    pepper, plan, _ = over_the_table
+    short = optimise(pepper, plan, TABLE, duration=0.05)
+    names = [name for name in pepper.joint_names if f"limit of {name} by" in short.message]
+    assert len(names) == 1
+    assert "It breaks the acceleration limit of" in short.message
+    needed = (
+        np.abs(plan.path[-1] - plan.path[0]) / pepper.acceleration_limits
+    )  # of a straight line, in T^2 / 4
+    assert needed[pepper.joint_index(names[0])] > 0.5 * needed.max()
+    weak = optimise(pepper, plan, TABLE, jerk=1e-3)  # a thousand times the duration
+    assert weak.status is OptimisedStatus.NO_ROOM
+    assert "It breaks the jerk limit of" in weak.message
+
+
+def test_limits_of_jerk_hold_at_every_instant(over_the_table):
+    pepper, plan, found = over_the_table
+    limited = optimise(pepper, plan, TABLE, jerk="moderate", cost=Cost(jerk=1e-6))
+    assert limited.success, limited.message
+    certificate = limited.trajectory.check(pepper, TABLE, jerk="moderate")
+    for part in ("jerk", "acceleration_continuity", "acceleration", "torque", "clearance"):
+        assert getattr(certificate, part).ok, getattr(certificate, part).sentence()
+    free = found.trajectory.check(pepper, TABLE, jerk="moderate")
+    assert not free.jerk.ok
+    retimed = pk.retime(pepper, plan, jerk="moderate")
+    assert limited.trajectory.duration < 1.02 * retimed.duration
+
+
+def test_other_starts_go_round_what_the_straight_line_hits():
+    """A board stands across the straight line; by some other posture there is a way."""
+    pepper = pk.load_pepper()
+    arm = {"LShoulderRoll": 0.3, "LElbowRoll": -0.1}
+    start, goal = (pepper.joint_vector({**arm, "LShoulderPitch": pitch}) for pitch in (1.3, 0.1))
+    goal[pepper.joint_index("LShoulderRoll")] += 0.02
+    goal[pepper.joint_index("LElbowRoll")] -= 0.02
+    hand = pk.kinematics.frame_pose(
+        pepper, pepper.joint_vector({**arm, "LShoulderPitch": 0.7}), "LArm_effector"
+    )[:3, 3]
+    scene = pk.Scene().add_box("board", (0.2, 0.12, 0.06), hand)
+    ends = np.stack([start, goal])
+    one = optimise(pepper, ends, scene)
+    many = optimise(pepper, ends, scene, starts=12)
+    assert many.success, many.message
+    assert many.trajectory.check(pepper, scene).clearance.ok
+    np.testing.assert_allclose(many.trajectory.end, goal, atol=1e-9)
+    assert not one.success or many.descent.cost <= one.descent.cost
+    again = optimise(pepper, ends, scene, starts=12)
+    np.testing.assert_array_equal(again.trajectory.coefficients, many.trajectory.coefficients)
+    with pytest.raises(InvalidValueError, match="starts: got 0"):
+        optimise(pepper, ends, scene, starts=0)

@@ -159,38 +159,81 @@ def test_gradient_agrees_with_finite_differences(wall):
     mu, t, step = 0.3, 1.7, 1e-6
 
     def value(control, t):
-        return objective.cost(control, t) + mu * objective.barrier(control, t)
+        cost, walls = objective.measure(control, t)
+        assert cost == pytest.approx(objective.cost(control, t), rel=1e-12)
+        return cost + mu * walls
 
-    system, cost, walls = objective.system(control, t, mu)
-    assert cost + mu * walls == pytest.approx(value(control, t), rel=1e-12)
+    system = objective.system(control, t, mu)
     assert system.slope == pytest.approx((value(control, t + step) - value(control, t - step)) / 2 / step)
     for i in range(3, len(control) - 3):
         for j in range(2):
             move = np.zeros_like(control)
             move[i, j] = step
             slope = (value(control + move, t) - value(control - move, t)) / 2 / step
-            assert system.gradient[i, j] == pytest.approx(slope, rel=1e-5, abs=1e-6)
+            assert system.gradient[2 * (i - 3) + j] == pytest.approx(slope, rel=1e-5, abs=1e-6)
 
 
 def test_banded_solution_agrees_with_a_dense_one():
     spline = RestSpline([0.0, 0.3], [1.0, -0.2], 9)
     bounds = Bounds(-3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE)
     objective = Objective(spline, bounds, Weights(1.0, 1e-4, ONE), [Pull(Wall.WITHIN_ONE)])
-    system, _, _ = objective.system(spline.control_points(straight(spline)), 1.7, 0.1)
-    count, n = spline.size, 2
-    dense = np.zeros((count * n + 1, count * n + 1))
-    for i in range(count):
-        for distance in range(min(4, count - i)):
-            block = system.blocks[3 + i, distance]
-            dense[(i + distance) * n : (i + distance + 1) * n, i * n : (i + 1) * n] = block
-            dense[i * n : (i + 1) * n, (i + distance) * n : (i + distance + 1) * n] = block.T
-    dense[:-1, -1] = dense[-1, :-1] = system.border[3:-3].ravel()
+    system = objective.system(spline.control_points(straight(spline)), 1.7, 0.1)
+    size, width = len(system.band), 8
+    assert size == 2 * spline.size
+    dense = np.zeros((size + 1, size + 1))
+    for row in range(size):
+        for column in range(row, min(row + width, size)):
+            dense[row, column] = dense[column, row] = system.band[row, column - row]
+    dense[:-1, -1] = dense[-1, :-1] = system.border
     dense[-1, -1] = system.corner
-    right = np.append(system.gradient[3:-3].ravel(), system.slope)
+    right = np.append(system.gradient, system.slope)
     expected = -np.linalg.solve(dense, right)
-    step, border, slope = system.solve(3, 0.0, True)
+    step, border, slope = objective.solve(0.0, True)
     np.testing.assert_allclose(np.append(step.ravel(), border), expected, rtol=1e-6, atol=1e-9)
     assert slope == pytest.approx(right @ expected)
+
+
+def test_matrix_agrees_with_finite_differences_of_the_gradient():
+    """Where terms are linear the matrix of Gauss and Newton is the Hessian."""
+    spline = RestSpline([0.0, 0.3], [1.0, -0.2], 7)
+
+    class Linear:
+        per_interval, wall = 2, Wall.WITHIN_ONE
+
+        def values(self, q, v, a):
+            return 0.1 * q[:, :1] - 0.05 * v[:, 1:] + 0.02 * a[:, :1] + 0.01 * a[:, 1:]
+
+        def rows(self, q, v, a):
+            ones = np.ones((len(q), 1, 1))
+            parts = ([0.1, 0.0], [0.0, -0.05], [0.02, 0.01])
+            return Rows(self.values(q, v, a), *(ones * np.array(part) for part in parts))
+
+    bounds = Bounds(-3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE, 900 * ONE)
+    objective = Objective(spline, bounds, Weights(1.0, 1e-4, ONE), [Linear()], [(0.3, Linear())])
+    control, t, step = spline.control_points(straight(spline)), 1.7, 1e-6
+    system = objective.system(control, t, 0.1)
+    size, width = len(system.band), 8
+    for column in range(size):
+        move = np.zeros_like(control)
+        move[3 + column // 2, column % 2] = step
+        ends = [objective.system(control + sign * move, t, 0.1).gradient for sign in (1, -1)]
+        numeric = (ends[0] - ends[1]) / (2 * step)
+        for row in range(column, min(column + width, size)):
+            entry = system.band[column, row - column]
+            assert entry == pytest.approx(numeric[row], rel=1e-5, abs=1e-5)
+        assert np.all(np.abs(numeric[column + width :]) < 1e-6)
+
+
+def test_jerk_limits_hold_at_every_instant():
+    """From rest to rest with jerk bounded alone, a way of d takes (32 d / j)^(1/3)."""
+    spline = RestSpline([0.0, 0.0], [1.0, 0.0], 32)
+    bounds = Bounds(-FREE, FREE, FREE, FREE, 2.0 * ONE)
+    objective = Objective(spline, bounds, Weights(1.0, 1e-9, ONE))
+    found = descend(objective, straight(spline), 9.0, max_iterations=200, tolerance=1e-6)
+    jerk = spline.difference(3) @ spline.control_points(found.unknowns) / found.duration**3
+    assert np.abs(jerk).max() <= 2.0
+    best = (32 / 2.0) ** (1 / 3)
+    assert best < found.duration < 1.05 * best
 
 
 def test_infeasible_start_is_a_status():
@@ -210,9 +253,26 @@ def test_limits_of_time_and_iterations_are_statuses():
     assert few.cost < few.first_cost
     late = descend(objective, straight(spline), 20.0, timeout=0.0)
     assert late.status is OptimisationStatus.OUT_OF_TIME
-    told = descend(objective, straight(spline), 20.0, after_step=lambda control, t: t < 10)
+    told = descend(objective, straight(spline), 20.0, stop_below=10.0)
     assert told.status is OptimisationStatus.STOPPED
     assert told.duration < 10
+
+
+def test_what_a_term_raises_is_raised():
+    spline = RestSpline([0.0, 0.0], [1.0, 2.0], 10)
+
+    class Broken(Disc):
+        calls = 0
+
+        def values(self, q, v, a):
+            Broken.calls += 1
+            if Broken.calls > 5:
+                raise KeyError("broken")
+            return super().values(q, v, a)
+
+    objective = Objective(spline, NO_BOUNDS, Weights(1.0, 1e-6, ONE), [Broken((0.5, -3.0), 0.1)])
+    with pytest.raises(KeyError, match="broken"):
+        descend(objective, straight(spline), 20.0)
 
 
 def test_misuse_is_named():

@@ -12,8 +12,9 @@ from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.motion.optimisation.kernel_term import KernelTerm
 from pepper_kin.motion.optimisation.moving import Moving
-from pepper_kin.planners.optimisation import Rows, Wall
+from pepper_kin.planners.optimisation import Wall
 from pepper_kin.trajectory.balance import support_polygon
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ SOURCES = ("pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.motion.optimis
 _kept: RobotMemory[str, Kernel] = RobotMemory()
 
 
-class BalanceTerm:
+class BalanceTerm(KernelTerm):
     """(i . (-n_y, n_x) - (i . p + margin) f_z) / (weight INFLUENCE) of each edge of the wheels' triangle.
 
     (f, n) is the wrench of the floor, p a vertex of the edge, i the unit vector that points inward; see
@@ -46,8 +47,7 @@ class BalanceTerm:
     """
 
     def __init__(self, moving: Moving, margin: float, per_interval: int) -> None:
-        self.per_interval, self.wall = per_interval, Wall.ABOVE_ZERO
-        self._moving, pepper = moving, moving.pepper
+        pepper = moving.pepper
         polygon = support_polygon(pepper)
         if polygon is None or "BaseX" in pepper.joint_names:
             raise InvalidValueError(
@@ -58,21 +58,9 @@ class BalanceTerm:
         map_of_wrench = np.zeros((len(edge), 6))
         map_of_wrench[:, 2] = -((inward * polygon).sum(axis=1) + margin)
         map_of_wrench[:, 3], map_of_wrench[:, 4] = inward[:, 1], -inward[:, 0]
-        self._map = map_of_wrench / (_GRAVITY * total_mass(pepper) * INFLUENCE)
-        self._wrench, self._derivatives = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
-
-    def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the slacks, shape (K, 3), at states of the moving joints."""
-        return np.asarray(self._wrench(*self._whole(q, v, a))) @ self._map.T
-
-    def rows(self, q: Array, v: Array, a: Array) -> Rows:
-        """Return the slacks and their derivatives."""
-        parts = self._derivatives(*self._whole(q, v, a))
-        joints = self._moving.joints
-        return Rows(self.values(q, v, a), *(self._map @ np.asarray(part)[:, :, joints] for part in parts))
-
-    def _whole(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        return self._moving.positions(q), self._moving.rates(v), self._moving.rates(a)
+        shares = map_of_wrench / (_GRAVITY * total_mass(pepper) * INFLUENCE)
+        kernels = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
+        super().__init__(moving, kernels, shares, per_interval, Wall.ABOVE_ZERO)
 
 
 def _wrench_derivatives(pepper: PepperModel) -> Kernel:

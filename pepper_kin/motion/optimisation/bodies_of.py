@@ -32,13 +32,13 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
         scene: The world around it.
         margin: Distance that each pair keeps [m].
     """
-    frames, frame_joint = _frames_of_joints(pepper)
+    frames, frame_joint, from_joint = _frames_of_joints(pepper)
     all_bodies = bodies(pepper, scene)
     rows: list[tuple[int, Array, float]] = []
     for body in all_bodies:
         pose = np.array(body.geometry_object.placement.homogeneous)
         if body.joint:
-            pose = np.linalg.inv(_placement(pepper, frames[frame_joint[body.joint]])) @ pose
+            pose = from_joint[frame_joint[body.joint]] @ pose
         core, radius = _core(body.geometry_object.geometry, pose)
         rows.append((frame_joint.get(body.joint, -1), core, radius + body.padding))
     parents = [body.joint for body in all_bodies]
@@ -54,20 +54,24 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
     return made, frames
 
 
-def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, int]]:
-    """Return one link for each moving joint of the model, and Pinocchio's joint -> place of its link."""
+@lru_cache(maxsize=16)
+def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, int], tuple[Array, ...]]:
+    """Return a link for each moving joint, Pinocchio's joint -> place of its link, and poses of joints there."""
     model = pepper.inner_model
     first: dict[int, str] = {}
     for name in pepper.frame_names:
         first.setdefault(model.frames[pepper.frame_id(name)].parentJoint, name)
     joints = [j for j in range(1, model.njoints) if j in first]
-    return tuple(first[j] for j in joints), {j: k for k, j in enumerate(joints)}
+    frames = tuple(first[j] for j in joints)
+    poses = tuple(np.asarray(np.linalg.inv(_placement(pepper, frame)), float) for frame in frames)
+    return frames, {j: k for k, j in enumerate(joints)}, poses
 
 
 def _placement(pepper: PepperModel, link: str) -> Array:
     return np.array(pepper.inner_model.frames[pepper.frame_id(link)].placement.homogeneous)
 
 
+@lru_cache(maxsize=16)
 def _joints(pepper: PepperModel, frames: tuple[str, ...]) -> tuple[Any, Array, Any]:
     """Return frame, axis with origin, and kind of every joint, in the order of the model's coordinates."""
     import pinocchio
@@ -87,7 +91,7 @@ def _joints(pepper: PepperModel, frames: tuple[str, ...]) -> tuple[Any, Array, A
     return (
         np.array(order, np.int64),
         np.hstack([np.reshape(axes, (-1, 3)), np.reshape(origins, (-1, 3))]),
-        np.array(slides, np.bool_),
+        np.array(slides, np.int64),
     )
 
 
@@ -95,12 +99,12 @@ def _parent(pepper: PepperModel, link: str) -> int:
     return int(pepper.inner_model.frames[pepper.frame_id(link)].parentJoint)
 
 
-def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.bool_]:
+def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.int64]:
     model = pepper.inner_model
-    carried = np.zeros((len(parents), model.nv), np.bool_)
+    carried = np.zeros((len(parents), model.nv), np.int64)
     for body, parent in enumerate(parents):
         while parent > 0:
-            carried[body, model.joints[parent].idx_v] = True
+            carried[body, model.joints[parent].idx_v] = 1
             parent = model.parents[parent]
     return carried
 
@@ -125,7 +129,7 @@ def _core(shape: Any, pose: Array) -> tuple[Array, float]:
         shape.computeLocalAABB()
         low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
         half, center = (high - low) / 2, center + pose[:3, :3] @ (low + high) / 2
-    return np.concatenate([center, np.ravel(pose[:3, :3]), half, [kind]]), radius
+    return np.concatenate([center, np.ravel(pose[:3, :3].T), half, [kind]]), radius
 
 
 def _reaches(cores: Array) -> Array:

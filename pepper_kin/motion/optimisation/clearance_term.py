@@ -7,10 +7,30 @@ from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
 from pepper_kin.collision import Scene
+from pepper_kin.core.kernel_batch import evaluate_batch
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at, words_at
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
 from pepper_kin.motion.optimisation.bodies_of import bodies_of
-from pepper_kin.motion.optimisation.moving import Moving
-from pepper_kin.motion.optimisation.near_rows import near_rows
-from pepper_kin.planners.optimisation import Rows, Wall
+from pepper_kin.motion.optimisation.floors import FlooredTerm, any_below_zero
+from pepper_kin.motion.optimisation.moving import Moving, whole_states
+from pepper_kin.motion.optimisation.near_rows import (
+    Bodies,
+    NearRoom,
+    NearRows,
+    differentiate,
+    find_near_rows,
+    place_axes,
+)
+from pepper_kin.motion.optimisation.term_memory import (
+    ROOM,
+    floats_of,
+    memory_of,
+    set_array,
+    take,
+    words_of,
+)
+from pepper_kin.planners.optimisation import KINDS, ROWS, START, TIGHTEN, VALUES, add_row
 
 Array = NDArray[np.float64]
 
@@ -19,9 +39,16 @@ INFLUENCE = 0.08
 MOST_PAIRS = 8
 """Number of pairs that act at one sample: the nearest ones."""
 _SPARE = 2e-3  # [m]
+_POSE = 16
+
+_N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
+(
+    _FLOOR, _JOINTS, _REST, _FRAME, _CORES, _RADIUS, _REACH, _CARRIED, _JOINT_FRAME, _JOINT_AXIS, _SLIDES,
+    _PAIRS, _GAP, _COLUMNS, _ROOM,
+) = range(7, 37, 2)  # fmt: skip
 
 
-class ClearanceTerm:
+class ClearanceTerm(FlooredTerm):
     """(distance - margin - floor) / (influence - floor) of the nearest pairs at each sample.
 
     The floor is zero, but where the motion to start from is nearer than the margin: there it lies a little
@@ -34,72 +61,187 @@ class ClearanceTerm:
         per_interval: Samples in each interval of the spline.
         only_moving: Whether pairs that the moving joints carry alike are left out: a hand that hangs near the
             hip would lower the floor under the other hand's way.
+        closeness: Whether the values are one less the slacks, for a cost: max(1 - distance / influence, 0).
     """
 
+    kinked = True
+
     def __init__(
-        self, moving: Moving, scene: Scene, margin: float, per_interval: int, *, only_moving: bool = False
-    ) -> None:
-        self.per_interval, self.wall, self.kinked = per_interval, Wall.ABOVE_ZERO, True
-        self._moving, self._margin = moving, margin
-        self._bodies, self._frames = bodies_of(moving.pepper, scene, margin)
-        self._poses = kernel(moving.pepper, "frame_poses", self._frames) if self._frames else None
+        self, moving: Moving, scene: Scene, margin: float, per_interval: int, *, only_moving: bool = False,
+        closeness: bool = False,
+    ) -> None:  # fmt: skip
+        bodies, frames = bodies_of(moving.pepper, scene, margin)
+        poses = kernel(moving.pepper, "frame_poses", frames) if frames else None
         # d/dq = (d/dq_full) E, where mimic joints follow by q_full = E q + e.
-        self._columns = np.ascontiguousarray(moving.pepper.full_map[:, moving.joints])
+        columns = np.ascontiguousarray(moving.pepper.full_map[:, moving.joints])
         if only_moving:
-            apart = (
-                self._bodies.carried[self._bodies.pairs[:, 0]]
-                != self._bodies.carried[self._bodies.pairs[:, 1]]
-            )
-            places = np.flatnonzero((apart & (self._columns != 0).any(axis=1)).any(axis=1))
-            self._bodies = self._bodies._replace(
-                pairs=self._bodies.pairs[places], gap=self._bodies.gap[places]
-            )
-        self._floor: Array | float = 0.0
+            apart = bodies.carried[bodies.pairs[:, 0]] != bodies.carried[bodies.pairs[:, 1]]
+            places = np.flatnonzero((apart & (columns != 0).any(axis=1)).any(axis=1))
+            bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
+        address, room = (poses.batch_address, poses.work_size) if poses else (0, 0)
+        memory, kept = memory_of(
+            [moving.pepper.n, margin, address, room, len(frames), -1.0 if closeness else 1.0, 0.0],
+            [np.zeros(0), moving.joints, moving.rest, *bodies, columns, np.zeros(0)],
+        )
+        most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
+        # Poses, whole states, positions, centers, squares, cores with marks, rows; axes, words, work.
+        moved = moving.pepper.n + moving.joints.size
+        self._room_size = (
+            _POSE * len(frames) + moved + 20 * count + 8 * most + 2, 7 * joints + 16 + room
+        )  # fmt: skip
+        self._room = np.zeros(0)
+        super().__init__(
+            clearance_rows.address, memory, _FLOOR, most, per_interval,
+            keep_alive=(poses, kept),
+        )  # fmt: skip
+
+    def reserve(self, count: int) -> None:
+        """Make room in memory for a number of samples."""
+        size = count * self._room_size[0] + self._room_size[1]
+        if size > self._room.size:
+            self._room = np.zeros(size)
+            self.memory[_KNOWN] = 0.0
+            set_array(self.memory, _ROOM, self._room)
 
     def distances(self, q: Array) -> Array:
         """Return the least distances beyond the margin at moving joints' positions, shape (K,) [m].
 
         Those of `INFLUENCE` and more count as `INFLUENCE`.
         """
-        return self._near(q, False)[0][:, 0]
+        found = np.empty(len(q))
+        self.reserve(len(q))
+        least_distances(self.memory, np.ascontiguousarray(q), found)
+        return found
 
-    def __len__(self) -> int:
-        return len(self._bodies.pairs)
 
-    def start_from(self, q: Array) -> None:
-        """Lower the floors under a motion's distances, given at the samples, shape (K, k)."""
-        self._floor = self._floor_under(q)
+@compiled
+def _bodies_in(memory: Floats1) -> Bodies:
+    frame, pairs, slides = words_of(memory, _FRAME), words_of(memory, _PAIRS), words_of(memory, _SLIDES)
+    count, joints = frame.size, slides.size
+    return Bodies(
+        frame, floats_of(memory, _CORES).reshape((count, 16)), floats_of(memory, _RADIUS),
+        floats_of(memory, _REACH), words_of(memory, _CARRIED).reshape((count, joints)),
+        words_of(memory, _JOINT_FRAME), floats_of(memory, _JOINT_AXIS).reshape((joints, 6)), slides,
+        pairs.reshape((pairs.size // 2, 2)), floats_of(memory, _GAP),
+    )  # fmt: skip
 
-    def tighten(self, q: Array) -> None:
-        """Raise the floors where a motion keeps more distance now; it stays above them."""
-        if np.min(self._floor) < 0.0:
-            self._floor = np.maximum(self._floor, self._floor_under(q))
 
-    def _floor_under(self, q: Array) -> Array:
-        distances = self.distances(q)
+@compiled
+def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Floats4, NearRows, NearRoom]:
+    """Return the poses and the nearest pairs at positions of the moving joints, and room that was used.
+
+    Asked again for the same positions, as a step asks after the search along the last one, it has them.
+    """
+    n, frames, bodies = int(memory[_N]), int(memory[_FRAMES]), _bodies_in(memory)
+    room, used, size, joints = (
+        floats_of(memory, _ROOM),
+        np.zeros(1, np.int64),
+        bodies.frame.size,
+        bodies.slides.size,
+    )
+    poses = take(room, used, count * frames * _POSE)
+    whole, work = take(room, used, count * n), take(room, used, int(memory[_WORK]) + 8)
+    words = words_at(take(room, used, 8).ctypes.data, 8)
+    last = take(room, used, q.size)
+    near_room = NearRoom(
+        take(room, used, 3 * size * count).reshape((size, 3, count)), take(room, used, count),
+        take(room, used, 16 * size * count).reshape((count, size, 16)),
+        take(room, used, size * count).reshape((count, size)),
+        take(room, used, 6 * joints).reshape((joints, 6)), take(room, used, joints),
+    )  # fmt: skip
+    near = NearRows(
+        take(room, used, count * most).reshape((count, most)),
+        words_at(take(room, used, count * most).ctypes.data, count * most).reshape((count, most)),
+        take(room, used, 6 * count * most).reshape((count, most, 6)),
+        words_at(take(room, used, count).ctypes.data, count),
+    )  # fmt: skip
+    placed = poses.reshape((count, frames, 4, 4))
+    if memory[_KNOWN] == count * (MOST_PAIRS + 1) + most and _are_equal(last, q):
+        return placed, near, near_room
+    if frames > 0:
+        states = whole.reshape((count, n))
+        whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
+        flat = poses.reshape((count, _POSE * frames))
+        evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
+    find_near_rows(placed, bodies, INFLUENCE, near, near_room)
+    memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
+    for i in range(q.size):
+        last[i] = q[i]
+    return placed, near, near_room
+
+
+@compiled(lean=True)
+def _are_equal(first: Floats1, second: Floats1) -> bool:
+    same = True
+    for k in range(first.size):
+        same &= first[k] == second[k]
+    return same
+
+
+@compiled("void(float64[::1], float64[:, ::1], float64[::1])")
+def least_distances(memory: Floats1, q: Floats2, found: Floats1) -> None:
+    """Write the least distance beyond the margin at positions, shape (K,)."""
+    near = _search_near(memory, q.reshape(q.size), q.shape[0], 1)[1]
+    for k in range(q.shape[0]):
+        found[k] = near.distance[k, 0]
+
+
+@compiled
+def _move_floors(memory: Floats1, distance: Floats2, what: int) -> None:
+    """Lower the floors under a motion, or raise those that it lets rise."""
+    floors, margin = floats_of(memory, _FLOOR), memory[_MARGIN]
+    for k in range(floors.size):
+        apart = distance[k, 0] + margin
         # Half of what separates bodies may be used up, but no more: the floor must not let them touch.
-        apart = distances + self._margin
-        spare = np.where(apart > 0, np.minimum(2 * _SPARE, apart / 2), 2 * _SPARE)
-        return np.where(distances > _SPARE, 0.0, distances - spare)[:, None]
+        spare = min(2.0 * _SPARE, 0.5 * apart) if apart > 0.0 else 2.0 * _SPARE
+        under = 0.0 if distance[k, 0] > _SPARE else distance[k, 0] - spare
+        floors[k] = under if what == START else max(floors[k], under)
 
-    def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the slacks, shape (K, MOST_PAIRS), at states of the moving joints."""
-        return (self._near(q, False)[0] - self._floor) / (INFLUENCE - self._floor)
 
-    def rows(self, q: Array, v: Array, a: Array) -> Rows:
-        """Return the slacks and their derivatives."""
-        distance, gradient = self._near(q, True)
-        room = INFLUENCE - self._floor
-        by_position = gradient @ self._columns / np.reshape(room, (-1, 1, 1))
-        return Rows((distance - self._floor) / room, by_position)
+@compiled
+def _write_slopes(memory: Floats1, poses: Floats4, near: NearRows, room: NearRoom, slopes: Floats1) -> None:
+    """Write the derivatives of the slacks by the moving joints, shape (K, MOST_PAIRS, n), flat."""
+    floors, sign, columns = floats_of(memory, _FLOOR), memory[_SIGN], floats_of(memory, _COLUMNS)
+    bodies, moving, axes = _bodies_in(memory), words_of(memory, _JOINTS).size, room.axes
+    most, gradient = near.distance.shape[1], room.gradient
+    for k in range(near.found.size):
+        floor = floors[k] if k < floors.size else 0.0
+        scale = sign / (INFLUENCE - floor)
+        if near.found[k] > 0:
+            place_axes(poses, k, bodies, axes)
+        for r in range(most):
+            begin = (k * most + r) * moving
+            own = slopes[begin : begin + moving]
+            for j in range(moving):
+                own[j] = 0.0
+            if r >= near.found[k]:
+                continue
+            differentiate(bodies, near, k, r, axes, gradient)
+            for c in range(gradient.size):
+                if gradient[c] != 0.0:
+                    add_row(own, scale * gradient[c], columns[c * moving : (c + 1) * moving])
 
-    def _near(self, q: Array, with_gradient: bool) -> tuple[Array, Array]:
-        count, frames = len(q), len(self._frames)
-        poses = np.empty((count, 0, 4, 4))
-        if self._poses is not None:
-            poses = np.asarray(self._poses(self._moving.positions(q))).reshape(count, frames, 4, 4)
-        distance = np.empty((count, MOST_PAIRS))
-        joints = len(self._bodies.slides)
-        gradient = np.empty((count, MOST_PAIRS, joints) if with_gradient else (0, 0, 0))
-        near_rows(poses, self._bodies, INFLUENCE, distance, gradient, with_gradient)
-        return distance, gradient
+
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def clearance_rows(states: int, result: int, asked: int, memory_address: int) -> int:
+    """Evaluate such a term; see `CompiledTerm`."""
+    what, count = asked % KINDS, asked // KINDS
+    memory = floats_at(memory_address, ROOM)
+    floors, moving = floats_of(memory, _FLOOR), words_of(memory, _JOINTS).size
+    if what == TIGHTEN and not any_below_zero(floors):
+        return 0
+    most = min(MOST_PAIRS, floats_of(memory, _GAP).size)
+    poses, near, room = _search_near(memory, floats_at(states, count * moving), count, most)
+    if what != VALUES and what != ROWS:
+        _move_floors(memory, near.distance, what)
+        return 0
+    values, sign = floats_at(result, count * most), memory[_SIGN]
+    for k in range(count):
+        floor = floors[k] if k < floors.size else 0.0
+        for r in range(most):
+            slack = (near.distance[k, r] - floor) / (INFLUENCE - floor)
+            values[k * most + r] = slack if sign > 0.0 else 1.0 - slack
+    if what == ROWS:
+        size = count * most
+        _write_slopes(memory, poses, near, room, floats_at(result + 8 * size, size * moving))
+    return 0

@@ -25,7 +25,7 @@ class Cost:
         time T + jerk J + effort E + clearance C
         J = integral of sum_j (jerk_j / greatest acceleration_j)^2 dt   [1/s]
         E = integral of sum_j (torque_j / greatest torque_j)^2 dt       [s]
-        C = integral of sum (1 - distance / CLEARANCE_WISH)^2 dt        [s], over the nearest pairs of bodies
+        C = integral of sum (1 - distance / INFLUENCE)^2 dt             [s], over the nearest pairs of bodies
                                                                         that are nearer than that
 
     Attributes:

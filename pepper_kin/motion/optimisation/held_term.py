@@ -47,7 +47,9 @@ class HeldTerm:
             SHARE * np.asarray(manifold.tolerances)[:, None]
         ) ** 2
 
-    def __len__(self) -> int:
+    @property
+    def rows_count(self) -> int:
+        """Number of rows of a sample."""
         return self._count
 
     def start_from(self, q: Array) -> None:

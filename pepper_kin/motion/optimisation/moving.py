@@ -1,4 +1,4 @@
-"""The joints that a motion moves, among all joints of the robot."""
+"""Some joints of a robot that move, the others standing still."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 from pepper_kin.model import PepperModel
 
 Array = NDArray[np.float64]
@@ -26,14 +28,13 @@ class Moving:
     joints: NDArray[np.int64]
     rest: Array
 
-    def positions(self, x: Array) -> Array:
-        """Return whole configurations, shape (m, n), of the moving joints' positions, shape (m, k)."""
-        q = np.tile(self.rest, (len(x), 1))
-        q[:, self.joints] = x
-        return q
 
-    def rates(self, x: Array) -> Array:
-        """Return whole velocities or accelerations, shape (m, n), of the moving joints' ones."""
-        v = np.zeros((len(x), self.pepper.n))
-        v[:, self.joints] = x
-        return v
+@compiled(lean=True)
+def whole_states(states: Floats1, joints: Ints1, rest: Floats1, whole: Floats2) -> None:
+    """Write whole vectors, shape (m, n), of the moving joints' ones, shape (m k,); others are as at rest."""
+    n = joints.size
+    for k in range(whole.shape[0]):
+        for j in range(whole.shape[1]):
+            whole[k, j] = rest[j]
+        for j in range(n):
+            whole[k, joints[j]] = states[k * n + j]

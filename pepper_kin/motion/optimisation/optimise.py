@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision import Scene, checker_for
-from pepper_kin.collision.dependent_ranges import dependent_ranges
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.collision import Scene
+from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
+from pepper_kin.motion.examination import hull_of, is_clear
 from pepper_kin.motion.optimisation.cost import Cost, figures_of
 from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimisation import FATROP, Descent, OptimisationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
+from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import PathLike
@@ -36,9 +39,11 @@ SOLVERS = ("newton", "ipopt", FATROP)
 TIMEOUT = 5.0
 """Wall time of a search, if nothing else is said [s]."""
 _STEP = 0.001  # [s], between the states at which the result is examined
-_COAL_STATES = 16  # of them, the nearest to anything, are measured by coal
+_DISTANCE_STEP = 0.004  # [s], between those whose distances are measured
 _CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
 _MORE = 1.0 + 1e-6
+_DETOUR = 0.25  # share of a joint's range by which other starts leave the straight line at most
+_TORQUE_SPARE = 1.0 - 3e-4  # share of the torques that may be used at every millisecond
 _KEPT = 0.5  # share of the margin that the motion between samples must keep
 
 
@@ -55,10 +60,13 @@ def optimise(
     acceleration_scale: float = 1.0,
     torque_scale: float = 1.0,
     balance: float | None = None,
+    jerk: JerkLike | None = None,
     constraints: Sequence[Task | TaskGroup] = (),
     max_iterations: int = 40,
     timeout: float | None = None,
     solver: str = "newton",
+    starts: int = 1,
+    seed: int = 0,
 ) -> Optimised:
     """Make a motion cheaper, path and timing together, within all limits.
 
@@ -84,10 +92,15 @@ def optimise(
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
         torque_scale: Share of the effort limits to use, in (0, 1].
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
+        jerk: Limits of jerk as in `retime`, which hold at every instant; None for none.  A path that is given
+            is timed without them to start from.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
         max_iterations: Newton steps at most; ten times as many of a general solver.
         timeout: Wall time of the search [s], then the best is taken; `TIMEOUT` if omitted; not for "fatrop".
         solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver: references, slower.
+        starts: Number of motions to start from, in turn: that along the path, then two straight lines by a
+            random posture each.  The cheapest result is kept.
+        seed: Seed of these postures.
 
     Returns:
         The result; its trajectory is never worse than the one to start from (which may collide if it does).
@@ -102,16 +115,33 @@ def optimise(
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
     wanted, seconds = _checked(margin, timeout, duration, solver)
-    before = _timed(pepper, path, velocity_scale, acceleration_scale, torque_scale, balance)
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise InvalidValueError("starts", starts, "a whole number of at least 1")
+    scales = (velocity_scale, acceleration_scale, torque_scale)
+    before = _timed(pepper, path, *scales, balance)
     velocity, acceleration = pepper.velocity_limits, pepper.acceleration_limits
     torque = pepper.effort_limits * torque_scale
     limits = Limits(velocity * velocity_scale, acceleration * acceleration_scale, torque, balance)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
-    problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks)
-    judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks)
-    judged = judge(problem.descend(wanted, max_iterations, seconds, solver))
-    return replace(judged, time=time.perf_counter() - begin)
+    rate = None if jerk is None else jerk_limits(pepper, jerk)
+    problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks, jerk=rate)
+    judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks, rate)
+    best = judge(problem, problem.descend(wanted, max_iterations, seconds, solver))
+    for other in _detours(pepper, before, starts, seed, scales):
+        left = seconds - (time.perf_counter() - begin)
+        if left <= 0.0:
+            break
+        problem = SplineProblem(pepper, other, world, weights, limits, margin, intervals, tasks, jerk=rate)
+        found = judge(problem, problem.descend(wanted, max_iterations, left, solver))
+        if found.success and not (best.success and _cost_of(best) <= _cost_of(found)):
+            best = found
+    return replace(best, time=time.perf_counter() - begin)
+
+
+def _cost_of(found: Optimised) -> float:
+    """Return the cost that a search ended with; inf without a search."""
+    return float("inf") if found.descent is None else found.descent.cost
 
 
 def _checked(
@@ -152,10 +182,8 @@ def _timed(
                 "joints of the trajectory", ", ".join(path.joint_names), ", ".join(pepper.joint_names)
             )
         return path
-    if isinstance(path, Plan):
-        if path.path is None:
-            raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
-        path = path.path
+    if isinstance(path, Plan) and path.path is None:
+        raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
     return retime(
         pepper,
         path,
@@ -166,12 +194,30 @@ def _timed(
     )
 
 
+def _detours(
+    pepper: PepperModel, before: Trajectory, starts: int, seed: int, scales: tuple[float, float, float]
+) -> Iterator[Trajectory]:
+    """Return motions along two straight lines from start to goal, by random postures of moving joints."""
+    rng, first, last = np.random.default_rng(seed), before.start, before.end
+    moving = first != last
+    spare = np.where(np.isfinite(pepper.upper_limits - pepper.lower_limits), 0.0, np.pi)
+    low = np.where(spare > 0, np.minimum(first, last) - spare, pepper.lower_limits)
+    high = np.where(spare > 0, np.maximum(first, last) + spare, pepper.upper_limits)
+    for _ in range(starts - 1):
+        share = _DETOUR * rng.uniform(-1.0, 1.0, pepper.n)
+        middle = np.where(moving, np.clip((first + last) / 2 + share * (high - low), low, high), first)
+        try:
+            yield _timed(pepper, np.stack([first, middle, last]), *scales, None)
+        except (InfeasibleError, LimitError):
+            continue
+
+
 @dataclass(frozen=True, eq=False)
 class _Judge:
     """Examines what a search found, and returns it if it is clear and cheaper than the motion before."""
 
     pepper: PepperModel
-    problem: SplineProblem
+    given: SplineProblem
     before: Trajectory
     scene: Scene
     cost: Cost
@@ -179,9 +225,10 @@ class _Judge:
     margin: float
     wanted: float | None
     tasks: tuple[Task, ...]
+    jerk: Array | None
 
-    def __call__(self, descent: Descent) -> Optimised:
-        """Return the outcome of a descent."""
+    def __call__(self, problem: SplineProblem, descent: Descent) -> Optimised:
+        """Return the outcome of a descent on a problem, that of the motion before or another."""
         old = figures_of(self.pepper, self.before)
 
         def refused(status: OptimisedStatus, message: str) -> Optimised:
@@ -192,18 +239,20 @@ class _Judge:
 
         if descent.status is OptimisationStatus.START_INFEASIBLE:
             what = "slow motion" if self.wanted is None else f"motion of {self.wanted:.3g} s"
-            return refused(OptimisedStatus.NO_ROOM, f"No {what} near the path keeps all limits.")
-        found = self.problem.trajectory(descent)
+            why = problem.broken(descent)
+            return refused(OptimisedStatus.NO_ROOM, f"No {what} near the path keeps all limits. {why}")
+        found = problem.trajectory(descent)
         states = found(sample_times(found.duration, _STEP))
-        stretch = measure_use(self.pepper, states, self.limits).stretch
+        limits = replace(self.limits, torque=_TORQUE_SPARE * np.asarray(self.limits.torque))
+        stretch = measure_use(self.pepper, states, limits).stretch
         if not np.isfinite(stretch):
             return refused(OptimisedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
         if stretch > 1.0:
             found = found.scaled(stretch * _MORE)
-        clearance = self._clearance(states.position)
-        if not clearance > max(min(_KEPT * self.margin, 0.9 * self.problem.clearance_before), 0.0):
+        clearance = self._clearance(problem, found)
+        if not clearance > max(min(_KEPT * self.margin, 0.9 * problem.clearance_before), 0.0):
             near = f"comes as near as {clearance * 1000:.1f} mm to something"
-            text = near if np.isfinite(clearance) else "lets neighbouring links touch, by their joint ranges"
+            text = near if np.isfinite(clearance) else "touches something, or may do so"
             return refused(OptimisedStatus.NOT_CLEAR, f"The optimised motion {text}.")
         errors = self._errors(found)
         for task, error in zip(self.tasks, errors, strict=True):
@@ -215,7 +264,8 @@ class _Judge:
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
         )
-        judged_by_cost = self.wanted is None and self.cost.clearance == 0 and self._before_is_clear()
+        free = self.wanted is None and self.cost.clearance == 0 and self.jerk is None
+        judged_by_cost = free and self._before_is_clear()
         if judged_by_cost and not new.cost(self.cost) < old.cost(self.cost):
             return refused(OptimisedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
         message = f"Went from {gain} in {descent.iterations} steps."
@@ -225,11 +275,10 @@ class _Judge:
         )  # fmt: skip
 
     def _before_is_clear(self) -> bool:
-        q = self.before(sample_times(self.before.duration, _STEP)).position
-        touching = any(table.violated(q).any() for table in dependent_ranges(self.pepper))
         kept = zip(self.tasks, self._errors(self.before), strict=True)
-        off = any(error > task.tolerance * _MORE for task, error in kept)
-        return self.problem.clearance_before > 0 and not touching and not off
+        if any(error > task.tolerance * _MORE for task, error in kept):
+            return False
+        return self.given.clearance_before > 0 and _touches_nothing(self.pepper, self.before, self.scene)
 
     def _errors(self, motion: Trajectory) -> tuple[float, ...]:
         """Return the largest error of each task along a motion, by Pinocchio."""
@@ -239,9 +288,22 @@ class _Judge:
         q = motion(times).position
         return tuple(max(task.error(self.pepper, state) for state in q) for task in self.tasks)
 
-    def _clearance(self, q: Array) -> float:
-        """Return the least distance along a motion [m] by coal; -inf where neighbouring bodies touch."""
-        if any(table.violated(q).any() for table in dependent_ranges(self.pepper)):
+    def _clearance(self, problem: SplineProblem, motion: Trajectory) -> float:
+        """Return the least distance along a motion [m], by the search; -inf where something touches.
+
+        That nothing touches is proven along all of the motion; distances are measured every 4 ms.
+        """
+        if not _touches_nothing(self.pepper, motion, self.scene):
             return -float("inf")
-        nearest = np.argsort(self.problem.distances(q), kind="stable")[:_COAL_STATES]
-        return float(checker_for(self.pepper, self.scene).clearance(q[nearest]).min(initial=np.inf))
+        times = sample_times(motion.duration, _DISTANCE_STEP)
+        return float(problem.distances(motion(times).position).min())
+
+
+def _touches_nothing(pepper: PepperModel, motion: Trajectory, scene: Scene) -> bool:
+    """Whether nothing touches anywhere along a motion; see `examination.is_clear`."""
+    held = tuple((item.frame, item.extent) for item in scene.attached.values())
+    reach = motion_bounds(pepper, held=held)
+    if not np.isfinite(reach).all():
+        reach = motion_bounds(pepper, *hull_of(motion.breaks, motion.coefficients), held)
+    checks = Checks(pepper, scene)
+    return is_clear(checks, motion.breaks, motion.coefficients, reach, (0.0, 0.0), held=False)

@@ -13,7 +13,6 @@ from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.balance_term import BalanceTerm
 from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm
-from pepper_kin.motion.optimisation.closeness_term import ClosenessTerm
 from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
 from pepper_kin.motion.optimisation.held_term import HeldTerm
 from pepper_kin.motion.optimisation.moving import Moving
@@ -24,6 +23,7 @@ from pepper_kin.planners.optimisation import (
     Descent,
     Objective,
     RestSpline,
+    Term,
     Weights,
     descend,
     descend_by,
@@ -43,6 +43,13 @@ _FIRST_STRETCH, _STRETCH, _MOST_STRETCHES = 1.1, 1.2, 25
 _INSIDE = 1e-4  # of the range: how far first control points keep from position limits
 _RANGE_MARGIN = 0.002  # [m] kept by neighbouring bodies, whose ranges change in steps between samples
 _SMALL = 1e-9  # weight of the jerk where only time counts: keeps the problem well posed
+_LIMITS = ("position", "velocity", "acceleration", "jerk")
+_WHAT = {
+    "ClearanceTerm": "the distance to things",
+    "RangeTerm": "neighboring bodies apart",
+    "HeldTerm": "the tasks",
+    "BalanceTerm": "the balance",
+}
 _SHORT = 0.995  # of the wanted duration, from which the search slows down to it
 
 
@@ -59,6 +66,7 @@ class SplineProblem:
         intervals: Pieces of the spline.
         tasks: IK tasks that stay met along the motion.
         all_joints: Whether joints that stand still in the motion to start from may move, too.
+        jerk: Limits of jerk of all joints, shape (n,); None for none.
 
     Attributes:
         clearance_before: Least distance of the motion to start from, at samples [m]; see `distances`.
@@ -76,6 +84,7 @@ class SplineProblem:
         tasks: Sequence[Task] = (),
         *,
         all_joints: bool = False,
+        jerk: Array | None = None,
     ) -> None:
         path = before(np.linspace(0.0, before.duration, _FIT_SAMPLES * max(int(intervals), 4) + 1)).position
         joints = np.flatnonzero(np.ptp(path, axis=0) > _STILL)
@@ -97,21 +106,23 @@ class SplineProblem:
         constraints: list[RangeTerm | ClearanceTerm | HeldTerm] = [HeldTerm(self._moving, tasks, 4)]
         if scene is not None:
             constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), apart]
-        near = ClosenessTerm(ClearanceTerm(self._moving, scene or Scene(), 0.0, 2))
-        self._floors = [term for term in constraints if len(term)]
+        costs: list[tuple[float, Term]] = []
+        if cost.effort > 0:
+            costs.append((cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)))
+        if cost.clearance > 0:
+            near = ClearanceTerm(self._moving, scene or Scene(), 0.0, 2, closeness=True)
+            costs.append((cost.clearance, near))
+        self._floors = [term for term in constraints if term.rows_count]
         standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
             self._spline,
-            Bounds(lower, upper, velocity, acceleration),
+            Bounds(lower, upper, velocity, acceleration, None if jerk is None else jerk[joints]),
             Weights(cost.time, max(cost.jerk, _SMALL), jerk_scale(pepper)[joints]),
             [torque, *standing, *self._floors],
-            [
-                (cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)),
-                (cost.clearance, near),
-            ],
+            costs,
         )
-        self.clearance_before = float(self.distances(path).min())
+        self.clearance_before = float(self.distances(path[:: _FIT_SAMPLES // 4]).min())
 
     def distances(self, q: Array) -> Array:
         """Return the least distances at whole configurations, shape (m, n) -> (m,) [m].
@@ -145,10 +156,7 @@ class SplineProblem:
                 max_iterations=GENERAL_STEPS * max_iterations, timeout=timeout,
             )  # fmt: skip
         if wanted is None:
-            return descend(
-                objective, self._first, duration,
-                max_iterations=max_iterations, timeout=timeout, after_step=self._tighten,
-            )  # fmt: skip
+            return descend(objective, self._first, duration, max_iterations=max_iterations, timeout=timeout)
         x = self._first
         if duration >= wanted:
             hurry = Objective(
@@ -156,14 +164,12 @@ class SplineProblem:
                 objective.constraints,
             )  # fmt: skip
             short = descend(
-                hurry, x, duration, max_iterations=max_iterations, timeout=timeout,
-                after_step=lambda c, t: self._tighten(c, t) or t < _SHORT * wanted,
-            )  # fmt: skip
+                hurry, x, duration, max_iterations=max_iterations, timeout=timeout, stop_below=_SHORT * wanted
+            )
             x = short.unknowns
         return descend(
-            objective, x, wanted, free_duration=False,
-            max_iterations=max_iterations, timeout=timeout, after_step=self._tighten,
-        )  # fmt: skip
+            objective, x, wanted, free_duration=False, max_iterations=max_iterations, timeout=timeout
+        )
 
     def trajectory(self, descent: Descent) -> Trajectory:
         """Return the motion of all joints that a descent found."""
@@ -178,12 +184,27 @@ class SplineProblem:
         """Return a duration in which a motion keeps all limits with room to spare, if there is one."""
         duration = _FIRST_STRETCH * self._before.duration
         for _ in range(_MOST_STRETCHES):
-            if self._objective.barrier(control, duration) < np.inf:
+            if self._objective.measure(control, duration)[1] < np.inf:
                 break
             duration *= _STRETCH
         return 1.05 * duration
 
-    def _tighten(self, control: Array, duration: float) -> bool:
-        for term in self._floors:
-            term.tighten(self._objective.samples(term, control))
-        return False
+    def broken(self, descent: Descent) -> str:
+        """Say which limit or constraint the motion of a descent breaks most, and where."""
+        objective = self._objective
+        control = self._spline.control_points(descent.unknowns)
+        share, order, joint = objective.worst_slack(control, descent.duration)
+        if share <= 0.0:
+            name = self._moving.pepper.joint_names[self._moving.joints[joint]]
+            return f"It breaks the {_LIMITS[order]} limit of {name} by {-share:.1%}."
+        for term in objective.constraints:
+            values = term.values(*objective.states(term, control, descent.duration))
+            if not np.isfinite(term.wall.barrier(values)):
+                sample, row = np.unravel_index(np.argmax(np.abs(values)), values.shape)
+                if isinstance(term, TorqueTerm):
+                    return (
+                        f"It takes {abs(values[sample, row]):.1%} of the torque of {term.joint_names[row]}."
+                    )
+                at = float(np.argmin(values.min(axis=1))) / len(values)
+                return f"It does not keep {_WHAT[type(term).__name__]} after {at:.0%} of its duration."
+        return "It keeps them at samples only."

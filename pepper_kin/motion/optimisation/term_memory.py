@@ -1,0 +1,56 @@
+"""Memory of compiled terms: numbers, and the addresses of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at, words_at
+from pepper_kin.kernels.signatures import Floats1, Ints1
+
+Array = NDArray[np.float64]
+
+ROOM = 48
+"""Most numbers of such a memory."""
+
+
+def memory_of(numbers: list[float], arrays: list[np.ndarray]) -> tuple[Array, list[np.ndarray]]:
+    """Return a memory that holds numbers, then address and size of each array, and what it points to.
+
+    Addresses are below 2^53, and so are exact.
+
+    Args:
+        numbers: Whatever the term needs.
+        arrays: Of float64 or int64.
+    """
+    memory, kept = np.zeros(ROOM), [np.ascontiguousarray(array) for array in arrays]
+    memory[: len(numbers)] = numbers
+    for place, array in enumerate(kept):
+        set_array(memory, len(numbers) + 2 * place, array)
+    return memory, kept
+
+
+def set_array(memory: Array, place: int, array: np.ndarray) -> None:
+    """Write address and size of an array to a memory."""
+    memory[place : place + 2] = array.ctypes.data, array.size
+
+
+@compiled
+def take(room: Floats1, used: Ints1, size: int) -> Floats1:
+    """Return the next part of a room, and count it as used."""
+    begin = used[0]
+    used[0] = begin + size
+    return room[begin : begin + size]
+
+
+@compiled
+def floats_of(memory: Floats1, place: int) -> Floats1:
+    """Return the array of float64 whose address is at a place of a memory."""
+    return floats_at(int(memory[place]), int(memory[place + 1]))
+
+
+@compiled
+def words_of(memory: Floats1, place: int) -> Ints1:
+    """Return the array of int64 whose address is at a place of a memory."""
+    return words_at(int(memory[place]), int(memory[place + 1]))

@@ -1,0 +1,158 @@
+"""Terms as C functions at addresses, which the compiled search calls without Python."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.signatures import Floats1, Floats3
+
+from ..vectors import FloatArray
+from .rows import Rows, Term, Wall
+
+VALUES, ROWS, START, TIGHTEN = range(4)
+"""What a term is asked for: values; values and derivatives; to lower its floors under a motion that breaks
+it; to raise them again where a motion keeps it."""
+KINDS = 4
+FAILED = 1
+"""What a term returns that could not be evaluated."""
+
+_Signature = ctypes.CFUNCTYPE(
+    ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
+)
+
+
+class CompiledTerm:
+    """A term that is machine code.
+
+    At the address is a C function
+
+        int64_t term(const double *states, double *result, int64_t what, double *memory)
+
+    `what` is 4 K + VALUES, ROWS, START or TIGHTEN for K samples.  `states` are their positions, velocities
+    and accelerations, shape (3, K, n).  The result are the values, shape (K, R), and, for ROWS, their
+    derivatives by positions, shape (K, R, n), followed by those by velocities and accelerations where the
+    term depends on them.  START and TIGHTEN write to the memory alone.  It returns 0, or FAILED.
+
+    Attributes:
+        address: Address of the function.
+        memory: Its memory.
+        rows_count: R.
+        parts: 1 where values depend on positions only, else 3.
+        per_interval: Samples in each interval of the spline.
+        wall: Which values are allowed.
+        has_floors: Whether START and TIGHTEN mean anything to it.
+    """
+
+    def __init__(
+        self, address: int, memory: FloatArray, rows_count: int, parts: int, per_interval: int, wall: Wall,
+        *, has_floors: bool = False, keep_alive: object = None,
+    ) -> None:  # fmt: skip
+        self.address, self.memory, self.rows_count, self.parts = address, memory, rows_count, parts
+        self.per_interval, self.wall, self.has_floors = per_interval, wall, has_floors
+        self._keep_alive = keep_alive
+
+    def values(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        """Return the values, shape (K, R), at positions, velocities and accelerations, shape (K, n)."""
+        return self._ask(VALUES, q, v, a)[: q.shape[0] * self.rows_count].reshape(-1, self.rows_count)
+
+    def rows(self, q: FloatArray, v: FloatArray, a: FloatArray) -> Rows:
+        """Return the values and their derivatives."""
+        size, n = q.shape[0] * self.rows_count, q.shape[1]
+        numbers = self._ask(ROWS, q, v, a)
+        slopes = numbers[size:].reshape(self.parts, -1, self.rows_count, n)
+        return Rows(numbers[:size].reshape(-1, self.rows_count), *slopes)
+
+    def start_from(self, q: FloatArray) -> None:
+        """Lower the floors under a motion, given at the samples, shape (K, n)."""
+        self._ask(START, q, 0 * q, 0 * q)
+
+    def tighten(self, q: FloatArray) -> None:
+        """Raise the floors where a motion keeps the term better now; it stays above them."""
+        self._ask(TIGHTEN, q, 0 * q, 0 * q)
+
+    def reserve(self, count: int) -> None:
+        """Make room in memory for a number of samples; terms that need none do nothing."""
+
+    def _ask(self, what: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        self.reserve(len(q))
+        states = np.stack([q, v, a]).astype(float)
+        size = q.shape[0] * self.rows_count * (1 + self.parts * q.shape[1])
+        result = np.zeros(max(size, 1))
+        ask(self.address, states, result, what, self.memory)
+        return result[:size]
+
+
+@compiled("int64(int64, float64[:, :, ::1], float64[::1], int64, float64[::1])", lean=True)
+def ask(address: int, states: Floats3, result: Floats1, what: int, memory: Floats1) -> int:
+    """Call a term; see `CompiledTerm`."""
+    asked = KINDS * states.shape[1] + what
+    return call_four(address, states.ctypes.data, result.ctypes.data, asked, memory.ctypes.data)
+
+
+class CalledBack:
+    """A term in Python behind the address of a C function.
+
+    An exception cannot pass through machine code: the search is told that the term failed, and `check` raises
+    it.
+
+    Args:
+        term: The term.
+        n: Number of coordinates.
+        states: Some states at which it can be asked what it depends on, shape (3, K, n).
+
+    Attributes:
+        compiled: The C function.
+    """
+
+    def __init__(self, term: Term, n: int, states: FloatArray) -> None:
+        self._term, self._n = term, n
+        self._error: BaseException | None = None
+        rows = term.rows(*states)
+        self._count = rows.value.shape[1]
+        self._parts = 1 if rows.by_velocity is None and rows.by_acceleration is None else 3
+        function = _Signature(self._answer)
+        address = ctypes.cast(function, ctypes.c_void_p).value or 0
+        self.compiled = CompiledTerm(
+            address, np.zeros(1), self._count, self._parts, term.per_interval, term.wall,
+            has_floors=hasattr(term, "tighten"), keep_alive=function,
+        )  # fmt: skip
+
+    def check(self) -> None:
+        """Raise what the term raised."""
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def _answer(self, states: int, result: int, asked: int, memory: int) -> int:
+        if self._error is not None:
+            return FAILED
+        try:
+            what, count = asked % KINDS, asked // KINDS
+            q, v, a = _array(states, 3 * count * self._n).reshape(3, count, self._n)
+            if what in (START, TIGHTEN):
+                term: Any = self._term
+                (term.start_from if what == START else term.tighten)(q)
+                return 0
+            size = count * self._count
+            if what == VALUES:
+                _array(result, size)[:] = self._term.values(q, v, a).ravel()
+                return 0
+            rows = self._term.rows(q, v, a)
+            numbers = _array(result, size * (1 + self._parts * self._n))
+            numbers[:size] = rows.value.ravel()
+            slopes = (rows.by_position, rows.by_velocity, rows.by_acceleration)
+            for part, slope in zip(numbers[size:].reshape(self._parts, -1), slopes, strict=False):
+                part[:] = 0.0 if slope is None else np.ravel(slope)
+            return 0
+        except BaseException as error:  # also an interrupt from the keyboard
+            self._error = error
+            return FAILED
+
+
+def _array(address: int, size: int) -> FloatArray:
+    return np.frombuffer(memoryview((ctypes.c_double * size).from_address(address)), np.float64)

@@ -1,0 +1,193 @@
+"""Cost and barrier of a motion, compiled."""
+
+from __future__ import annotations
+
+import math
+
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.signatures import Floats1, Floats2
+
+from .compiled_term import FAILED, KINDS, TIGHTEN, VALUES
+from .tables import (
+    ADDRESS,
+    COST,
+    FIRST,
+    FIXED,
+    FLOORS,
+    MEMORY,
+    ORDERS,
+    ROWS_COUNT,
+    SAMPLING,
+    WALL,
+    WALLS,
+    WITHIN_ONE,
+    Tables,
+    Workspace,
+)
+
+_TINY = 1e-200
+
+
+@compiled(lean=True)
+def sample(tables: Tables, work: Workspace, control: Floats2, duration: float) -> None:
+    """Write positions, velocities and accelerations at all samples."""
+    n, order_count = control.shape[1], tables.basis.shape[3]
+    for s in range(tables.counts.shape[0]):
+        count, per = tables.counts[s, 0], tables.counts[s, 1]
+        states, scale = work.states[s], 1.0
+        for order in range(3):
+            for k in range(count):
+                place, first = (order * count + k) * n, k // per
+                for j in range(n):
+                    states[place + j] = 0.0
+                for i in range(order_count):
+                    weight = tables.basis[s, order, k, i] * scale
+                    if weight != 0.0:
+                        for j in range(n):
+                            states[place + j] += weight * control[first + i, j]
+            scale /= duration
+
+
+@compiled(lean=True)
+def ask_term(tables: Tables, work: Workspace, t: int, what: int) -> bool:
+    """Call a term at its samples; return whether it answered."""
+    term = tables.terms[t]
+    states = work.states[term[SAMPLING]]
+    asked = KINDS * tables.counts[term[SAMPLING], 0] + what
+    result = work.results[term[FIRST] :]
+    return call_four(term[ADDRESS], states.ctypes.data, result.ctypes.data, asked, term[MEMORY]) != FAILED
+
+
+@compiled(lean=True)
+def fill_slacks(tables: Tables, work: Workspace, control: Floats2, duration: float) -> None:
+    """Write what is left to the limits of positions and rates, as shares; 1 for limits that are not there."""
+    count, n = control.shape
+    slacks, box, rates = work.slacks, tables.box, tables.rates
+    for i in range(count):
+        inner = FIXED <= i < count - FIXED
+        for j in range(n):
+            slacks[0, i, j] = (control[i, j] - box[0, j]) / box[2, j] if inner else 1.0
+            slacks[1, i, j] = (box[1, j] - control[i, j]) / box[2, j] if inner else 1.0
+    scale = 1.0
+    for order in range(1, ORDERS + 1):
+        scale /= duration
+        for i in range(count):
+            for j in range(n):
+                share = 0.0
+                if i < count - order:
+                    for k in range(order + 1):
+                        share += rates[order - 1, i, k] * control[i + k, j]
+                    share *= tables.inverse_limits[order - 1, j] * scale
+                slacks[2 * order, i, j] = 1.0 - share
+                slacks[2 * order + 1, i, j] = 1.0 + share
+
+
+@compiled(lean=True)
+def box_barrier(work: Workspace) -> float:
+    """Return the sum of -log(slack); a logarithm is taken of products of many."""
+    total, product = 0.0, 1.0
+    slacks = work.slacks.reshape(work.slacks.size)
+    for k in range(slacks.size):
+        if not slacks[k] > 0.0:
+            return math.inf
+        product *= slacks[k]
+        if product < _TINY or product > 1.0 / _TINY:
+            total -= math.log(product)
+            product = 1.0
+    return total - math.log(product)
+
+
+@compiled(lean=True)
+def wall_barrier(values: Floats1, wall: int) -> float:
+    """Return the sum of -log(distance to the wall) of a term's values; see `Wall`."""
+    total, product = 0.0, 1.0
+    for k in range(values.size):
+        room = 1.0 - values[k] * values[k] if wall == WITHIN_ONE else min(values[k], 1.0)
+        if not room > 0.0:
+            return math.inf
+        product *= room
+        if product < _TINY:
+            total -= math.log(product)
+            product = 1.0
+    return total - math.log(product)
+
+
+@compiled(lean=True)
+def jerk_cost(tables: Tables, control: Floats2, duration: float) -> float:
+    """Return the cost of the jerk, c . J c / T^5."""
+    count, n = control.shape
+    total = 0.0
+    for i in range(count):
+        for d in range(tables.jerk.shape[1]):
+            if i + d < count:
+                part = 0.0
+                for j in range(n):
+                    part += tables.jerk_weight[j] * control[i, j] * control[i + d, j]
+                total += (1.0 if d == 0 else 2.0) * tables.jerk[i, d] * part
+    return total / duration**5
+
+
+@compiled(lean=True)
+def term_barrier(tables: Tables, work: Workspace, t: int) -> float:
+    """Return the barrier of a constraint that was asked."""
+    term = tables.terms[t]
+    count = tables.counts[term[SAMPLING], 0] * term[ROWS_COUNT]
+    return wall_barrier(work.results[term[FIRST] : term[FIRST] + count], term[WALL])
+
+
+@compiled(lean=True)
+def term_square(tables: Tables, work: Workspace, t: int) -> float:
+    """Return the sum of the squared values of a cost that was asked."""
+    term, total = tables.terms[t], 0.0
+    for k in range(term[FIRST], term[FIRST] + tables.counts[term[SAMPLING], 0] * term[ROWS_COUNT]):
+        total += work.results[k] * work.results[k]
+    return total
+
+
+@compiled(lean=True)
+def add_costs(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+    """Write the cost of a motion whose states are known into `numbers`; return whether all terms answered."""
+    cost = tables.time_weight[0] * duration + jerk_cost(tables, control, duration)
+    for t in range(tables.shares.size):
+        if tables.shares[t] >= 0.0:
+            if not ask_term(tables, work, t, VALUES):
+                return False
+            count = tables.counts[tables.terms[t, SAMPLING], 0]
+            cost += tables.shares[t] * duration * term_square(tables, work, t) / count
+    work.numbers[COST] = cost
+    return True
+
+
+@compiled(lean=True)
+def measure(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+    """Write the cost and the barrier into `numbers`; return whether all terms answered.
+
+    The barrier is infinite, and the cost not known, where a limit or a constraint is not kept.
+    """
+    numbers = work.numbers
+    fill_slacks(tables, work, control, duration)
+    walls = box_barrier(work)
+    numbers[COST], numbers[WALLS] = math.inf, math.inf
+    if not walls < math.inf:
+        return True
+    sample(tables, work, control, duration)
+    for t in range(tables.shares.size):
+        if tables.shares[t] < 0.0:
+            if not ask_term(tables, work, t, VALUES):
+                return False
+            walls += term_barrier(tables, work, t)
+            if not walls < math.inf:
+                return True
+    numbers[WALLS] = walls
+    return add_costs(tables, work, control, duration)
+
+
+@compiled(lean=True)
+def tighten(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+    """Raise the floors of terms under a motion; return whether all terms answered."""
+    sample(tables, work, control, duration)
+    for t in range(tables.shares.size):
+        if tables.terms[t, FLOORS] != 0 and not ask_term(tables, work, t, TIGHTEN):
+            return False
+    return True

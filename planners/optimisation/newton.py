@@ -1,0 +1,169 @@
+"""The feasible interior-point search, compiled: steps of Newton's method on cost + mu * barrier."""
+
+from __future__ import annotations
+
+import math
+
+from pepper_kin.core.clock import seconds_now
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats2
+
+from .merit import add_costs, measure, sample, tighten
+from .system import fill_system, solve_system
+from .tables import (
+    COST,
+    DAMPING,
+    DURATION,
+    FALL,
+    FIXED,
+    MU,
+    QUIET,
+    SHARE,
+    STEP,
+    WALLS,
+    Tables,
+    Workspace,
+)
+
+ARMIJO = 1e-4
+SHORTEST = 1e-5  # step lengths below are given up
+FIRST_MU, LAST_MU = 2e-3, 1e-4  # shares of the cost
+SHRINK = 0.4  # of mu, after a step of good length or near its minimum
+LONG = 0.5
+LIGHT, MOST_DAMPING = 1e-3, 1e6
+LITTLE = 1.0  # gain of a step over mu
+NEAR, NEAR_ENOUGH = 0.3, 3.0  # squared Newton decrements over mu: to lower it, and to end with the last one
+
+GOING_ON, CONVERGED, STALLED, TIME_UP, SHORT_ENOUGH, BROKEN = range(6)
+"""How a call ends; BROKEN where a term did not answer."""
+
+
+@compiled("boolean(Tables, Workspace, float64[:, ::1], float64)", lean=True)
+def measure_motion(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+    """Write cost and barrier of a motion into `numbers`; see `measure`."""
+    return measure(tables, work, control, duration)
+
+
+@compiled("boolean(Tables, Workspace, float64[:, ::1], float64)", lean=True)
+def measure_cost(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+    """Write the cost of a motion that need not keep its limits into `numbers`."""
+    sample(tables, work, control, duration)
+    return add_costs(tables, work, control, duration)
+
+
+@compiled("boolean(Tables, Workspace, float64[:, ::1], float64, float64)", lean=True)
+def fill_equations(tables: Tables, work: Workspace, control: Floats2, duration: float, mu: float) -> bool:
+    """Write Newton's equations of a motion; see `fill_system`."""
+    return fill_system(tables, work, control, duration, mu)
+
+
+@compiled("boolean(Workspace, float64, boolean)", lean=True)
+def solve_equations(work: Workspace, damping: float, free_duration: bool) -> bool:
+    """Solve Newton's equations; see `solve_system`."""
+    return solve_system(work, damping, free_duration)
+
+
+@compiled(lean=True)
+def _try_lengths(tables: Tables, work: Workspace, value: float) -> float:
+    """Move by the first of 1, 1/2, 1/4 ... of the step that stays inside and lowers the merit.
+
+    Returns:
+        That length; 0 for none, and -1 where a term did not answer.
+    """
+    numbers, control, trial, step = work.numbers, work.control, work.trial, work.step
+    n, t, t_step = control.shape[1], numbers[DURATION], numbers[STEP]
+    mu, fall = numbers[MU], numbers[FALL]
+    length = 1.0 if t_step >= 0.0 else min(1.0, 0.5 * t / -t_step)
+    while length > SHORTEST:
+        for i in range(control.shape[0] - 2 * FIXED):
+            for j in range(n):
+                trial[FIXED + i, j] = control[FIXED + i, j] + length * step[i * n + j]
+        duration = t + length * t_step
+        if not measure(tables, work, trial, duration):
+            return -1.0
+        if numbers[WALLS] < math.inf:
+            new = numbers[COST] + mu * numbers[WALLS]
+            if new <= value + ARMIJO * length * fall + 1e-12 * abs(value):
+                for i in range(FIXED, control.shape[0] - FIXED):
+                    for j in range(n):
+                        control[i, j] = trial[i, j]
+                numbers[DURATION] = duration
+                return length
+        length *= 0.5
+    return 0.0
+
+
+@compiled(lean=True)
+def _step(tables: Tables, work: Workspace, free_duration: bool, tolerance: float) -> tuple[int, bool]:
+    """Make a step and lower mu where due; return how the search goes on, and whether it moved."""
+    numbers = work.numbers
+    if not fill_system(tables, work, work.control, numbers[DURATION], numbers[MU]):
+        return BROKEN, False
+    cost, value, damping = numbers[COST], numbers[COST] + numbers[MU] * numbers[WALLS], numbers[DAMPING]
+    if not solve_system(work, damping, free_duration):
+        numbers[DAMPING] = 10.0 * damping
+        return (GOING_ON if numbers[DAMPING] < MOST_DAMPING else STALLED), False
+    fall = numbers[FALL]
+    length = _try_lengths(tables, work, value)
+    if length < 0.0:
+        return BROKEN, False
+    if length == 0.0:
+        numbers[DAMPING] = 100.0 * damping
+    elif length >= LONG:
+        numbers[DAMPING] = max(damping / 5.0, 1e-9)
+    else:
+        numbers[DAMPING] = min(4.0 * damping, 1e3)
+    stuck = numbers[DAMPING] > MOST_DAMPING
+    # A damped step promises little wherever it is made.
+    light = length > 0.0 and damping <= LIGHT
+    near = stuck or (light and -fall < NEAR * numbers[MU])
+    if length > 0.0:
+        # Bodies that take turns at being nearest keep a damped search busy for long.
+        gain = value - numbers[COST] - numbers[MU] * numbers[WALLS]
+        numbers[QUIET] = numbers[QUIET] + 1.0 if gain < LITTLE * numbers[MU] else 0.0
+    ended = near or (light and -fall < NEAR_ENOUGH * numbers[MU]) or numbers[QUIET] >= 2.0
+    if numbers[SHARE] <= tolerance and ended:
+        return (STALLED if stuck else CONVERGED), length > 0.0
+    if near or length >= LONG:
+        numbers[SHARE] = max(SHRINK * numbers[SHARE], tolerance)
+        numbers[MU] = min(numbers[MU], numbers[SHARE] * cost)
+        numbers[DAMPING] = min(numbers[DAMPING], 1.0)
+    return GOING_ON, length > 0.0
+
+
+@compiled(
+    "Tuple(int64, int64)(Tables, Workspace, boolean, int64, float64, float64, float64, int64)", lean=True
+)
+def search(
+    tables: Tables, work: Workspace, free_duration: bool, steps: int, tolerance: float, until: float,
+    stop_below: float, clock: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Make steps from the motion in the workspace, which keeps all limits.
+
+    Args:
+        tables: Costs and constraints.
+        work: Workspace; holds the motion, mu, its share and the damping.
+        free_duration: Whether the duration may change.
+        steps: Number of steps at most.
+        tolerance: Last mu as a share of the cost.
+        until: Time of the clock after which no step begins [s].
+        stop_below: Duration below which the search ends.
+        clock: See `seconds_now`.
+
+    Returns:
+        How it ended, GOING_ON where the steps are made, and the number of steps made.
+    """
+    for done in range(steps):
+        if seconds_now(clock, work.clock) > until:
+            return TIME_UP, done
+        ended, moved = _step(tables, work, free_duration, tolerance)
+        if ended == BROKEN:
+            return BROKEN, done
+        if moved:
+            if not tighten(tables, work, work.control, work.numbers[DURATION]):
+                return BROKEN, done
+            if work.numbers[DURATION] < stop_below:
+                return SHORT_ENOUGH, done + 1
+        if ended != GOING_ON:
+            return ended, done + 1
+    return GOING_ON, steps

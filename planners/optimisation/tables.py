@@ -1,0 +1,95 @@
+"""Arrays of a motion's costs and constraints, and room to evaluate them in."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
+
+FIXED = 3
+"""Control points at either end that start and goal fix."""
+ORDERS = 3
+"""Derivatives whose control points are bounded: velocity, acceleration, jerk."""
+
+ADDRESS, MEMORY, SAMPLING, ROWS_COUNT, PARTS, WALL, FIRST, FLOORS = range(8)
+"""Columns of `Tables.terms`."""
+ABOVE_ZERO, WITHIN_ONE = 0, 1
+CONSTRAINT = -1.0
+"""Share of a term that is a constraint."""
+
+SLOPE, CORNER, COST, WALLS, MU, SHARE, DAMPING, DURATION, FALL, STEP, QUIET = range(11)
+"""Places in `Workspace.numbers`: right-hand side and diagonal of the duration; cost and barrier; weight of
+the barrier and that as a share of the cost; damping; the duration; what the step promises, and its duration's
+part; number of the last steps that gained next to nothing."""
+NUMBERS = 11
+
+
+class Tables(NamedTuple):
+    """A motion of n coordinates; M intervals, degree p, C = M + p control points, T terms, S samplings.
+
+    Attributes:
+        basis: Weights of the p + 1 control points in position, velocity and acceleration by s at samples,
+            shape (S, 3, K, p + 1).
+        counts: Number of samples, and of samples in an interval, shape (S, 2).
+        terms: See the columns above, shape (T, 8).
+        shares: Weights of terms that cost; CONSTRAINT for constraints, shape (T,).
+        rates: Row i of the matrix from control points to those of a derivative, from column i on, shape
+            (ORDERS, C, ORDERS + 1).
+        inverse_limits: One over the limits of these, 0 for none, shape (ORDERS, n).
+        box: Lower and upper limits of positions, and the width that counts as 1, shape (3, n).
+        jerk: Matrix J of the jerk's integral c . J c, its lower band: J[i + d, i], shape (C, p + 1).
+        jerk_weight: Shape (n,).
+        time_weight: Shape (1,).
+    """
+
+    basis: Floats4
+    counts: Ints2
+    terms: Ints2
+    shares: Floats1
+    rates: Floats3
+    inverse_limits: Floats2
+    box: Floats2
+    jerk: Floats2
+    jerk_weight: Floats1
+    time_weight: Floats1
+
+
+class Workspace(NamedTuple):
+    """Room for one search.
+
+    Attributes:
+        states: Positions, velocities and accelerations at samples, shape (S, 3 K n).
+        results: Of all terms, one after the other.
+        slacks: Of positions, two, and of rates, two each, shape (2 + 2 ORDERS, C, n).
+        band: Matrix of the control points, see `banded`, shape (size n, (p + 1) n + PADDING).
+        right: Its right-hand side, shape (size n,).
+        border: Its column of the duration, shape (size n,).
+        window: Matrix of one interval's control points, shape ((p + 1) n, (p + 1) n).
+        rows: Rows of a sample by these, and last their curvatures, shape (R + 4, (p + 1) n + 1).
+        shares: By what rows are multiplied: their slopes, and these by the duration; and room, shape
+            (3, R + n + 4).
+        sums: Matrices of four samples, shape (4 n, n).
+        across: Solution for the border, shape (size n,).
+        step: Step of the control points, shape (size n,).
+        control: Control points, shape (C, n).
+        trial: Control points that are tried, shape (C, n).
+        numbers: See the places above.
+        clock: Shape (2,).
+    """
+
+    states: Floats2
+    results: Floats1
+    slacks: Floats3
+    band: Floats2
+    right: Floats1
+    border: Floats1
+    window: Floats2
+    rows: Floats2
+    shares: Floats2
+    sums: Floats2
+    across: Floats1
+    step: Floats1
+    control: Floats2
+    trial: Floats2
+    numbers: Floats1
+    clock: Ints1
