@@ -6,19 +6,20 @@ if result.success:
     curve = smooth(problem, shortcut(problem, result.path))
 """
 
+from .aorrtc import aorrtc
 from .cbirrt import cbirrt
 from .certificate import Certificate, certify
 from .constrained_shortcut import constrained_shortcut, constrained_smooth, project
 from .constraint_manifold import CompiledManifold, ConstraintManifold
 from .deadline import Deadline
-from .informed_rrt_star import informed_rrt_star, rrt_star
+from .frontier import first_invalid_states
 from .metric import Metric
 from .motion_validator import CompiledMotionValidator, MotionValidator, StateValidityChecker
 from .ompl_planner import OMPL_PLANNERS, available_ompl_planners, ompl_plan
 from .path import Path
 from .problem import GoalSampler, Problem
 from .rejoin import rejoin
-from .result import Improvement, Result, Status
+from .result import Improvement, Result, Status, StopReason
 from .roadmap import Roadmap
 from .rrt_connect import rrt_connect
 from .shortcut import shortcut
@@ -42,18 +43,19 @@ __all__ = [
     "SmoothPath",
     "StateValidityChecker",
     "Status",
+    "StopReason",
+    "aorrtc",
     "available_ompl_planners",
     "cbirrt",
     "certify",
     "constrained_shortcut",
     "constrained_smooth",
-    "informed_rrt_star",
+    "first_invalid_states",
     "ompl_plan",
     "project",
     "rejoin",
     "rounded_waypoints",
     "rrt_connect",
-    "rrt_star",
     "shortcut",
     "smooth",
 ]
