@@ -155,7 +155,7 @@ def improvements(count: int) -> None:
         shortest = 2 * np.sqrt(far**2 - radius**2) + radius * (np.pi - 2 * np.arccos(radius / far))
         gaps = []
         for budget in budgets:
-            results = [planners.rrt_star(toy.problems()[0], seed=s, timeout=budget) for s in range(count)]
+            results = [planners.aorrtc(toy.problems()[0], seed=s, timeout=budget) for s in range(count)]
             for result in results:
                 toy.require_free(result.path)
             gaps.append(np.median([result.cost / shortest - 1 for result in results]))
@@ -188,13 +188,13 @@ def main() -> None:
     parser.add_argument("--full", action="store_true", help="ten times as many problems")
     factor = 10 if parser.parse_args().full else 1
     warm = toys()[0].problems()[0]
-    load, _ = timed(lambda: planners.rrt_star(warm, max_iterations=1))
+    load, _ = timed(lambda: planners.aorrtc(warm, max_iterations=1))
     more, _ = timed(lambda: planners.Roadmap(warm).solve(timeout=60.0))
     print(f"Loading or compiling: {(load + more) / 1e3:.1f} s\n\n## rrt_connect\n")
     searches(30 * factor)
     print("\n## shortcut, 200 attempts\n")
     short_cuts(3 * factor)
-    print("\n## rrt_star\n")
+    print("\n## aorrtc\n")
     improvements(3 * factor)
     print("\n## Roadmap\n")
     queries(50 * factor)

@@ -6,6 +6,7 @@ if result.success:
     curve = smooth(problem, shortcut(problem, result.path))
 """
 
+from .aorrtc import aorrtc
 from .car_connect import CarResult, car_connect
 from .car_curves import CarCurve, car_curve
 from .cbirrt import cbirrt
@@ -14,14 +15,14 @@ from .constrained_shortcut import constrained_shortcut, constrained_smooth, proj
 from .constraint_manifold import CompiledManifold, ConstraintManifold
 from .cost_descent import StateCost, descend_cost
 from .deadline import Deadline
-from .informed_rrt_star import informed_rrt_star, rrt_star
+from .frontier import first_invalid_states
 from .metric import Metric
 from .motion_validator import CompiledMotionValidator, MotionValidator, StateValidityChecker
 from .ompl_planner import OMPL_PLANNERS, available_ompl_planners, ompl_plan
 from .path import Path
 from .problem import GoalSampler, Problem
 from .rejoin import rejoin
-from .result import Improvement, Result, Status
+from .result import Improvement, Result, Status, StopReason
 from .roadmap import Roadmap
 from .rrt_connect import rrt_connect
 from .shortcut import shortcut
@@ -48,6 +49,8 @@ __all__ = [
     "StateCost",
     "StateValidityChecker",
     "Status",
+    "StopReason",
+    "aorrtc",
     "available_ompl_planners",
     "car_connect",
     "car_curve",
@@ -56,13 +59,12 @@ __all__ = [
     "constrained_shortcut",
     "constrained_smooth",
     "descend_cost",
-    "informed_rrt_star",
+    "first_invalid_states",
     "ompl_plan",
     "project",
     "rejoin",
     "rounded_waypoints",
     "rrt_connect",
-    "rrt_star",
     "shortcut",
     "smooth",
 ]

@@ -8,6 +8,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from .path import Path
+from .vectors import FloatArray
 
 
 class Status(Enum):
@@ -19,6 +20,8 @@ class Status(Enum):
     START_OFF_MANIFOLD = "start_off_manifold"
     GOAL_OFF_MANIFOLD = "goal_off_manifold"
     NO_GOAL = "no_goal"
+    START_SHUT_IN = "start_shut_in"
+    GOAL_SHUT_IN = "goal_shut_in"
     NO_PATH_IN_TIME = "no_path_in_time"
     OUT_OF_ITERATIONS = "out_of_iterations"
 
@@ -30,8 +33,7 @@ class Status(Enum):
 
 _ADVICE = {
     Status.SOLVED: (
-        "A path was found; shorten it with shortcut() or informed_rrt_star(), "
-        "and round its corners with smooth()."
+        "A path was found; shorten it with shortcut() or aorrtc(), and round its corners with smooth()."
     ),
     Status.START_INVALID: "The start state is not valid; begin at a valid state or reduce the margin.",
     Status.GOAL_INVALID: "No goal state is valid; give other goals or reduce the margin.",
@@ -45,6 +47,13 @@ _ADVICE = {
         "The sampler of goals drew none that is valid; raise the timeout, reduce the margin, "
         "or check that the sampler can succeed."
     ),
+    Status.START_SHUT_IN: (
+        "Hardly any motion leads away from the start; move away what surrounds it, or reduce the margin."
+    ),
+    Status.GOAL_SHUT_IN: (
+        "Hardly any motion leads up to a goal; move away what surrounds it, reduce the margin, "
+        "or give other goals."
+    ),
     Status.NO_PATH_IN_TIME: (
         "No path was found within the time budget; raise the timeout, try another seed, "
         "or check that the goal can be reached at all."
@@ -54,6 +63,14 @@ _ADVICE = {
         "or check that the goal can be reached at all."
     ),
 }
+
+
+class StopReason(Enum):
+    """Why a planner that improves a path stopped."""
+
+    GAP_REACHED = "the path is as short as asked for"
+    TIME_UP = "the time budget is used up"
+    ITERATIONS_USED = "the allowed iterations are used up"
 
 
 class Improvement(NamedTuple):
@@ -86,6 +103,13 @@ class Result:
         time: Wall time [s].
         seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
         history: Falling costs, of planners that improve a path; the first entry is the path they began with.
+        lower_bound: Length that no path can be below, the straight line to the nearest valid goal, of
+            planners that improve a path [length unit of the metric]; 0 otherwise.
+        stop_reason: Why a planner that improves a path stopped; None otherwise.
+        tree_sizes: Nodes of the trees of the start and of the goals, of planners with two trees that found no
+            path; None otherwise.
+        frontier: Some nodes of the tree that is shut in, or of the smaller one, shape (m, n), of the same
+            planners; None otherwise.  `first_invalid_states` tells what is around them.
         residual: Largest error as a multiple of its tolerance, of planners on a manifold: of the path's
             way-points, or of the start or the nearest goal if that is off the manifold; nan otherwise.
     """
@@ -100,12 +124,21 @@ class Result:
     time: float
     seed: int
     history: tuple[Improvement, ...] = ()
+    lower_bound: float = 0.0
+    stop_reason: StopReason | None = None
+    tree_sizes: tuple[int, int] | None = None
+    frontier: FloatArray | None = None
     residual: float = math.nan
 
     @property
     def success(self) -> bool:
         """Whether a path was found."""
         return self.status is Status.SOLVED
+
+    @property
+    def gap(self) -> float:
+        """Part by which the length exceeds the lower bound; infinite where there is no bound."""
+        return self.cost / self.lower_bound - 1.0 if self.lower_bound > 0.0 else math.inf
 
     def __str__(self) -> str:
         """Summarise the run in a line."""

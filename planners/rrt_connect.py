@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from .motion_validator import CompiledMotionValidator, machine_code_of
 from .path import Path
 from .problem import BETWEEN_DRAWS, GoalSource, Problem
 from .result import Result, Status
-from .sampling import random_state, stream_key
+from .sampling import random_state, stream_key, uniform, within_ellipsoid
 from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, space_of, step_count
-from .tree import LANES, grown, nearest, set_lane, whole_blocks
-from .vectors import FloatArray, positive_number, whole_number
+from .tree import LANES, grown, nearest, nearest_within, set_lane, whole_blocks
+from .vectors import FloatArray, positive_number, read_only, whole_number
 
 _STEP = 0.1  # of the diagonal: longest extension
 _UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
@@ -27,13 +27,20 @@ _ROUND = 16_384  # samples of the shortest round
 _FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's domain, in diagonals
 _FIRST_CAPACITY = 128
 _CLOCK_EVERY = 64  # goals or samples
+_SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
+_FRONTIER = 64  # nodes of a stuck tree that are returned
+_TRIES = 8  # to draw a sample that is of use inside the box
 
 # How a call ends.
 GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
 
 # Places in `counters`, after those of the validity function.
-ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT = range(STOP + 1, STOP + 8)
-_COUNTERS = DIRECT + 1
+ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT, DRAWN = range(STOP + 1, STOP + 9)
+TRIED, GREW = (
+    DRAWN + 1,
+    DRAWN + 3,
+)  # samples and extensions, of the tree of the start and of that of the goals
+_COUNTERS = GREW + 2
 
 # Rows of `rows`; the last one is two.
 SAMPLE, ORIGIN, TARGET, SCALED, SHIFTED = range(5)
@@ -48,18 +55,24 @@ class Trees(NamedTuple):
         lanes: Scaled states, shape (2, m / 8, n, 8).
         parents: Parents; of a root -1 less the number of its goal, shape (2, m).
         radii: Distances of samples up to which nodes are extended [length unit of the metric], shape (2, m).
+        costs: Lengths of the ways from the nodes to their roots [length unit of the metric], shape (2, m).
         rows: Room, shape (6, n).
         room: Eight numbers.
         counters: See the places above.
+        bound: Length that a path has to be below; infinite if any will do.
+        informed: Whether samples are drawn from an ellipsoid rather than from the box.
     """
 
     states: Floats3
     lanes: Floats4
     parents: Ints2
     radii: Floats2
+    costs: Floats2
     rows: Floats2
     room: Floats1
     counters: Ints1
+    bound: float
+    informed: bool
 
 
 def rrt_connect(
@@ -92,7 +105,7 @@ def rrt_connect(
 
     The path is valid at the problem's resolution (see `MotionValidator` for what that promises), is in no way
     short, and its length is not bounded: pass it to `shortcut`.  The planner cannot prove that there is no
-    path.
+    path; but where one tree hardly grows, the status says that this end is shut in.
 
     It runs as machine code.  A validity checker that is a Python callable is called back from there, which
     gives the same result, later.
@@ -119,24 +132,19 @@ def rrt_connect(
     deadline = Deadline(timeout)
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     step = _STEP * problem.diagonal if step is None else positive_number("step", step)
-    counters = np.zeros(_COUNTERS, dtype=np.int64)
+    counters = new_counters()
     with machine_code_of(problem, deadline, counters=counters) as code:
-        search = _Search(problem, code, counters, seed, step)
+        search = Search(problem, code, counters, seed, step)
         status = search.run(GoalSource(problem, seed), deadline, max_iterations)
-        points, goal = search.path() if status is Status.SOLVED else (None, None)
-    path = None if points is None else Path.trusted(points, problem.metric)
-    states, calls = counters[:STOP].tolist()
-    return Result(
-        status=status,
-        path=path,
-        goal_index=goal,
-        cost=math.inf if path is None else path.length,
-        iterations=int(counters[ITERATIONS]),
-        states_checked=states,
-        validity_calls=calls,
-        time=deadline.elapsed,
-        seed=seed,
-    )
+    if status is not Status.SOLVED:
+        return search.result(status, deadline, seed)
+    points, goal = search.path()
+    return search.result(status, deadline, seed, Path.trusted(points, problem.metric), goal)
+
+
+def new_counters() -> Ints1:
+    """Return the counters of a search that begins."""
+    return np.zeros(_COUNTERS, dtype=np.int64)
 
 
 def luby(k: int) -> int:
@@ -146,7 +154,7 @@ def luby(k: int) -> int:
     return (k + 1) >> 1
 
 
-class _Search:
+class Search:
     """One run: the arrays of the trees, which grow, the goals, and the way back."""
 
     def __init__(
@@ -155,15 +163,19 @@ class _Search:
         n = problem.n
         self._problem, self._key = problem, stream_key(seed, 0)
         self._round, self._round_end = 1, _ROUND
+        self._sizes, self._extents = [0, 0], [0.0, 0.0]  # the largest of the trees of all rounds
         self._space = space_of(problem, code, problem.spacing, step)
         self._trees = Trees(
             states=np.empty((2, 0, n)),
             lanes=np.empty((2, 0, n, LANES)),
             parents=np.empty((2, 0), dtype=np.int64),
             radii=np.empty((2, 0)),
+            costs=np.empty((2, 0)),
             rows=np.empty((_ROWS, n)),
             room=np.empty(LANES),
             counters=counters,
+            bound=math.inf,
+            informed=False,
         )
         self._reserve(_FIRST_CAPACITY)
 
@@ -183,6 +195,8 @@ class _Search:
             return Status.START_INVALID
         if counters[GOAL_SIZE] == 0:
             return Status.NO_GOAL if source.endless else Status.NO_PATH_IN_TIME
+        if self._is_shut_in():
+            return Status.GOAL_SHUT_IN if self._stuck_side() else Status.START_SHUT_IN
         return Status.NO_PATH_IN_TIME if ended == TIME_UP else Status.OUT_OF_ITERATIONS
 
     def plant(self, goals: FloatArray, first: int, deadline: Deadline) -> int:
@@ -205,7 +219,11 @@ class _Search:
             if ended == TIME_UP and not (deadline.expired or trees.counters[STOP]):
                 continue
             if ended == GOING_ON and until < iterations:
-                self._begin_anew()
+                self._note_trees()
+                self._round += 1
+                self._round_end += _ROUND * luby(self._round)
+                self._begin_anew(trees.bound)
+                trees = self._trees
                 continue
             if ended != FULL:
                 return ended
@@ -213,19 +231,124 @@ class _Search:
             self._reserve(2 * trees.states.shape[1] + spare)
             trees = self._trees
 
-    def _begin_anew(self) -> None:
-        """Forget all nodes but the roots."""
-        trees, self._round = self._trees, self._round + 1
-        self._round_end += _ROUND * luby(self._round)
+    @property
+    def samples(self) -> int:
+        """Number of samples so far."""
+        return int(self._trees.counters[ITERATIONS])
+
+    @property
+    def found_straight(self) -> bool:
+        """Whether the path that was found is a straight edge."""
+        return bool(self._trees.counters[DIRECT])
+
+    def begin(self, deadline: Deadline) -> bool:
+        """Make valid ends the roots and try the straight edges; return whether both trees have a root."""
+        self.plant(self._problem.goals.copy(), 0, deadline)
+        return bool(self._trees.counters[START_SIZE : GOAL_SIZE + 1].all())
+
+    def straight_length(self) -> float:
+        """Return the length of the straight line from the start to the nearest goal that is a root."""
+        trees, problem = self._trees, self._problem
+        size = int(trees.counters[GOAL_SIZE])
+        goals = trees.states[1, :size][trees.parents[1, :size] < 0] if size else problem.goals
+        return float(problem.metric.distance(problem.start, goals).min())
+
+    def is_valid(self, points: FloatArray) -> bool:
+        """Whether all edges of a path are valid, each by itself."""
+        space, counters = self._space, self._trees.counters
+        lengths = self._problem.metric.distance(points[:-1], points[1:])
+        counts = np.maximum(np.ceil(lengths / space.resolution), 1.0).astype(int).tolist()
+        return all(
+            last_valid_step(space, a, b, steps, counters) == steps
+            for a, b, steps in zip(points[:-1], points[1:], counts, strict=True)
+        )
+
+    def below(self, bound: float, iterations: int, deadline: Deadline) -> bool:
+        """Search anew for a path shorter than a bound, with so many samples; return whether there is one."""
+        self._begin_anew(bound)
+        self._round_end = until = self.samples + iterations
+        return self.grow(until, deadline) == FOUND
+
+    def result(
+        self,
+        status: Status,
+        deadline: Deadline,
+        seed: int,
+        path: Path | None = None,
+        goal: int | None = None,
+        **more: Any,
+    ) -> Result:
+        """Return the result of a run; `more` are its other fields."""
+        trees = self._trees
+        states, calls = trees.counters[:STOP].tolist()
+        if path is None and trees.counters[START_SIZE : GOAL_SIZE + 1].all():
+            self._note_trees()
+            side = self._stuck_side()
+            last = int(trees.counters[START_SIZE + side]) - 1
+            nodes = np.linspace(0, last, min(last + 1, _FRONTIER)).astype(int)
+            more |= {"tree_sizes": tuple(self._sizes), "frontier": read_only(trees.states[side, nodes])}
+        return Result(
+            status=status,
+            path=path,
+            goal_index=goal,
+            cost=math.inf if path is None else path.length,
+            iterations=self.samples,
+            states_checked=states,
+            validity_calls=calls,
+            time=deadline.elapsed,
+            seed=seed,
+            **more,
+        )
+
+    def _stuck_side(self) -> int:
+        """Return the tree that its samples extended less often: 0 of the start, 1 of the goals."""
+        tried, grew = (self._trees.counters[place : place + 2] for place in (TRIED, GREW))
+        rates = (grew + 1.0) / (tried + 1.0)
+        return int(rates[1] < rates[0])
+
+    def _is_shut_in(self) -> bool:
+        """Whether hardly any sample extended the stuck tree, or it never got far."""
+        self._note_trees()
+        side, counters = self._stuck_side(), self._trees.counters
+        tried, grew = int(counters[TRIED + side]), int(counters[GREW + side])
+        narrow = self._extents[side] < _SHUT_IN_EXTENT * self._problem.diagonal
+        return tried >= _SHUT_IN_SAMPLES and (grew < _SHUT_IN_RATE * tried or narrow)
+
+    def _note_trees(self) -> None:
+        """Keep the sizes and extents of the trees if they are the largest so far."""
+        trees, metric = self._trees, self._problem.metric
+        for side in range(2):
+            states = trees.states[side, : trees.counters[START_SIZE + side]]
+            self._sizes[side] = max(self._sizes[side], len(states))
+            extent = float(metric.distance(states.min(axis=0), states.max(axis=0)))
+            self._extents[side] = max(self._extents[side], extent)
+
+    def _begin_anew(self, bound: float) -> None:
+        """Forget all nodes but the roots; the next path has to be shorter than a bound."""
+        informed = self._is_smaller_than_box(bound)
+        self._trees = trees = self._trees._replace(bound=bound, informed=informed)
+        trees.counters[DIRECT] = 0
         for side in range(2):
             size = int(trees.counters[START_SIZE + side])
             roots = np.flatnonzero(trees.parents[side, :size] < 0)
             kept, places = trees.states[side, roots], np.arange(roots.size)
             trees.counters[START_SIZE + side] = roots.size
             trees.states[side, places], trees.parents[side, places] = kept, trees.parents[side, roots]
-            trees.radii[side, places] = math.inf
+            trees.radii[side, places], trees.costs[side, places] = math.inf, 0.0
             trees.lanes[side, : roots.size // LANES + 1] = math.inf
             trees.lanes[side, places // LANES, :, places % LANES] = kept * self._space.weights
+
+    def _is_smaller_than_box(self, bound: float) -> bool:
+        """Whether the states through which a path may be below a bound fill less room than the box."""
+        if bound == math.inf:
+            return False
+        problem, n = self._problem, self._problem.n
+        apart = self.straight_length()
+        across = math.sqrt(max(bound * bound - apart * apart, 1e-300))
+        ball = 0.5 * n * math.log(math.pi) - math.lgamma(0.5 * n + 1.0)
+        inside = ball + math.log(0.5 * bound) + (n - 1) * math.log(0.5 * across)
+        extent = (problem.upper - problem.lower) * problem.metric.weights
+        return inside < float(np.log(np.maximum(extent, 1e-300)).sum())
 
     def path(self) -> tuple[FloatArray, int]:
         """Return the way-points of the path along which the trees have met, and its goal."""
@@ -273,6 +396,7 @@ class _Search:
             lanes=grown(trees.lanes, capacity // LANES, axis=1),
             parents=grown(trees.parents, capacity, axis=1),
             radii=grown(trees.radii, capacity, axis=1),
+            costs=grown(trees.costs, capacity, axis=1),
         )
 
 
@@ -286,22 +410,73 @@ def _add(space: SearchSpace, trees: Trees, side: int, parent: int, state: FloatA
     set_lane(trees.lanes[side], node, state, space.weights)
     trees.parents[side, node] = parent
     trees.radii[side, node] = math.inf
+    cost = 0.0
+    if parent >= 0:
+        cost = trees.costs[side, parent] + distance(trees.states[side, parent], state, space.weights)
+    trees.costs[side, node] = cost
     return node
 
 
 @compiled
-def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -> int:
-    """Return the node of a tree nearest to a state."""
-    scaled = trees.rows[SCALED]
+def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray, bound: float) -> int:
+    """Return the node of a tree nearest to a state of those that lead there below a cost; -1 for none."""
+    scaled, size = trees.rows[SCALED], trees.counters[START_SIZE + side]
     for i in range(state.size):
         scaled[i] = state[i] * space.weights[i]
-    return nearest(trees.lanes[side], trees.counters[START_SIZE + side], scaled, trees.room)
+    if bound < math.inf:
+        return nearest_within(trees.lanes[side], trees.costs[side], size, scaled, bound, trees.room)
+    return nearest(trees.lanes[side], size, scaled, trees.room)
 
 
 @compiled
-def _extend(space: SearchSpace, trees: Trees, side: int, sample: FloatArray, diagonal: float) -> int:
-    """Extend a tree from its node nearest to a sample towards it; return the new node or -1."""
-    n, near, state = sample.size, _nearest(space, trees, side, sample), trees.rows[TARGET]
+def _from_root(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -> float:
+    """Return the distance of a state from the nearest root of a tree."""
+    least, node, parents = math.inf, 0, trees.parents[side]
+    while node < trees.counters[START_SIZE + side] and parents[node] < 0:
+        least = min(least, distance(trees.states[side, node], state, space.weights))
+        node += 1
+    return least
+
+
+@compiled
+def _draw(space: SearchSpace, trees: Trees, key: np.uint64) -> None:
+    """Write a sample into rows[SAMPLE]: of the box, or of it where a path through it may be short enough."""
+    counters, sample, bound = trees.counters, trees.rows[SAMPLE], trees.bound
+    n = sample.size
+    if trees.informed:
+        roots = 0
+        while roots < counters[GOAL_SIZE] and trees.parents[1, roots] < 0:
+            roots += 1
+        for _ in range(_TRIES):
+            goal = trees.states[1, int(uniform(key, counters[DRAWN]) * roots)]
+            start, room = trees.states[0, 0], trees.rows[ORIGIN]
+            inside = within_ellipsoid(space, key, counters[DRAWN] + 1, start, goal, bound, room, sample)
+            counters[DRAWN] += 2 * n + 2
+            if inside:
+                return
+    counters[DRAWN] += random_state(space, key, counters[DRAWN], sample)
+
+
+@compiled
+def _extend(
+    space: SearchSpace, trees: Trees, side: int, sample: FloatArray, diagonal: float, key: np.uint64
+) -> int:
+    """Extend a tree from its node nearest to a sample towards it; return the new node or -1.
+
+    Where paths have to be short, it is the nearest of the nodes that lead to the sample at a cost drawn
+    between the least that is possible and the greatest that is of use.
+    """
+    n, state, counters = sample.size, trees.rows[TARGET], trees.counters
+    allowed = math.inf
+    if trees.bound < math.inf:
+        before, after = _from_root(space, trees, side, sample), _from_root(space, trees, 1 - side, sample)
+        if before + after >= trees.bound:
+            return -1
+        allowed = before + (trees.bound - before - after) * uniform(key, counters[DRAWN])
+        counters[DRAWN] += 1
+    near = _nearest(space, trees, side, sample, allowed)
+    if near < 0:
+        return -1
     origin, radii, reach = trees.states[side, near], trees.radii[side], space.reach
     apart = distance(origin, sample, space.weights)
     if radii[near] < apart:
@@ -310,21 +485,51 @@ def _extend(space: SearchSpace, trees: Trees, side: int, sample: FloatArray, dia
     for i in range(n):
         state[i] = origin[i] + (sample[i] - origin[i]) * share
     steps = step_count(apart * share, space.resolution)
-    if last_valid_step(space, origin, state, steps, trees.counters) < steps:
+    if last_valid_step(space, origin, state, steps, counters) < steps:
         if radii[near] == math.inf:
             radii[near] = _FIRST_RADIUS * diagonal
         else:
             radii[near] = max(radii[near] * (1.0 - _RADIUS_CHANGE), _LEAST_RADIUS * diagonal)
         return -1
     radii[near] *= 1.0 + _RADIUS_CHANGE
+    if trees.bound < math.inf:
+        near = _better_parent(space, trees, side, near, key)
     return _add(space, trees, side, near, state)
 
 
 @compiled
+def _better_parent(space: SearchSpace, trees: Trees, side: int, near: int, key: np.uint64) -> int:
+    """Return a node from which the state in rows[TARGET] is reached at lower cost, or the one given."""
+    state, counters = trees.rows[TARGET], trees.counters
+    least = _from_root(space, trees, side, state)
+    cost = trees.costs[side, near] + distance(trees.states[side, near], state, space.weights)
+    while True:
+        allowed = least + (cost - least) * uniform(key, counters[DRAWN])
+        counters[DRAWN] += 1
+        other = _nearest(space, trees, side, state, allowed)
+        if other < 0 or other == near:
+            return near
+        origin = trees.states[side, other]
+        apart = distance(origin, state, space.weights)
+        if trees.costs[side, other] + apart >= cost:
+            return near
+        steps = step_count(apart, space.resolution)
+        if last_valid_step(space, origin, state, steps, counters) < steps:
+            return near
+        near, cost = other, trees.costs[side, other] + apart
+
+
+@compiled
 def _connect(space: SearchSpace, trees: Trees, side: int, node: int) -> tuple[int, int]:
-    """Extend a tree from a node to the nearest of the other one; return both where they meet, or -1."""
+    """Extend a tree from a node to the nearest of the other one; return both where they meet, or -1.
+
+    Where paths have to be short, it is the nearest that makes one.
+    """
     counters, state = trees.counters, trees.rows[ORIGIN]
-    goal = _nearest(space, trees, 1 - side, trees.states[side, node])
+    allowed = trees.bound - trees.costs[side, node]
+    goal = _nearest(space, trees, 1 - side, trees.states[side, node], allowed)
+    if goal < 0:
+        return -1, -1
     target, origin = trees.states[1 - side, goal], trees.states[side, node]
     apart = distance(origin, target, space.weights)
     parts = step_count(apart, space.reach)
@@ -404,7 +609,6 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
     """
     place, counters, rows = np.empty(2, np.int64), trees.counters, trees.rows
     end = seconds_now(space.clock, place) + seconds
-    n = space.lower.size
     diagonal = distance(space.lower, space.lower + space.extent, space.weights)
     spare = step_count(diagonal, space.reach) + 2
     while counters[ITERATIONS] < iterations:
@@ -417,10 +621,12 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
         own, other = counters[START_SIZE + side], counters[GOAL_SIZE - side]
         if abs(own - other) < _UNEVEN * own:
             side = counters[GROWING] = 1 - side
-        random_state(space, key, counters[ITERATIONS] * n, rows[SAMPLE])
+        _draw(space, trees, key)
         counters[ITERATIONS] += 1
-        new = _extend(space, trees, side, rows[SAMPLE], diagonal)
+        new = _extend(space, trees, side, rows[SAMPLE], diagonal, key)
+        counters[TRIED + side] += 1
         if new >= 0:
+            counters[GREW + side] += 1
             meeting, goal = _connect(space, trees, side, new)
             if meeting >= 0:
                 counters[START_NODE + side], counters[GOAL_NODE - side] = meeting, goal

@@ -1,4 +1,4 @@
-"""Random states in machine code: in a box, near an edge, and where a path through them is short enough."""
+"""Random states in machine code: in a box, and where a path through them is short enough."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ _WORD = 2**64 - 1
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
-
-_LARGEST, _HALVINGS = 0.5, 10.0  # of the shifts off a path: from half its length down to a two-thousandth
 
 if INTERPRETED:
     np.seterr(over="ignore")  # numbers of 64 bits wrap around, as they do in machine code
@@ -70,29 +68,6 @@ def random_state(space: SearchSpace, key: np.uint64, place: int, sample: FloatAr
     for i in range(sample.size):
         sample[i] = space.lower[i] + uniform(key, place + i) * space.extent[i]
     return sample.size
-
-
-@compiled
-def near_edge(
-    space: SearchSpace,
-    key: np.uint64,
-    place: int,
-    a: FloatArray,
-    b: FloatArray,
-    length: float,
-    sample: FloatArray,
-) -> int:
-    """Write a sample near an edge from a to b, at a distance of any order of magnitude; return numbers drawn.
-
-    It is clipped to the box.
-    """
-    n, lower = sample.size, space.lower
-    fraction = uniform(key, place)
-    shift = length * _LARGEST * 2.0 ** (-_HALVINGS * uniform(key, place + 1)) / math.sqrt(n)
-    for i in range(n):
-        value = a[i] + fraction * (b[i] - a[i]) + shift * _normal(key, place + 2 + 2 * i) / space.weights[i]
-        sample[i] = min(max(value, lower[i]), lower[i] + space.extent[i])
-    return 2 * n + 2
 
 
 @compiled

@@ -16,8 +16,8 @@ from .deadline import Deadline, load_code
 from .motion_validator import machine_code_of
 from .path import Path
 from .problem import FINEST_RESOLUTION, Problem
-from .sampling import stream_key, uniform
-from .search_space import STOP, SearchSpace, edge_valid, space_of, step_count
+from .sampling import stream_key, uniform, within_ellipsoid
+from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
 from .tree import grown
 from .vectors import FloatArray, whole_number
 
@@ -29,7 +29,7 @@ _FINER = 8  # an accepted edge hugs obstacles, so it is checked more closely tha
 _STREAM = 1
 _SPARE = 32
 _DRAWS = 4  # random numbers of one iteration
-_MOST_NEW = 2  # way-points that one iteration may add
+_MOST_NEW = 3  # way-points that one iteration may add
 
 # How a call ends.
 DONE, TIME_UP, FULL = range(3)
@@ -66,6 +66,7 @@ def shortcut(
     timeout: float = 1.0,
     resolution: float | None = None,
     least_gain: float = LEAST_GAIN,
+    detours: bool = False,
 ) -> Path:
     """Shorten a valid path; the result is never longer, and has the same ends.
 
@@ -78,6 +79,10 @@ def shortcut(
 
     It runs as machine code; a validity checker that is a Python callable is called back from there.
 
+    With detours, every third iteration replaces what lies between by two edges over a state that is drawn
+    evenly from those through which the way is shorter, which lets a path slide along obstacles and past
+    corners that hold it where no straight edge is free.
+
     Args:
         problem: Supplies the validity, the metric and the resolution; its start and goals are not used.
         path: A valid path of the problem's coordinates.
@@ -88,6 +93,7 @@ def shortcut(
             eighth of the problem's if omitted, because short-cuts tend to graze obstacles.
         least_gain: Part of the path's length, from 0 to below 1, that a short-cut has to save.  With a
             hundredth, most time goes into short-cuts that matter.
+        detours: Whether two edges over another state are tried too.
 
     Returns:
         The shortened path.  Edges that were not replaced are not checked again.
@@ -119,7 +125,9 @@ def shortcut(
             if ended == FULL:
                 size = int(counters[SIZE])
                 line = _polyline(grown(line.points[:size], size + max(size, _SPARE)), counters)
-            ended = shorten(space, line, deadline.time_slice, float(least_gain), key, iterations)
+            ended = shorten(
+                space, line, deadline.time_slice, float(least_gain), key, iterations, 3 if detours else 2
+            )
     return Path.trusted(line.points[: counters[SIZE]].copy(), problem.metric)
 
 
@@ -248,9 +256,15 @@ def _replace(points: FloatArray, size: int, before: int, after: int, piece: Floa
     return before + count + size - after
 
 
-@compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64)")
+@compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64, int64)")
 def shorten(
-    space: SearchSpace, line: Polyline, seconds: float, least_gain: float, key: np.uint64, iterations: int
+    space: SearchSpace,
+    line: Polyline,
+    seconds: float,
+    least_gain: float,
+    key: np.uint64,
+    iterations: int,
+    kinds: int,
 ) -> int:
     """Shorten a polyline in place by random short-cuts; see `shortcut`.
 
@@ -261,6 +275,7 @@ def shorten(
         least_gain: What a short-cut has to save, as a part of the length.
         key: Of the stream of random numbers.
         iterations: Attempts in all, those of earlier calls included.
+        kinds: 2 for straight edges and single coordinates, 3 for detours as well.
 
     Returns:
         DONE, TIME_UP, or FULL if there may be no room for the points of one more attempt.
@@ -274,19 +289,28 @@ def shorten(
             return TIME_UP
         if size + _MOST_NEW > points.shape[0]:
             return FULL
-        number, single = counters[ITERATIONS] * _DRAWS, counters[ITERATIONS] % 2 == 1 and n > 1
+        kind = counters[ITERATIONS] % kinds
+        draws = _DRAWS + (2 * n + 2 if kinds == 3 else 0)
+        number, single, via = counters[ITERATIONS] * draws, kind == 1 and n > 1, kind == 2
         counters[ITERATIONS] += 1
         _measure(points, size, weights, along)
         if not _choose(key, number, along, size, places):
             continue
         low, high = places[0], places[1]
         inner, last_inner = _up_to(along, size, low), _below(along, size, high)
-        count = 2 + (last_inner - inner if single else 0)
+        count = 2 + (last_inner - inner if single else 0) + (1 if via else 0)
         _state_at(points, along, size, low, piece[0])
         _state_at(points, along, size, high, piece[count - 1])
         if single:
             _copy(points, inner, count - 2, piece, 1)
             _straighten(piece, count, lengths[1], int(uniform(key, number + 3) * n), weights)
+        if via:
+            straight = distance(piece[0], piece[2], weights)
+            within = straight + (high - low - straight) * uniform(key, number + 3)
+            if not within_ellipsoid(
+                space, key, number + 4, piece[0], piece[2], within, line.rows[0], piece[1]
+            ):
+                continue
         _measure(piece, count, weights, lengths[1])
         gain = high - low - lengths[1, count - 1]
         if gain > least_gain * along[size - 1] and _valid(space, line, count):

@@ -45,6 +45,33 @@ def nearest(lanes: Floats3, size: int, query: Floats1, room: Floats1) -> int:
     return found
 
 
+@compiled("int64(float64[:, :, ::1], float64[::1], int64, float64[::1], float64, float64[::1])")
+def nearest_within(
+    lanes: Floats3, costs: Floats1, size: int, query: Floats1, bound: float, room: Floats1
+) -> int:
+    """Return the node nearest to a scaled state of those through which it is reached at a bounded cost.
+
+    Args:
+        lanes: Scaled states, shape (blocks, n, 8); those of the last block that are no nodes are infinite.
+        costs: Cost of each node, shape (m,).
+        size: Number of nodes.
+        query: Scaled state, shape (n,).
+        bound: Greatest sum of a node's cost and its distance.
+        room: Eight numbers.
+
+    Returns:
+        The node, the first of equally near ones; -1 if there is none.
+    """
+    best, found, n = math.inf, -1, query.size
+    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, room.ctypes.data
+    for block in range((size + LANES - 1) // LANES):
+        if eight_square_distances(base + block * stride, asked, n, place) < best:
+            for lane in range(LANES):
+                if room[lane] < best and costs[block * LANES + lane] + math.sqrt(room[lane]) <= bound:
+                    best, found = room[lane], block * LANES + lane
+    return found
+
+
 @compiled("int64(float64[:, :, ::1], int64, float64[::1], int64, int64[::1], float64[::1], float64[::1])")
 def k_nearest(
     lanes: Floats3, size: int, query: Floats1, wanted: int, found: Ints1, squares: Floats1, room: Floats1

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
-from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS, Wheels
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import hull_of, is_clear
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, path_problem
 from pepper_kin.motion.waypoints import waypoints_of
@@ -150,7 +148,7 @@ def _leg(
         checked += found.states_checked
         for spacing in SPACINGS if found.curves else ():
             curve = _driven(room, found.curves, wheels, spacing)
-            if _is_clear(room, curve):
+            if room.is_clear(curve, room.relaxed_margins):
                 return curve, checked
         if not found.curves:
             break
@@ -196,10 +194,3 @@ def _in_turn(curves: list[CubicPath]) -> CubicPath:
     for curve in curves:
         breaks.append(breaks[-1][-1] + (curve.breaks[1:] - curve.breaks[0]))
     return CubicPath(np.concatenate(breaks), np.concatenate([curve.coefficients for curve in curves]))
-
-
-def _is_clear(room: PathProblem, curve: CubicPath) -> bool:
-    reach = room.reach
-    if not np.isfinite(reach).all():
-        reach = motion_bounds(room.checks.pepper, *hull_of(curve.breaks, curve.coefficients), room.held)
-    return is_clear(room.checks, curve.breaks, curve.coefficients, reach, room.relaxed_margins)

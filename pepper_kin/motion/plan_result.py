@@ -16,6 +16,7 @@ from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
+from pepper_kin.planners import Result
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ class PlanStatus(Enum):
     START_OFF_CONSTRAINT = "start_off_constraint"
     GOAL_OFF_CONSTRAINT = "goal_off_constraint"
     NO_IK = "no_ik"
+    START_SHUT_IN = "start_shut_in"
+    GOAL_SHUT_IN = "goal_shut_in"
     NO_PATH_IN_TIME = "no_path_in_time"
     PATH_INVALID = "path_invalid"
 
@@ -51,6 +54,14 @@ _ADVICE = {
     PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
     PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
     PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
+    PlanStatus.START_SHUT_IN: (
+        "Hardly any motion leads away from the start: move away what is named, free more joints, "
+        "or reduce the margin."
+    ),
+    PlanStatus.GOAL_SHUT_IN: (
+        "Hardly any motion leads up to the goal: move away what is named, free more joints, "
+        "reduce the margin, or give another goal."
+    ),
     PlanStatus.NO_PATH_IN_TIME: "Raise the timeout, try another seed, or free more joints.",
     PlanStatus.PATH_INVALID: "Plan between its ends with plan().",
 }
@@ -69,6 +80,9 @@ class Plan:
             the way-points; `retime` times exactly it.  None unless solved, or where the start is the goal.
         goal: The configuration reached, shape (n,); None unless solved.
         ik: Result of inverse kinematics where the goal was given as tasks.
+        search: What the planner returned: its path before it was smoothed, length and lower bound in its own
+            metric, why it stopped, the sizes of its trees; None where nothing was searched and with
+            constraints.
         length: Length of the path in joint space [rad and m mixed]; nan unless solved.
         constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio,
             groups taken apart [m or rad]; empty where there are none.
@@ -92,6 +106,7 @@ class Plan:
     constraint_errors: tuple[float, ...] = ()
     curve: CubicPath | None = None
     costs: tuple[CostAlong, ...] = ()
+    search: Result | None = None
     evidence: Callable[[], float] | None = field(default=None, repr=False)
 
     @cached_property

@@ -20,12 +20,13 @@ from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
 from pepper_kin.motion.waypoints import waypoints_of
 
-PLANNERS = ("rrt_connect", "rrt_star")
+PLANNERS = ("rrt_connect", "aorrtc")
 
 SHORTCUTS_TO_COMPARE = 40
 """Short-cuts tried before other goals are."""
@@ -52,6 +53,7 @@ def plan(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 5.0,
+    gap: float | None = None,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -61,7 +63,7 @@ def plan(
         goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
             from several starts; of the free solutions the one with the shortest path is taken.
         scene: The world around the robot.
-        planner: "rrt_connect"; "rrt_star", which improves until its time is up; or a name of
+        planner: "rrt_connect"; "aorrtc", which improves its path until `gap` or `timeout`; or a name of
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
         joints: Joints that may move, a group or names; None: those in which start and goals differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
@@ -69,13 +71,16 @@ def plan(
         margin: Distance kept to all things [m]; less where start or goal are nearer than that.
         seed: Seed of all random choices.
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
+        gap: Of "aorrtc": it stops where the path is at most ``1 + gap`` times the straight line to the
+            nearest goal; None: at the straight line itself, or when the time is used up.
 
     Returns:
-        The plan; without a path, its status and message tell why.
+        The plan; without a path, its status and message tell why, and what was most often in the way.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints or
-            costs; for any of these that do not go with a differential base.
+            costs; for any of these that do not go with a differential base; for a gap that is below 0 or for
+            another planner.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
@@ -83,6 +88,7 @@ def plan(
     guided = constraints is not None or costs is not None
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)
+    _check_gap(planner, gap)
     if constraints is not None:
         return plan_constrained(
             pepper, start, goal, scene, constraints, costs=costs, joints=joints, margin=margin, seed=seed,
@@ -110,37 +116,68 @@ def plan(
         return made if ik is None else replace(made, ik=ik)
     coarse = planner == PLANNERS[0]
     room = path_problem(checks, q_start, goals, free, margin, COARSE if coarse else RESOLUTION)
-    result, path = _searched(room, planner, seed, begin, timeout, ik is not None, coarse)
+    result, path = _searched(room, planner, seed, begin, timeout, ik is not None, coarse, gap)
+    said: dict[str, Any] = {"ik": ik, "states_checked": result.states_checked, "search": result}
     if result.path is None:
-        message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
-        return ended(PlanStatus.NO_PATH_IN_TIME, message, ik=ik, states_checked=result.states_checked)
-    count = result.states_checked
+        return ended(*why_no_path(room, result, seed), **said)
     if path is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, ik=ik, states_checked=count)
-    message = f"Path of {len(path)} way-points."
-    return ended.solved(checks.exact, path, message, ik=ik, states_checked=count)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
+    return ended.solved(checks.exact, path, f"Path of {len(path)} way-points.{_how_short(result)}", **said)
+
+
+def _how_short(result: planners.Result) -> str:
+    """Return what a planner that improves its path says of its length, as a sentence that may be empty."""
+    if result.stop_reason is None:
+        return ""
+    return (
+        f" Found with a length of {result.cost:.4g}, {100 * result.gap:.1f} % above the straight line's "
+        f"{result.lower_bound:.4g} [m, in the metric of the search]; "
+        f"it ended because {result.stop_reason.value}."
+    )
 
 
 def _searched(
-    room: PathProblem, planner: str, seed: int, begin: float, timeout: float, compare: bool, coarse: bool
+    room: PathProblem,
+    planner: str,
+    seed: int,
+    begin: float,
+    timeout: float,
+    compare: bool,
+    coarse: bool,
+    gap: float | None,
 ) -> tuple[planners.Result, NDArray[np.float64] | None]:
     """Return what a search found, and way-points of it, shape (m, n); None where no spline is clear.
 
     What was searched coarsely is searched again, closely, where its spline turns out to touch something.
     """
-    result = find_path(room.problem, planner, seed=seed, timeout=_left(begin, timeout), compare=compare)
+    left = _left(begin, timeout)
+    result = find_path(room.problem, planner, seed=seed, timeout=left, compare=compare, gap=gap)
     if result.path is None:
         return result, None
     time_left = max(_left(begin, timeout), timeout / 20)
     path = waypoints_of(room, result.path, seed=seed, timeout=time_left)
     if path is None and coarse:
-        return _searched(room.finer(), planner, seed, begin, timeout, compare, False)
+        return _searched(room.finer(), planner, seed, begin, timeout, compare, False, gap)
     return result, path
 
 
 def _left(begin: float, timeout: float) -> float:
     """Return what is left of a time budget [s], above zero."""
     return max(timeout - (time.perf_counter() - begin), 1e-3)
+
+
+def _check_gap(planner: str, gap: float | None) -> None:
+    """Refuse a gap that no planner can use.
+
+    Raises:
+        InvalidValueError: It is below 0, or the planner is another than "aorrtc".
+    """
+    if gap is None:
+        return
+    if planner != "aorrtc":
+        raise InvalidValueError("gap", gap, f"None with planner {planner!r}, or planner 'aorrtc'")
+    if not (isinstance(gap, int | float) and 0.0 <= gap < float("inf")):
+        raise InvalidValueError("gap", gap, "a finite number of 0 or more, or None")
 
 
 def check_planner(planner: str, constrained: bool) -> None:
@@ -167,19 +204,26 @@ def check_planner(planner: str, constrained: bool) -> None:
 
 
 def find_path(
-    problem: planners.Problem, planner: str, *, seed: int, timeout: float, compare: bool
+    problem: planners.Problem,
+    planner: str,
+    *,
+    seed: int,
+    timeout: float,
+    compare: bool,
+    gap: float | None = None,
 ) -> planners.Result:
     """Search a path.
 
     Args:
         problem: What to plan.
-        planner: "rrt_connect", "rrt_star" or a name of OMPL's.
+        planner: "rrt_connect", "aorrtc" or a name of OMPL's.
         seed: Seed of all random choices.
         timeout: Time budget [s].
         compare: Whether the path is shortened and ends at another goal where that is nearer from a way-point.
+        gap: Of "aorrtc", see `plan`.
     """
-    if planner == "rrt_star":
-        return planners.rrt_star(problem, seed=seed, timeout=timeout)
+    if planner == "aorrtc":
+        return planners.aorrtc(problem, seed=seed, timeout=timeout, gap=gap)
     if planner != "rrt_connect":
         return planners.ompl_plan(problem, planner, seed=seed, timeout=timeout)
     first = planners.rrt_connect(problem, seed=seed, timeout=timeout)

@@ -14,7 +14,8 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import Examiner
+from pepper_kin.motion.examination import Examiner, hull_of
+from pepper_kin.trajectory.path import CubicPath
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,13 @@ class PathProblem:
     def examiner(self) -> Examiner:
         """What examines curves of the joints that move."""
         return Examiner(self.checks, self.start, self.free)
+
+    def is_clear(self, curve: CubicPath, margins: tuple[float, float]) -> bool:
+        """Whether margins are kept all along a curve of the joints that move; see `Examiner.is_clear`."""
+        reach = self.reach
+        if not np.isfinite(reach).all():
+            reach = motion_bounds(self.checks.pepper, *hull_of(curve.breaks, curve.coefficients), self.held)
+        return self.examiner.is_clear(curve.breaks, curve.coefficients, reach, margins)
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""

@@ -197,10 +197,12 @@ class _Look:
     def touching(self, end: int) -> Found | None:
         """Look for the first state that touches something, among the first ones."""
         q = self.dense.positions
-        moving = np.ptp(q, axis=0) > 0.0
+        if not end:
+            return None
+        free_of = self.checks.along(q[0], np.flatnonzero(np.ptp(q, axis=0) > 0.0), (self.margin, 0.0))
         for begin in range(0, end, _BLOCK):
             block = np.ascontiguousarray(q[begin : min(begin + _BLOCK, end)])
-            free = self.checks.along(block, moving, (self.margin, 0.0))
+            free = free_of(block)
             if not free.all():
                 return self._named(begin + int(np.argmin(free)), ValidationStatus.COLLISION)
         return None

@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
-from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.motion.examination import hull_of
 from pepper_kin.motion.problem import RESOLUTION, PathProblem
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -86,9 +84,4 @@ def _followed(room: PathProblem, paths: tuple[planners.Path, ...]) -> Array | No
 
 def _is_clear(room: PathProblem, points: Array, margins: tuple[float, float]) -> bool:
     """Whether margins are kept all along the spline through way-points, shape (m, n)."""
-    pepper = room.checks.pepper
-    curve = as_cubic_path(pepper, points)
-    reach = room.reach
-    if not np.isfinite(reach).all():
-        reach = motion_bounds(pepper, *hull_of(curve.breaks, curve.coefficients), room.held)
-    return room.examiner.is_clear(curve.breaks, curve.coefficients, reach, margins)
+    return room.is_clear(as_cubic_path(room.checks.pepper, points), margins)

@@ -114,8 +114,8 @@ def test_plan_takes_the_constraints_and_hands_over(pepper, beside_the_post):
     assert tilts(pepper, dense(pepper, plan)).max() <= np.radians(5)
     same = plan_constrained(pepper, beside_the_post, goal, POST, [level(5)], **given)
     np.testing.assert_array_equal(plan.path, same.path)
-    with pytest.raises(InvalidValueError, match="planner: got 'rrt_star', expected 'rrt_connect'"):
-        pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], planner="rrt_star")
+    with pytest.raises(InvalidValueError, match="planner: got 'aorrtc', expected 'rrt_connect'"):
+        pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], planner="aorrtc")
     with pytest.raises(InvalidValueError, match="tasks"):
         pk.plan(pepper, beside_the_post, goal, POST, constraints=[])
 

@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 import sys
 
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin import planners
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
 from pepper_kin.motion import PlanStatus
@@ -112,11 +114,13 @@ def test_unreachable_tasks():
     assert not found.ik.success
 
 
-def test_no_path_in_time():
-    """A hand enclosed by walls cannot leave: the search ends by its time limit with the right status."""
-    pepper = pk.load_pepper()
-    start = pepper.joint_vector({"LShoulderPitch": 0.0, "LElbowRoll": -0.05, "LShoulderRoll": 0.3})
-    palm = pk.kinematics.frame_pose(pepper, start, "LArm_effector")[:3, 3]
+BESIDE = {"LElbowRoll": -0.05, "LShoulderRoll": 0.3}
+ARM = ("LShoulderPitch", "LShoulderRoll")
+
+
+def walls(pepper, q):
+    """Walls around the left hand, open at its front and back."""
+    palm = pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:3, 3]
     scene = pk.Scene()
     for name, shift, size in (
         ("above", (0, 0, 0.14), (0.3, 0.3, 0.02)),
@@ -125,10 +129,55 @@ def test_no_path_in_time():
         ("right", (0, -0.15, 0), (0.3, 0.02, 0.3)),
     ):
         scene = scene.add_box(name, size, palm + shift)
-    goal = pepper.joint_vector({"LShoulderPitch": 1.5, "LElbowRoll": -0.05, "LShoulderRoll": 0.3})
-    found = pk.plan(pepper, start, goal, scene, timeout=0.5, joints=("LShoulderPitch", "LShoulderRoll"))
+    return scene
+
+
+def test_an_end_that_is_shut_in_is_named_with_what_is_in_the_way():
+    """A hand enclosed by walls cannot leave them, nor get in; one of the walls is in the way."""
+    pepper = pk.load_pepper()
+    inside, outside = (pepper.joint_vector({"LShoulderPitch": x, **BESIDE}) for x in (0.0, 1.5))
+    scene = walls(pepper, inside)
+    for ends, status, advice in (
+        ((inside, outside), PlanStatus.START_SHUT_IN, "away from the start"),
+        ((outside, inside), PlanStatus.GOAL_SHUT_IN, "up to the goal"),
+    ):
+        found = pk.plan(pepper, *ends, scene, timeout=0.5, joints=ARM)
+        assert found.status is status, found.message
+        assert advice in found.report()
+        assert re.search(
+            r"Most often in the way there: (above|below|left|right), mostly of l_", found.message
+        )
+        sizes = found.search.tree_sizes
+        assert f"start grew to {sizes[0]} of them, that of the goal to {sizes[1]}" in found.message
+
+
+def test_no_path_in_time():
+    """No time at all: the right status, and nobody is said to be shut in."""
+    pepper = pk.load_pepper()
+    inside, outside = (pepper.joint_vector({"LShoulderPitch": x, **BESIDE}) for x in (0.0, 1.5))
+    found = pk.plan(pepper, inside, outside, walls(pepper, inside), timeout=0.002, joints="left_arm")
     assert found.status is PlanStatus.NO_PATH_IN_TIME, found.message
     assert "Raise the timeout" in found.report()
+
+
+def test_the_optimal_planner_says_how_long_the_path_is_and_why_it_stopped(over_the_table):
+    (pepper, start, goal), scene = over_the_table, TABLE
+    first = pk.plan(pepper, start, goal, scene)
+    straight = pk.plan(pepper, start, goal, scene, planner="aorrtc", gap=5.0, timeout=20.0)
+    assert straight.search.stop_reason is planners.StopReason.GAP_REACHED
+    best = pk.plan(pepper, start, goal, scene, planner="aorrtc", timeout=1.0)
+    assert best.search.stop_reason is planners.StopReason.TIME_UP
+    assert 0.0 < best.search.lower_bound <= best.search.cost <= first.search.cost
+    assert f"{100 * best.search.gap:.1f} % above the straight line" in best.message
+    assert "the time budget is used up" in best.message
+    with pytest.raises(
+        InvalidValueError, match=r"gap: got -1, expected a finite number of 0 or more, or None"
+    ):
+        pk.plan(pepper, start, goal, scene, planner="aorrtc", gap=-1)
+    with pytest.raises(InvalidValueError, match=r"gap: got 0.1, expected None with planner 'rrt_connect'"):
+        pk.plan(pepper, start, goal, scene, gap=0.1)
+    with pytest.raises(InvalidValueError, match=r"planner: got 'rrt_star'.*'rrt_connect', 'aorrtc'"):
+        pk.plan(pepper, start, goal, scene, planner="rrt_star")
 
 
 def test_bad_input_is_named():

@@ -113,7 +113,7 @@ def test_no_point_moves_faster_than_the_metric_says(case):
             assert moved / step <= reach[j] + 1e-6, (shape.link, robot.joint_names[j])
 
 
-@pytest.mark.parametrize("planner", ["rrt_connect", "rrt_star"])
+@pytest.mark.parametrize("planner", ["rrt_connect", "aorrtc"])
 def test_plan_goes_round_the_post(case, planner):
     straight = case.start + np.linspace(0, 1, 200)[:, None] * (case.goal - case.start)
     assert pk.collision.in_collision(case.robot, straight, case.scene).any()
@@ -136,7 +136,7 @@ def test_the_improving_planner_shortens_what_the_first_path_was(case):
     problem = problem_of(case).problem
     first = planners.rrt_connect(problem, seed=1, timeout=20.0)
     assert first.success
-    best = planners.informed_rrt_star(problem, first.path, seed=1, timeout=1.0)
+    best = planners.aorrtc(problem, first.path, seed=1, timeout=1.0)
     assert best.cost < 0.98 * first.cost
     assert planners.certify(problem, best.path).valid
 

@@ -19,6 +19,7 @@ from pepper_kin.planners import (
     Roadmap,
     Status,
     certify,
+    first_invalid_states,
     rrt_connect,
     shortcut,
     smooth,
@@ -295,12 +296,12 @@ def test_the_same_source_runs_interpreted(tmp_path) -> None:  # type: ignore[no-
     """Without machine code: the same path to the last bit, and short-cuts of it."""
     program = """
 import numpy as np
-from pepper_kin.planners import Problem, Roadmap, informed_rrt_star, rrt_connect, shortcut, smooth
+from pepper_kin.planners import Problem, Roadmap, aorrtc, rrt_connect, shortcut, smooth
 free = lambda q: ~((abs(q[:, 0] - 0.5) < 0.1) & (q[:, 1] < 0.7))
 problem = Problem([0, 0], [1, 1], [0.1, 0.1], [0.9, 0.1], free, resolution=0.004)
 path = rrt_connect(problem, seed=1, timeout=60.0).path
 short = shortcut(problem, path, iterations=30, timeout=60.0)
-better = informed_rrt_star(problem, path, timeout=60.0, max_iterations=60).path
+better = aorrtc(problem, path, timeout=60.0, max_iterations=60).path
 road = Roadmap(problem)
 road.grow(40, timeout=60.0)
 found = road.solve(timeout=60.0).path
@@ -322,3 +323,29 @@ for points in (path.points, short.points, better.points, found.points, curve):
     assert len(said[0]) == 5
     for compiled, interpreted in zip(*said, strict=True):
         np.testing.assert_allclose(eval(compiled), eval(interpreted), atol=1e-12)
+
+
+@pytest.mark.parametrize(("shut", "side"), [("start", Status.START_SHUT_IN), ("goal", Status.GOAL_SHUT_IN)])
+def test_an_end_in_a_small_room_is_named(shut: str, side: Status, toy) -> None:  # type: ignore[no-untyped-def]
+    """A small room around one end: its tree is small, and its walls are what is met."""
+    room = np.array([0.2, 0.3])
+    low = [[0.13, 0.23], [0.25, 0.23], [0.13, 0.23], [0.13, 0.35]]
+    high = [[0.15, 0.37], [0.27, 0.37], [0.27, 0.25], [0.27, 0.37]]
+    world = toy.world(low, high)
+    ends = (room, [0.9, 0.9]) if shut == "start" else ([0.9, 0.9], room)
+    problem = Problem([0, 0], [1, 1], *ends, toy.code(world, 0.004), resolution=0.008)
+    result = rrt_connect(problem, max_iterations=20_000, timeout=60.0)
+    assert result.status is side
+    small, large = result.tree_sizes if shut == "start" else result.tree_sizes[::-1]
+    assert 1 <= small < large
+    assert "surrounds it" in result.status.advice
+    assert np.all(np.abs(result.frontier - room) < 0.05)
+    met = first_invalid_states(problem, result.frontier, 40)
+    assert len(met) > 30
+    assert np.all((np.abs(met - room) < 0.08) & ~problem.validity(met)[:, None])
+
+
+def test_a_wall_between_two_halves_shuts_nobody_in(closed_wall, machine_code) -> None:  # type: ignore[no-untyped-def]
+    result = rrt_connect(padded(closed_wall, LEFT, RIGHT, machine_code), max_iterations=20_000, timeout=60.0)
+    assert result.status is Status.OUT_OF_ITERATIONS
+    assert min(result.tree_sizes) > 100

@@ -18,7 +18,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
-from pepper_kin.motion.examination import hull_of, is_clear
+from pepper_kin.motion.examination import Examiner, hull_of
 from pepper_kin.motion.optimisation.cost import Cost, figures_of
 from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
 from pepper_kin.motion.plan_result import Plan
@@ -300,10 +300,11 @@ class _Judge:
 
 
 def _touches_nothing(pepper: PepperModel, motion: Trajectory, scene: Scene) -> bool:
-    """Whether nothing touches anywhere along a motion; see `examination.is_clear`."""
+    """Whether nothing touches anywhere along a motion; see `Examiner.is_clear`."""
     held = tuple((item.frame, item.extent) for item in scene.attached.values())
     reach = motion_bounds(pepper, held=held)
     if not np.isfinite(reach).all():
         reach = motion_bounds(pepper, *hull_of(motion.breaks, motion.coefficients), held)
-    checks = Checks(pepper, scene)
-    return is_clear(checks, motion.breaks, motion.coefficients, reach, (0.0, 0.0), held=False)
+    moving = np.flatnonzero((motion.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))
+    examiner = Examiner(Checks(pepper, scene), motion.coefficients[0, 0].copy(), moving)
+    return examiner.is_clear(motion.breaks, motion.coefficients, reach, (0.0, 0.0), held=False)
