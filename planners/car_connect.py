@@ -7,6 +7,7 @@ forward is planned for in the same way.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -26,10 +27,10 @@ from .result import Status
 from .sampling import stream_key, uniform
 from .search_space import STOP, SearchSpace, last_valid_step, space_of
 from .tree import grown
-from .vectors import positive_number, whole_number
+from .vectors import positive_number, read_only, whole_number
 
-ITERATIONS, START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE = range(STOP + 1, STOP + 6)
-_COUNTERS = GOAL_NODE + 1
+ITERATIONS, START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, SIZE = range(STOP + 1, STOP + 7)
+_COUNTERS = SIZE + 1
 
 FOUND, GOING_ON, TIME_UP, FULL = range(4)
 
@@ -37,7 +38,8 @@ _REACH = 6.0  # longest extension, in turning radii
 _FIRST_CAPACITY = 256
 _STRIDE = 16  # states of a curve that are looked at first
 _LEAST_GAIN = 0.01  # of the length: what a short-cut has to save
-_SHORTCUTS = 150
+_SHORTCUTS = 400
+_LEAST_PIECE = 1e-12  # [m]: what is shorter comes from rounding
 _STREAM = 0xCA2
 
 
@@ -81,7 +83,7 @@ class CarResult:
 
     Attributes:
         status: How it ended.
-        curves: Curves from the start to a goal, each beginning where the one before ends; none unless solved.
+        curve: The path from the start to a goal, of any number of pieces; None unless solved.
         goal_index: Which of the goals was reached; None unless solved.
         iterations: Number of samples drawn.
         states_checked: Number of states whose validity was asked for.
@@ -90,7 +92,7 @@ class CarResult:
     """
 
     status: Status
-    curves: tuple[CarCurve, ...]
+    curve: CarCurve | None
     goal_index: int | None
     iterations: int
     states_checked: int
@@ -99,8 +101,8 @@ class CarResult:
 
     @property
     def length(self) -> float:
-        """Length of all curves [m]."""
-        return sum(curve.length for curve in self.curves)
+        """Length of the path [m]; nan unless solved."""
+        return math.nan if self.curve is None else self.curve.length
 
 
 def car_connect(
@@ -122,7 +124,7 @@ def car_connect(
     Raises:
         InvalidValueError: The problem has not three coordinates or draws its goals, or an option is wrong.
     """
-    load_code(grow_car, curve_is_free)
+    load_code(grow_car, shorten_car)
     deadline, radius = Deadline(timeout), positive_number("radius", radius)
     if problem.n != 3 or problem.goal_sampler is not None:
         raise InvalidValueError("problem", f"{problem.n} coordinates", "three, and goals that are given")
@@ -132,22 +134,22 @@ def car_connect(
     car = Car(radius, bool(backward), rate, _REACH * radius)
     with machine_code_of(problem, deadline, counters=counters) as code:
         space = space_of(problem, code, problem.spacing)
-        status, curves, goal = _searched(problem, space, car, counters, key, deadline)
-        if curves:
-            curves = _shortened(space, car, curves, counters, deadline, seed)
+        status, curve, goal = _searched(problem, space, car, counters, key, deadline)
+        if curve is not None:
+            curve = _shortened(space, car, curve, counters, deadline, stream_key(seed, _STREAM + 1))
     states = int(counters[0])
-    return CarResult(status, curves, goal, int(counters[ITERATIONS]), states, deadline.elapsed, seed)
+    return CarResult(status, curve, goal, int(counters[ITERATIONS]), states, deadline.elapsed, seed)
 
 
 def _searched(
     problem: Problem, space: SearchSpace, car: Car, counters: Ints1, key: np.uint64, deadline: Deadline
-) -> tuple[Status, tuple[CarCurve, ...], int | None]:
+) -> tuple[Status, CarCurve | None, int | None]:
     start, goals = problem.start.copy(), problem.goals.copy()
     if last_valid_step(space, start, start, 1, counters) != 1:
-        return Status.START_INVALID, (), None
+        return Status.START_INVALID, None, None
     valid = [k for k, goal in enumerate(goals) if last_valid_step(space, goal, goal, 1, counters) == 1]
     if not valid:
-        return Status.GOAL_INVALID, (), None
+        return Status.GOAL_INVALID, None, None
     capacity = _FIRST_CAPACITY + len(valid)
     trees = CarTrees(
         np.empty((2, capacity, 3)), np.empty((2, capacity), np.int64), np.zeros((2, 2, PIECES)),
@@ -166,10 +168,10 @@ def _searched(
                 poses=grown(trees.poses, capacity, axis=1), parents=grown(trees.parents, capacity, axis=1)
             )
         elif deadline.expired or counters[STOP]:
-            return Status.NO_PATH_IN_TIME, (), None
+            return Status.NO_PATH_IN_TIME, None, None
 
 
-def _path(trees: CarTrees, car: Car) -> tuple[tuple[CarCurve, ...], int]:
+def _path(trees: CarTrees, car: Car) -> tuple[CarCurve, int]:
     branches = []
     for side, node in enumerate(trees.counters[[START_NODE, GOAL_NODE]]):
         poses, place = [], int(node)
@@ -178,53 +180,87 @@ def _path(trees: CarTrees, car: Car) -> tuple[tuple[CarCurve, ...], int]:
             place = int(trees.parents[side, place])
         branches.append(poses)
     ends = [*reversed(branches[0]), *branches[1]]
-    curves, pose = [], ends[0]
-    for end in ends[1:]:
-        curve = car_curve(pose, end, car.radius, backward=car.backward)
-        if curve.lengths.size:
-            curves.append(curve)
-            pose = curve(curve.length)  # the yaw of the end, without full turns left out
-    return tuple(curves), -1 - place
+    curves = [car_curve(a, b, car.radius, backward=car.backward) for a, b in itertools.pairwise(ends)]
+    turns, lengths = (np.concatenate([getattr(one, name) for one in curves]) for name in ("turns", "lengths"))
+    return CarCurve(read_only(ends[0]), read_only(turns), read_only(lengths), car.radius), -1 - place
 
 
 def _shortened(
-    space: SearchSpace, car: Car, curves: tuple[CarCurve, ...], counters: Ints1, deadline: Deadline, seed: int
-) -> tuple[CarCurve, ...]:
+    space: SearchSpace, car: Car, curve: CarCurve, counters: Ints1, deadline: Deadline, key: np.uint64
+) -> CarCurve:
     """Replace parts of a path by single curves that are shorter and free."""
-    rng = np.random.default_rng((_STREAM, seed))
-    for _ in range(_SHORTCUTS):
-        if deadline.expired or counters[STOP]:
-            break
-        ends = np.cumsum([0.0, *(curve.length for curve in curves)])
-        a, b = np.sort(rng.uniform(0.0, ends[-1], 2))
-        a, b = (0.0 if a < 0.1 * ends[-1] else a), (ends[-1] if b > 0.9 * ends[-1] else b)
-        before, after = cut_at(curves, 0.0, a), cut_at(curves, b, ends[-1])
-        begin = before[-1](before[-1].length) if before else curves[0].start
-        target = after[0].start if after else curves[-1](curves[-1].length)
-        short = car_curve(begin, target, car.radius, backward=car.backward)
-        if short.length > (b - a) - _LEAST_GAIN * ends[-1] or not short.lengths.size:
+    count = curve.lengths.size
+    room = np.zeros((3, 2, count + (PIECES + 2) * _SHORTCUTS))
+    room[0, :, :count] = curve.pieces
+    counters[SIZE] = count
+    shorten_car(space, car, curve.start.copy(), room, counters, key, max(deadline.left, 0.0))
+    turns, lengths = room[0, :, : counters[SIZE]]
+    return CarCurve(curve.start, read_only(turns.copy()), read_only(lengths.copy()), curve.radius)
+
+
+@compiled
+def _cut(source: Floats2, count: int, begin: float, end: float, target: Floats2, place: int) -> int:
+    """Write the pieces between two lengths along a path behind those that are there; return their number."""
+    passed = 0.0
+    for k in range(count):
+        length = abs(source[1, k])
+        kept = min(passed + length, end) - max(passed, begin)
+        passed += length
+        if kept > _LEAST_PIECE:
+            target[0, place] = source[0, k]
+            target[1, place] = kept if source[1, k] > 0.0 else -kept
+            place += 1
+    return place
+
+
+@compiled("void(SearchSpace, Car, float64[::1], float64[:, :, ::1], int64[::1], uint64, float64)")
+def shorten_car(
+    space: SearchSpace,
+    car: Car,
+    start: Floats1,
+    room: Floats3,
+    counters: Ints1,
+    key: np.uint64,
+    seconds: float,
+) -> None:
+    """Shorten a path in place by random short-cuts.
+
+    Args:
+        space: Box, metric and validity.
+        car: How the car turns.
+        start: Where the path begins.
+        room: The path's counters[SIZE] pieces, then room for as many more and for a curve, shape (3, 2, m).
+        counters: Of the planner.
+        key: Of the stream of random numbers.
+        seconds: Time budget [s].
+    """
+    clock, a, b, short = np.empty(2, np.int64), np.empty(3), np.empty(3), room[2]
+    end, path, other = seconds_now(space.clock, clock) + seconds, room[0], room[1]
+    for trial in range(_SHORTCUTS):
+        if counters[STOP] != 0 or seconds_now(space.clock, clock) >= end:
+            return
+        count, whole = counters[SIZE], 0.0
+        for k in range(count):
+            whole += abs(path[1, k])
+        u, v = uniform(key, 2 * trial), uniform(key, 2 * trial + 1)
+        low, high = min(u, v) * whole, max(u, v) * whole
+        low, high = (0.0 if low < 0.1 * whole else low), (whole if high > 0.9 * whole else high)
+        pose_on_curve(start, path[:, :count], car.radius, low, a)
+        pose_on_curve(start, path[:, :count], car.radius, high, b)
+        length = shortest_curve(a, b, car.radius, car.backward, short)
+        if length > high - low - _LEAST_GAIN * whole:
             continue
-        if not curve_is_free(space, car, begin.copy(), short.pieces, short.length, counters):
+        if not curve_is_free(space, car, a, short[:, :PIECES], length, counters):
             continue
-        curves, pose = (*before, short), short(short.length)
-        for rest in after:
-            curves = (*curves, CarCurve(pose, rest.turns, rest.lengths, rest.radius))
-            pose = curves[-1](rest.length)
-    return curves
+        size = _cut(path, count, 0.0, low, other, 0)
+        size = _cut(short, PIECES, 0.0, length, other, size)
+        size = _cut(path, count, high, whole, other, size)
+        for k in range(size):
+            path[0, k], path[1, k] = other[0, k], other[1, k]
+        counters[SIZE] = size
 
 
-def cut_at(curves: tuple[CarCurve, ...], begin: float, end: float) -> tuple[CarCurve, ...]:
-    """Return the curves between two lengths along all of them [m]."""
-    kept, passed = [], 0.0
-    for curve in curves:
-        part = curve.part(begin - passed, min(end - passed, curve.length))
-        passed += curve.length
-        if part.lengths.size:
-            kept.append(part)
-    return tuple(kept)
-
-
-@compiled("boolean(SearchSpace, Car, float64[::1], float64[:, ::1], float64, int64[::1])")
+@compiled
 def curve_is_free(
     space: SearchSpace, car: Car, a: Floats1, pieces: Floats2, length: float, counters: Ints1
 ) -> bool:

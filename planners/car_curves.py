@@ -33,7 +33,7 @@ _TINY = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class CarCurve:
-    """A shortest curve from one pose to another.
+    """A curve of a car: arcs and straight lines, one after the other.
 
     Attributes:
         start: (x, y, yaw) [m, m, rad], shape (3,).

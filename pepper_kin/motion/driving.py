@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Sequence
@@ -146,42 +147,37 @@ def _leg(
             room.problem, _WIDER * wheels.turning_radius, backward=wheels.backward, seed=seed, timeout=timeout
         )
         checked += found.states_checked
-        for spacing in SPACINGS if found.curves else ():
-            curve = _driven(room, found.curves, wheels, spacing)
+        if found.curve is None:
+            break
+        for spacing in SPACINGS:
+            curve = _driven(room, found.curve, wheels, spacing)
             if room.is_clear(curve, room.relaxed_margins):
                 return curve, checked
-        if not found.curves:
-            break
     return None, checked
 
 
-def _driven(
-    room: PathProblem, curves: tuple[planners.CarCurve, ...], wheels: Wheels, spacing: float
-) -> CubicPath:
-    """Return a curve along those of a car; it has a kink, where timing stops, where the car turns back.
+def _driven(room: PathProblem, curve: planners.CarCurve, wheels: Wheels, spacing: float) -> CubicPath:
+    """Return a curve along that of a car; it has a kink, where timing stops, where the car turns back.
 
     Between kinks it is the cubic B-spline whose control points are poses of the car, so that it never bends
     more than they do, and heading and direction agree up to the third order of the spacing.
     """
-    drives: list[list[planners.CarCurve]] = []
-    for curve in curves:
-        for piece in range(curve.lengths.size):
-            ends = np.cumsum([0.0, *np.abs(curve.lengths)])
-            part = curve.part(float(ends[piece]), float(ends[piece + 1]))
-            if drives and drives[-1][-1].lengths[0] * part.lengths[0] > 0.0:
-                drives[-1].append(part)
-            else:
-                drives.append([part])
+    ends = np.cumsum([0.0, *np.abs(curve.lengths)])
+    turns_back = np.flatnonzero(np.diff(np.sign(curve.lengths))) + 1
+    stops = ends[[0, *turns_back, -1]]
+    drives = [curve.part(a, b) for a, b in itertools.pairwise(stops)]
     splines = []
     for drive in drives:
-        ends = np.cumsum([0.0, *(part.length for part in drive)])
-        count = max(_LEAST_PIECES, math.ceil(ends[-1] / (spacing * wheels.turning_radius)))
-        breaks = np.linspace(0.0, ends[-1], count + 1)
-        knots = np.concatenate([np.zeros(3), breaks, np.full(3, ends[-1])])
-        s = np.minimum((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0, ends[-1])
-        at = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, len(drive) - 1)
-        control = np.tile(room.start, (len(s), 1))
-        control[:, room.free] = np.stack([drive[i](x - ends[i]) for i, x in zip(at, s, strict=True)])
+        length = drive.length
+        count = max(_LEAST_PIECES, math.ceil(length / (spacing * wheels.turning_radius)))
+        breaks = np.linspace(0.0, length, count + 1)
+        knots = np.concatenate([np.zeros(3), breaks, np.full(3, length)])
+        control = np.tile(room.start, (count + 3, 1))
+        control[:, room.free] = drive((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
+        if drive is drives[-1]:
+            goal = room.problem.goals[0].copy()  # met to the last bit, but for full turns
+            goal[2] += 2.0 * math.pi * round((control[-1, room.free[2]] - goal[2]) / (2.0 * math.pi))
+            control[-1, room.free] = goal
         coefficients = np.empty((count, 4, control.shape[1]))
         power_basis(knots, control, coefficients)
         splines.append(CubicPath(breaks, coefficients))

@@ -46,7 +46,7 @@ def assert_drives(robot, plan, scene, forward_only=False):
     yaw, (vx, vy, turning) = state.position[:, 2], state.velocity[:, :3].T
     forward = vx * np.cos(yaw) + vy * np.sin(yaw)
     sideways = vy * np.cos(yaw) - vx * np.sin(yaw)
-    assert np.abs(sideways).max() < 0.006
+    assert np.abs(sideways).max() < 0.01
     moving = np.abs(forward) > 0.05
     assert (np.abs(forward[moving]) >= 0.99 * WHEELS.turning_radius * np.abs(turning[moving])).all()
     assert not forward_only or (forward > -1e-6).all()
@@ -65,7 +65,7 @@ def test_drives_around_walls(cart, seed):
     assert plan.clearance > 0
     np.testing.assert_array_equal(plan.path[0], cart.neutral())
     full_turns = (plan.goal - there(cart)) / (2 * np.pi)
-    np.testing.assert_allclose(full_turns, [0, 0, np.round(full_turns[2]), 0], atol=1e-9)
+    np.testing.assert_allclose(full_turns, [0, 0, np.round(full_turns[2]), 0], atol=1e-15)
     np.testing.assert_array_equal(plan.path[:, 3], 0.0)  # the body is held
     assert validate(cart, plan, SCENE).valid
     assert_drives(cart, plan, SCENE)
