@@ -17,6 +17,7 @@ from pepper_kin.collision.fast.joint_table import joint_table
 from pepper_kin.collision.fast.rounding import Rounding
 from pepper_kin.collision.fast.scene_block import (
     NO_INNER,
+    SceneBlock,
     firsts,
     scene_block,
     singles,
@@ -76,7 +77,7 @@ class Prepared:
 
     structure: Structure
     block: Array
-    scene: Array
+    scene: SceneBlock
     margin: float
     carried: NDArray[np.bool_]
     bodies_of_solids: NDArray[np.int64]
@@ -85,8 +86,8 @@ class Prepared:
         """Return a block for one thread, at a multiple of 64 bytes; it is valid while this object lives."""
         memory = at.aligned_copy(self.block)
         numbers = at.section(memory, at.NUMBERS)
-        numbers[at.MARGIN], numbers[at.SCENE] = self.margin, self.scene.ctypes.data
-        numbers[at.SCENE_SIZE] = self.scene.size
+        numbers[at.MARGIN], numbers[at.SCENE] = self.margin, self.scene.block.ctypes.data
+        numbers[at.SCENE_SIZE] = self.scene.block.size
         return memory
 
 
@@ -288,7 +289,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
     return Prepared(structure, block, scene, checker.margin, robot.carried, robot.bodies_of_solids)
 
 
-_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, Array]] = WeakKeyDictionary()
+_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, SceneBlock]] = WeakKeyDictionary()
 """What checkers of the same shapes share, whatever their margins."""
 _kept: RobotMemory[tuple[MovingParts, tuple[tuple[int, ...], ...]], _Robot] = RobotMemory()
 
@@ -366,6 +367,7 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
         at.CLASS_DOUBTS: np.zeros(len(structure.classes)),
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
+        at.CLOUD_ROOM: np.zeros(4 * LANES // 2),
         at.RAMP: singles(np.arange(1, LANES + 1) / LANES),
         at.ROWS: np.zeros(ROOM * n),
         at.STATUS: np.zeros(ROOM),
