@@ -9,7 +9,9 @@ from pepper_kin.collision.bodies import Looks
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.scene import Scene
+from pepper_kin.collision.solids import not_negative
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite
 
 
 def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.bool_]:
@@ -29,6 +31,38 @@ def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) 
     from pepper_kin.collision.fast import fast_checker_for  # machine code: loaded by the first check
 
     return fast_checker_for(pepper, scene).in_collision(q)
+
+
+def without_robot(
+    pepper: PepperModel,
+    q: ArrayLike,
+    points: ArrayLike,
+    scene: Scene | None = None,
+    *,
+    margin: float = 0.02,
+) -> NDArray[np.float64]:
+    """Return those of some points that are not of the robot itself, nor of what it holds.
+
+    For clouds of a camera that sees the robot's own arms, before `Scene.add_point_cloud`.
+
+    Args:
+        pepper: The robot.
+        q: Its joint positions when the points were seen [rad or m], shape (n,).
+        points: Points in the world [m], shape (k, 3).
+        scene: What the robot holds; objects of the world do not matter.  None for nothing.
+        margin: Points nearer to the robot's shapes than this are the robot's [m].
+
+    Returns:
+        The others, shape (m, 3), in their order.  A mesh that is not convex counts as its convex hull.
+
+    Raises:
+        InvalidValueError: for a q or points of wrong shape, or with NaN or infinity, a margin below 0, or a
+            robot whose shapes the compiled check does not know.
+    """
+    from pepper_kin.collision.fast import fast_checker_for
+
+    seen = np.ascontiguousarray(as_finite(points, "points", (None, 3)))
+    return seen[~fast_checker_for(pepper, scene).near(q, seen, not_negative("margin", margin))]
 
 
 def clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.core.collision.clouds import extent, thin
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Geometry
 from pepper_kin.model.joint_vectors import as_finite
@@ -123,7 +124,8 @@ class PointCloud:
         points = np.asarray(self.points)
         if points.size == 0:
             points = np.empty((0, 3))
-        object.__setattr__(self, "points", read_only(as_finite(points, "points of a cloud", (None, 3))))
+        points = np.ascontiguousarray(as_finite(points, "points of a cloud", (None, 3)))
+        object.__setattr__(self, "points", read_only(points))
         object.__setattr__(self, "radius", not_negative("point radius", self.radius))
 
     @classmethod
@@ -148,20 +150,14 @@ class PointCloud:
             raise InvalidValueError("voxel", voxel, "a finite length above 0 [m]")
         if not len(full.points):
             return full
-        low = full.points.min(axis=0)
-        counts = np.floor((full.points.max(axis=0) - low) / edge) + 1
-        if counts.prod() > 2.0**62:
-            extent = float((full.points.max(axis=0) - low).max())
-            raise InvalidValueError("voxel", voxel, f"a length that divides {extent:.3g} m into fewer cubes")
-        cell = np.floor((full.points - low) / edge).astype(np.int64)
-        key = (cell[:, 0] * int(counts[1]) + cell[:, 1]) * int(counts[2]) + cell[:, 2]
-        order = np.argsort(key)
-        sorted_points, sorted_key = full.points[order], key[order]
-        first = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]])
-        middle = (np.minimum.reduceat(sorted_points, first) + np.maximum.reduceat(sorted_points, first)) / 2
-        sizes = np.diff(np.r_[first, len(key)])
-        off = np.linalg.norm(sorted_points - np.repeat(middle, sizes, axis=0), axis=1).max()
-        return cls(middle, full.radius + float(off))
+        box, count = np.empty(6), len(full.points)
+        extent(full.points, box)
+        longest = float((box[3:] - box[:3]).max())
+        if longest / edge > 2.0**40:
+            raise InvalidValueError("voxel", voxel, f"a length that divides {longest:.3g} m into fewer cubes")
+        table, boxes = np.full(1 << (2 * count).bit_length(), -1), np.empty((count, 6))
+        cubes, off = thin(full.points, box, edge, table, boxes)
+        return cls(boxes[:cubes, :3], full.radius + off)
 
 
 SceneGeometry: TypeAlias = Geometry | HalfSpace | ConvexMesh | TriangleMesh | PointCloud

@@ -58,7 +58,7 @@ class FastChecker:
         self._prepared = prepare(self.exact)
         self._supported = self._prepared.structure.moving.supported
         self._decided = self._supported and self._prepared.structure.decided
-        self._resting = resting_contact(self._prepared.structure, self.exact.margin)
+        self._resting = self._supported and resting_contact(self._prepared)
         self._one = (pepper.n,) if self._supported and not self._resting else None
         self._local = threading.local()
         self._lock = threading.Lock()
@@ -153,6 +153,30 @@ class FastChecker:
             bound = np.where(table.violated(q_all), 0.0, bound)
         return np.asarray(bound)
 
+    def near(self, q: ArrayLike, points: Array, margin: float) -> NDArray[np.bool_]:
+        """Whether points are nearer to the robot, with what it holds, than a distance, shape (k,).
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+            points: Points in the world, shape (k, 3), contiguous [m].
+            margin: The distance [m].  Within 3e-6 m of it the answer is yes.
+
+        Raises:
+            InvalidValueError: for a q of wrong shape, or with NaN, or a robot whose shapes the compiled check
+                does not know.
+        """
+        from pepper_kin.core.collision.narrow_phase import near_robot
+
+        state = as_joint_vectors(self.pepper, q, "q")
+        if state.ndim != 1:
+            raise InvalidValueError(
+                "q", f"shape {state.shape}", f"one configuration, shape ({self.pepper.n},)"
+            )
+        self._refuse_unknown()
+        found = np.empty(len(points), np.uint8)
+        near_robot(self._prepared.memory(), _rows(state), _rows(points), margin, found)
+        return found.view(np.bool_)
+
     def edge_free(self, a: ArrayLike, b: ArrayLike, resolution: float = 0.01) -> bool:
         """Whether the states on the straight line from a to b are free, both ends included.
 
@@ -210,9 +234,12 @@ class FastChecker:
             InvalidValueError: for vectors of wrong length or with NaN, places that do not exist or repeat, or
                 a robot whose shapes the compiled check does not know.
         """
+        self._refuse_unknown()
+        return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits)
+
+    def _refuse_unknown(self) -> None:
         if not self.supported:
             raise InvalidValueError("robot", self.pepper, "collision shapes that are not unbounded")
-        return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits)
 
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
         n = self.pepper.n

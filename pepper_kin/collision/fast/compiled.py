@@ -65,7 +65,7 @@ class CompiledValidity:
         from pepper_kin.core.collision.check import check_rows
 
         prepared = replace(self._prepared, margins=(margin, self_margin))
-        blocked = resting_contact(prepared.structure, margin)
+        blocked = resting_contact(prepared)
         if not blocked:
             with self._lock:
                 blocked = check_rows(prepared.named(self._still), self._frozen, 1) >= 0 and bool(

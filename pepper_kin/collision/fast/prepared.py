@@ -19,6 +19,7 @@ from pepper_kin.collision.fast.levers import part_levers
 from pepper_kin.collision.fast.rounding import Rounding
 from pepper_kin.collision.fast.scene_block import (
     NO_INNER,
+    SceneBlock,
     firsts,
     scene_block,
     singles,
@@ -81,7 +82,7 @@ class Prepared:
 
     structure: Structure
     block: Array
-    scene: Array
+    scene: SceneBlock
     margins: tuple[float, float]
     limited: dict[bytes, Any]
     local: threading.local
@@ -105,7 +106,7 @@ class Prepared:
         numbers = at.section(memory, at.NUMBERS)
         numbers[at.MARGIN], numbers[at.SELF_MARGIN] = self.margins
         numbers[at.RANGE_MARGIN] = self.margins[1] / LEVER
-        numbers[at.SCENE], numbers[at.SCENE_SIZE] = self.scene.ctypes.data, self.scene.size
+        numbers[at.SCENE], numbers[at.SCENE_SIZE] = self.scene.block.ctypes.data, self.scene.block.size
         return memory
 
 
@@ -284,7 +285,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
     return Prepared(structure, robot.block, scene, margins, *own)
 
 
-_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, Array]] = WeakKeyDictionary()
+_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, SceneBlock]] = WeakKeyDictionary()
 """What checkers of the same shapes share, whatever their margins."""
 _kept: RobotMemory[tuple[MovingParts, tuple[tuple[int, ...], ...], tuple[DependentRange, ...]], _Robot] = (
     RobotMemory()
@@ -385,6 +386,7 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
         at.CLASS_DOUBTS: np.zeros(len(structure.classes)),
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
+        at.CLOUD_ROOM: np.zeros(4 * LANES // 2),
         at.RAMP: singles(np.arange(1, LANES + 1) / LANES),
         at.ROWS: np.zeros(ROOM * n),
         at.STATUS: np.zeros(ROOM),

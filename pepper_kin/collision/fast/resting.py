@@ -2,34 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision.bodies import world_body
+from pepper_kin.collision.fast.prepared import Prepared
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.structure import Structure
+from pepper_kin.collision.solids import PointCloud
+from pepper_kin.core.collision.gjk import CONTACT, TIE
 
 SURE = 1e-4
-"""Where the nearest pair is farther from its threshold than this [m], distances tell."""
+"""What bounds of distances are not relied on by [m]."""
 
 
-def resting_contact(structure: Structure, margin: float) -> bool:
-    """Return whether any pair that never moves against one another is nearer than a margin [m]."""
-    gaps = _gaps(structure)
+def resting_contact(prepared: Prepared) -> bool:
+    """Return whether any pair that never moves against one another is nearer than its margin."""
+    structure, margin, gaps = prepared.structure, prepared.margins[0], _gaps(prepared.structure)
     if not gaps.size or gaps.min() > margin + SURE:
         return False
-    for pair in structure.resting[gaps <= margin + SURE].tolist():
-        i, o = pair
-        beyond = _distance(structure, i, o) - margin
-        if beyond < -SURE or (beyond <= SURE and _collides(structure, i, o, margin)):
+    from pepper_kin.core.collision.narrow_phase import pair_verdict
+
+    memory = prepared.memory()
+    for i, o in structure.resting[gaps <= margin + SURE].tolist():
+        verdict = pair_verdict(memory, i, int(prepared.scene.places[o]))
+        if verdict == CONTACT or (verdict == TIE and _collides(structure, i, o, margin)):
             return True
     return False
 
 
 def resting_distance(structure: Structure) -> float:
-    """Return the least distance of pairs that never move against one another [m]; inf without any."""
+    """Return a distance that pairs which never move against one another keep [m]; inf without any.
+
+    It is the least of theirs, but for clouds that of their points to the boxes around the robot's solids.
+    """
     gaps, least = _gaps(structure), float("inf")
     for k in np.argsort(gaps).tolist():
         if gaps[k] >= least:
@@ -62,11 +71,17 @@ def _lower_bounds(structure: Structure) -> NDArray[np.float64]:
 
 
 def _distance(structure: Structure, i: int, o: int) -> float:
-    """Return the distance of a pair [m], measured once."""
+    """Return the distance of a pair [m], or for a cloud a bound of it, measured once."""
     import coal
 
-    known = _known.setdefault(structure, {})
-    if (i, o) not in known:
+    known, cloud = _known.setdefault(structure, {}), structure.items[o].geometry
+    if (i, o) not in known and isinstance(cloud, PointCloud):
+        solid, pose = structure.solids[i], structure.items[o].transform_object_to_world
+        local = (cloud.points @ pose[:3, :3].T + pose[:3, 3] - solid.position) @ solid.rotation
+        beyond = np.maximum(np.abs(local) - solid.half, 0.0)
+        squared = np.einsum("ij,ij->i", beyond, beyond).min()
+        known[i, o] = math.sqrt(squared) - solid.radius - cloud.radius if squared > 0.0 else -math.inf
+    elif (i, o) not in known:
         one, other = structure.moving.bodies[i], world_body(structure.items[o])
         a, b = one.geometry_object, other.geometry_object
         places = [coal.Transform3s(x.placement.rotation, x.placement.translation) for x in (a, b)]

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Sized
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision.fast.rounding import Rounding
-from pepper_kin.collision.fast.solids import OTHER, Array
+from pepper_kin.collision.fast.solids import OTHER, Array, Solid
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES
-from pepper_kin.core.collision.layout import BOX, CYLINDER
+from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER
 
 NO_INNER = -1e3
 """Inner radius of what no ball is known to lie in [m]."""
@@ -27,8 +27,22 @@ LARGE = 8.0
 """Objects longer than this many times the median get a tree of their own: they would widen all boxes."""
 
 
-def scene_block(structure: Structure, rounding: Rounding) -> Array:
-    """Return the block of a scene as one robot sees it, at a multiple of 64 bytes, not to be written to."""
+class SceneBlock(NamedTuple):
+    """The block of a scene as one robot sees it.
+
+    Attributes:
+        block: At a multiple of 64 bytes, not to be written to.
+        places: The place of each object of the structure in the block, shape (k,).
+        kept: Blocks of clouds, of which it has the addresses.
+    """
+
+    block: Array
+    places: NDArray[np.intp]
+    kept: tuple[Array, ...]
+
+
+def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
+    """Return the block of a scene as one robot sees it."""
     solids = structure.objects
     rows = structure.object_rows
     kinds, radii, corners, halves = rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 5:8]
@@ -51,7 +65,7 @@ def scene_block(structure: Structure, rounding: Rounding) -> Array:
     chosen = np.concatenate([np.zeros(0, np.intp), *order])
     items = np.empty((len(solids), OBJECT_SINGLES), np.float32)
     items[:, 0], items[:, 1] = kinds, outer
-    items[:, 2] = np.where((kinds == BOX) | (kinds == CYLINDER), radii - slack, NO_INNER)
+    items[:, 2] = np.where(np.isin(kinds, (BOX, CYLINDER, CLOUD)), radii - slack, NO_INNER)
     items[:, 3:6], items[:, 6:18] = bounded, rows[:, 8:]
     items[:, 18] = np.where(kinds == OTHER, VAST, corners) + outer
     first = np.cumsum([0, *(len(nodes) for nodes, _ in trees)])
@@ -60,12 +74,19 @@ def scene_block(structure: Structure, rounding: Rounding) -> Array:
     sections = {
         at.OBJECTS: singles(items[chosen]),
         at.NODES: singles(nodes),
+        at.CLOUDS: words(np.array([_address(solids[o]) for o in chosen.tolist()], np.int64)),
         **_root_lists(first, lists),
         **solid_sections(rows[chosen], [solids[o].vertices for o in chosen.tolist()]),
     }
     block = at.aligned_copy(at.pack(sections))
     block.setflags(write=False)
-    return block
+    kept = tuple(solid.cloud for solid in solids if solid.cloud is not None)
+    return SceneBlock(block, np.argsort(chosen), kept)
+
+
+def _address(solid: Solid) -> int:
+    """Return the address of the block of a cloud, which the solid keeps; 0 of anything else."""
+    return 0 if solid.cloud is None else int(solid.cloud.ctypes.data)
 
 
 def _root_lists(first: NDArray[np.int64], lists: list[list[int]]) -> dict[int, Array]:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from pepper_kin.collision.coal_shapes import coal_geometry
+from pepper_kin.collision.fast.cloud_block import box_around, cloud_block
 from pepper_kin.collision.solids import (
     ConvexMesh,
     HalfSpace,
@@ -17,7 +18,7 @@ from pepper_kin.collision.solids import (
     TriangleMesh,
     padding,
 )
-from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, OTHER, Array
+from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, HULL, OTHER, Array
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.shapes import read_only
 
@@ -34,11 +35,12 @@ class Solid:
         joint: Number of the joint in `pinocchio_model` that carries it; 0 is the world.
         rotation: (3, 3), the core's axes in the joint's frame.
         position: (3,), the core's centre in the joint's frame [m].
-        kind: BOX, CYLINDER (along z), HULL (of `vertices`) or OTHER (known to coal only).
+        kind: BOX, CYLINDER (along z), HULL (of `vertices`), CLOUD (in a box) or OTHER (known to coal only).
         half: (3,), half lengths of the box around the core [m]; infinite where OTHER has no bounds.
         radius: How far the solid reaches beyond its core [m].
         vertices: (k, 3), of a HULL, relative to the core's centre and axes [m].
         filled: Whether the core is the whole shape, not just its convex hull.
+        cloud: The block of a CLOUD.
     """
 
     owner: str
@@ -50,6 +52,7 @@ class Solid:
     radius: float
     vertices: Array
     filled: bool = True
+    cloud: Array | None = None
 
     @property
     def segment(self) -> bool:
@@ -77,7 +80,7 @@ ROW = 20
 farthest corner, half lengths, center, x, y and z axis."""
 
 
-def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array) -> Solid:
+def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array, *, stands: bool = False) -> Solid:
     """Return a shape as a core grown by a radius.
 
     Args:
@@ -85,12 +88,13 @@ def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array) -> So
         geometry: The shape.
         joint: The joint that carries it; 0 is the world.
         pose: (4, 4), transform from the shape's own frame to the joint's.
+        stands: Whether it is of the world, where clouds have tables of their own.
 
     Raises:
         FileFormatError: for a mesh whose file cannot be read.
     """
     kind, radius, filled = BOX, padding(geometry), True
-    rotation, position, vertices = pose[:3, :3], pose[:3, 3], _NONE
+    rotation, position, vertices, cloud = pose[:3, :3], pose[:3, 3], _NONE, None
     match geometry:
         case Box():
             half = np.array(geometry.size) / 2
@@ -108,12 +112,15 @@ def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array) -> So
             points, filled = _points(geometry)
             if not len(points):
                 return Solid(owner, joint, rotation, position, OTHER, np.full(3, np.inf), radius, _NONE)
-            low, high = points.min(axis=0), points.max(axis=0)
-            middle, half, kind = (low + high) / 2, (high - low) / 2, HULL
-            vertices, position = _corners(points - middle), rotation @ middle + position
+            middle, half = box_around(points)
+            position = rotation @ middle + position
+            if stands and isinstance(geometry, PointCloud):
+                kind, cloud, filled = CLOUD, cloud_block(geometry), True
+            else:
+                kind, vertices = HULL, _corners(points - middle)
     return Solid(
         owner, joint, read_only(rotation), read_only(position), kind, read_only(half), radius,
-        read_only(vertices), filled,
+        read_only(vertices), filled, cloud,
     )  # fmt: skip
 
 

@@ -147,7 +147,7 @@ def _solid_of_object(item: SceneObject) -> Solid:
     """Return an object of the world as compiled code sees it, made once for all scenes that hold it."""
     found = _solids.get(item)
     if found is None:
-        made = solid_of(item.name, item.geometry, 0, item.transform_object_to_world)
+        made = solid_of(item.name, item.geometry, 0, item.transform_object_to_world, stands=True)
         found = _solids[item] = made
     return found
 

@@ -13,10 +13,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.layout import CYLINDER
+from pepper_kin.core.collision.clouds import cloud_at, field_squared, nearest_squared
+from pepper_kin.core.collision.layout import CLOUD, CYLINDER
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
     LANE_BYTES,
+    LANES,
     lane_abs,
     lane_maximum,
     lane_minimum,
@@ -78,6 +80,8 @@ class Tables(NamedTuple):
     roots: int
     nodes: int
     objects: int
+    clouds: int
+    cloud_room: int
     links: int
     sides: int
     ranges: int
@@ -111,6 +115,8 @@ def tables_of(memory: at.Array) -> Tables:
         here(scene, at.ROOTS),
         here(scene, at.NODES),
         here(scene, at.OBJECTS),
+        here(scene, at.CLOUDS),
+        here(memory, at.CLOUD_ROOM),
         here(memory, at.LINKS),
         here(memory, at.SIDES),
         here(memory, at.RANGES),
@@ -302,6 +308,61 @@ def box_distance(node: int, x: Any, y: Any, z: Any) -> Any:
 
 
 @compiled(inline=True, lean=True)
+def to_frame(item: int, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Return the coordinates of points in the frame of an object at an address."""
+    dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
+    return (
+        dx * single_at(item + 36) + dy * single_at(item + 40) + dz * single_at(item + 44),
+        dx * single_at(item + 48) + dy * single_at(item + 52) + dz * single_at(item + 56),
+        dx * single_at(item + 60) + dy * single_at(item + 64) + dz * single_at(item + 68),
+    )
+
+
+@compiled(lean=True)
+def _check_cloud(t: Tables, g: int, k: int, lanes: int) -> int:
+    """Compare the balls of a group with a cloud, object k, in some lanes.
+
+    Returns those in contact, and those in doubt 8 bits higher.
+    """
+    words, item, room = t.groups + 8 * GROUP_WORDS * g, t.objects + 4 * OBJECT_SINGLES * k, t.cloud_room
+    c, b = cloud_at(word_at(t.clouds + 8 * k)), word_at(words)
+    coarse, pose = t.balls + 4 * BALL_SINGLES * word_at(words + 8), t.poses + POSE_BYTES * (b + 1)
+    x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
+    x, y, z = to_frame(item, x, y, z)
+    outside, inside = single_at(item + 4) + t.margin, single_at(item + 8) + t.margin
+    wide = single_at(coarse + 12) + outside
+    near = lanes_below(field_squared(c, x, y, z, room), spread(wide * wide)) & lanes
+    if near == 0:
+        return 0
+    _center_body(t, b)
+    contact, doubt = 0, 0
+    for i in range(word_at(words + 16), word_at(words + 24)):
+        ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+        x, y, z = load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
+        x, y, z = to_frame(item, x, y, z)
+        outer, inner = single_at(ball + 12) + outside, single_at(ball + 16) + inside
+        found = lanes_below(field_squared(c, x, y, z, room), spread(outer * outer)) & near & ~contact
+        if found == 0:
+            continue
+        store_lanes(room, x)
+        store_lanes(room + LANE_BYTES, y)
+        store_lanes(room + 2 * LANE_BYTES, z)
+        square = inner * inner if inner > 0.0 else 0.0
+        for lane in range(LANES):
+            if (found >> lane) & 1:
+                place = room + 4 * lane
+                at_x, at_y, at_z = single_at(place), single_at(place + 32), single_at(place + 64)
+                nearest = nearest_squared(c, at_x, at_y, at_z, outer, square)
+                if nearest < square:
+                    contact |= 1 << lane
+                elif nearest < outer * outer:
+                    doubt |= 1 << lane
+        if contact == near:
+            break
+    return contact | doubt << LANES
+
+
+@compiled(inline=True, lean=True)
 def _check_group(t: Tables, g: int, settled: int) -> int:
     """Compare the balls of a group with the objects of its trees; return the lanes in contact.
 
@@ -334,7 +395,13 @@ def _check_group(t: Tables, g: int, settled: int) -> int:
                 if (lanes_below(dx * dx + dy * dy + dz * dz, spread(wide * wide)) & ~contact) == 0:
                     continue
                 wide = reach + single_at(item + 4)
-                if (lanes_below(squared_distance(item, x, y, z), spread(wide * wide)) & ~contact) == 0:
+                near = lanes_below(squared_distance(item, x, y, z), spread(wide * wide)) & ~contact
+                if near == 0:
+                    continue
+                if single_at(item) == CLOUD:
+                    found = _check_cloud(t, g, k, near)
+                    contact |= found & ALL
+                    doubt |= found >> LANES
                     continue
                 _center_body(t, b)
                 outside, inside = single_at(item + 4) + margin, single_at(item + 8) + margin

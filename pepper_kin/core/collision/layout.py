@@ -37,6 +37,8 @@ ALIGNMENT = 8
     NODES,
     ROOTS,
     ROOT_LISTS,
+    CLOUDS,
+    CLOUD_ROOM,
     LINKS,
     SIDES,
     RANGES,
@@ -77,11 +79,11 @@ ALIGNMENT = 8
     LEVERS,
     GAPS,
     GAP_STATES,
-) = range(52)
+) = range(54)
 """Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 52
+SECTIONS = 54
 
-BOX, CYLINDER, HULL, OTHER = 0, 1, 2, 3
+BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
 
 (
@@ -158,11 +160,16 @@ def shorten(memory: Array, which: int, size: int) -> int:
     return end - begin
 
 
+def aligned(size: int) -> Array:
+    """Return room for doubles, the first of them at a multiple of 64 bytes."""
+    room = np.empty(size + ALIGNMENT)
+    first = (-room.ctypes.data // 8) % ALIGNMENT
+    return room[first : first + size]
+
+
 def aligned_copy(block: Array) -> Array:
     """Return a copy whose first number is at a multiple of 64 bytes."""
-    room = np.empty(block.size + ALIGNMENT)
-    first = (-room.ctypes.data // 8) % ALIGNMENT
-    copy = room[first : first + block.size]
+    copy = aligned(block.size)
     copy[:] = block
     return copy
 

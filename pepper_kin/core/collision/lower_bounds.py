@@ -23,8 +23,10 @@ from pepper_kin.core.collision.ball_check import (
     place_all,
     squared_distance,
     tables_of,
+    to_frame,
 )
-from pepper_kin.core.collision.layout import ROOM, Array, section, section_bits, section_single
+from pepper_kin.core.collision.clouds import cloud_at, field_squared, nearest_squared
+from pepper_kin.core.collision.layout import CLOUD, ROOM, Array, section, section_bits, section_single
 from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, ball_meets, pair_distance, place_solids
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
@@ -37,11 +39,14 @@ from pepper_kin.kernels.lanes import (
     single_at,
     spread,
     store_lanes,
+    store_single,
     word_at,
 )
 
 SMALL = 0.03
 """Bounds by balls below this are replaced by exact distances where there is a closed form [m]."""
+NEAR = 0.1
+"""Bounds to clouds below this are exact for each ball [m]."""
 FAR = 1e30
 """Where there is nothing to be near to [m]."""
 
@@ -86,6 +91,31 @@ def _link_bound(t: Tables, k: int, least: Any) -> Any:
     return least
 
 
+@compiled
+def _cloud_bound(t: Tables, k: int, i: int, least: Any) -> Any:
+    """Return a bound in lanes, or that of the distance of ball i from a cloud, object k, where less."""
+    item, room = t.objects + 4 * OBJECT_SINGLES * k, t.cloud_room
+    c, place = cloud_at(word_at(t.clouds + 8 * k)), t.centers + 3 * LANE_BYTES * i
+    x, y, z = load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
+    x, y, z = to_frame(item, x, y, z)
+    reach = single_at(t.balls + 4 * BALL_SINGLES * i + 12) + single_at(item + 4)
+    bound = lane_sqrt(field_squared(c, x, y, z, room))
+    near = lanes_below(bound, spread(reach + NEAR)) & lanes_below(bound - reach, least)
+    if near == 0:
+        return lane_minimum(least, bound - reach)
+    store_lanes(room, x)
+    store_lanes(room + LANE_BYTES, y)
+    store_lanes(room + 2 * LANE_BYTES, z)
+    store_lanes(room + 3 * LANE_BYTES, bound)
+    for j in range(LANES):
+        own = room + 4 * j
+        if (near >> j) & 1:
+            at_x, at_y, at_z = single_at(own), single_at(own + 32), single_at(own + 64)
+            nearest = nearest_squared(c, at_x, at_y, at_z, reach + NEAR, reach * reach)
+            store_single(own + 3 * LANE_BYTES, math.sqrt(nearest))
+    return lane_minimum(least, load_lanes(room + 3 * LANE_BYTES) - reach)
+
+
 @compiled(lean=True)
 def _group_bound(t: Tables, g: int) -> Any:
     """Return in lanes how far the balls of a group are from the objects of its trees."""
@@ -110,6 +140,9 @@ def _group_bound(t: Tables, g: int) -> Any:
                     continue
                 for i in range(word_at(words + 16), word_at(words + 24)):
                     ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+                    if single_at(item) == CLOUD:
+                        least = _cloud_bound(t, k, i, least)
+                        continue
                     squared = squared_distance(
                         item, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
                     )

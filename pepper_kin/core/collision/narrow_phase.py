@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
+from pepper_kin.core.collision.clouds import cloud_verdict, point_verdict
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
 from pepper_kin.core.collision.layout import (
     AXES,
     BOX,
     CLASS_COUNT,
+    CLOUD,
+    CLOUDS,
+    FROZEN,
     FULL,
     GAP_STATES,
     GAPS,
@@ -105,6 +109,13 @@ def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int)
         section(other, SOLID_HALF)[3 * b : 3 * b + 3],
     )
     threshold = row_a[1] + row_b[1] + margin
+    if row_b[0] == CLOUD:
+        axes, address = section(memory, AXES), section_bits(other, CLOUDS)[b]
+        axis = axes[3 * (slot % (axes.size // 3)) :][:3]
+        core = ConvexCore(row_a[0], half_a, pose_a, _vertices(memory, a))
+        reach = row_a[2] + row_b[1] + margin + TIE_WIDTH
+        verdict = cloud_verdict(core, address, pose_b, reach, threshold, TIE_WIDTH, axis)
+        return TIE if verdict == CONTACT and row_a[3] == 0.0 else verdict
     thin_a = row_a[0] == BOX and half_a[0] == 0.0 and half_a[1] == 0.0
     thin_b = row_b[0] == BOX and half_b[0] == 0.0 and half_b[1] == 0.0
     verdict = TIE
@@ -298,3 +309,50 @@ def settle(memory: Array, rows: Array, count: int) -> int:
                 place_solids(memory, q)
                 status[i] = _verdict(memory, left, groups[i], q)
     return doubts
+
+
+@compiled("int64(float64[::1], int64, int64)")
+def pair_verdict(memory: Array, a: int, o: int) -> int:
+    """Return the verdict on a solid of the robot that no joint moves and an object of the scene.
+
+    Args:
+        memory: A block.
+        a: The solid.
+        o: The object's place in the scene's block.
+    """
+    place_solids(memory, section(memory, FROZEN))
+    return int(_pair(memory, scene_of(memory), a, o, section(memory, NUMBERS)[MARGIN], 0))
+
+
+@compiled("int64(float64[::1], float64[::1], float64[:, ::1], float64, uint8[::1])")
+def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDArray[np.uint8]) -> int:
+    """Mark points that are nearer to a robot's solids than a distance, or too near to it to tell.
+
+    Args:
+        memory: A block.
+        q: Configuration, shape (n,).
+        points: Points in the world, shape (k, 3) [m].
+        margin: The distance [m].
+        near: Written, one for each point.
+
+    Returns:
+        How many are marked.
+    """
+    solids, poses, halves = section(memory, SOLIDS), section(memory, SOLID_POSES), section(memory, SOLID_HALF)
+    point, axis, count = np.zeros(12), np.zeros(3), 0
+    point[3], point[7], point[11] = 1.0, 1.0, 1.0
+    near[:] = 0
+    place_solids(memory, q)
+    for a in range(solids.size // SOLID_SIZE):
+        row, pose = solids[SOLID_SIZE * a : SOLID_SIZE * (a + 1)], poses[12 * a : 12 * a + 12]
+        core = ConvexCore(row[0], halves[3 * a : 3 * a + 3], pose, _vertices(memory, a))
+        threshold, reach = row[1] + margin, row[2] + margin + TIE_WIDTH
+        for p in range(points.shape[0]):
+            x, y, z = points[p, 0] - pose[0], points[p, 1] - pose[1], points[p, 2] - pose[2]
+            if near[p] == 0 and x * x + y * y + z * z <= reach * reach:
+                for i in range(3):
+                    point[i] = points[p, i]
+                if point_verdict(core, point, threshold, TIE_WIDTH, axis) != FREE:
+                    near[p] = 1
+                    count += 1
+    return count

@@ -1,0 +1,442 @@
+"""Clouds of points: the grids that tell how far points are, and distances of balls and solids to them.
+
+For each cell of a grid, a field holds a lower bound of the distance of its center to the nearest point: the
+Euclidean distance transform over cells, less what points are off their cells' centers by.  A ball that the
+field keeps apart costs a few loads.  For any other, points are sorted by bins of two cells' edge, row by row
+along x, so that those of neighboring bins of a row stand side by side, and the rows that the ball meets are
+looked through.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, Array
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.kernels.lanes import (
+    LANES,
+    double_at,
+    lane_maximum,
+    lane_minimum,
+    lane_round,
+    lane_sqrt,
+    lanes_below,
+    load_lanes,
+    single_at,
+    spread,
+    store_lanes,
+    store_single,
+)
+
+HEAD = 16
+"""Numbers at the head of a cloud's block: least corner of the grid, edge of a cell, cells of a row (a
+multiple of eight), rows of a layer, layers, points, how many cells the field tells apart at most, then places
+in the block, in doubles, of the field, the firsts of the bins, x, y and z of the points in single precision,
+their coordinates in double precision, and of room."""
+BEYOND = 1e-5
+"""What ranges of cells are widened by, for rounding [m]."""
+FAR = 1e18
+"""Where no point is [m^2]."""
+
+
+class Cloud(NamedTuple):
+    """A cloud's grid, its bins and the addresses of its arrays; see HEAD."""
+
+    x: float
+    y: float
+    z: float
+    edge: float
+    row: int
+    rows: int
+    layers: int
+    bin: float
+    per_bin: float
+    bins: int
+    bin_rows: int
+    bin_layers: int
+    field: int
+    first: int
+    xs: int
+    ys: int
+    zs: int
+    points: int
+
+
+@compiled
+def cloud_at(address: int) -> Cloud:
+    """Return the cloud whose block is at an address."""
+    return Cloud(
+        double_at(address),
+        double_at(address + 8),
+        double_at(address + 16),
+        double_at(address + 24),
+        int(double_at(address + 32)),
+        int(double_at(address + 40)),
+        int(double_at(address + 48)),
+        2.0 * double_at(address + 24),
+        0.5 / double_at(address + 24),
+        (int(double_at(address + 32)) + 1) // 2,
+        (int(double_at(address + 40)) + 1) // 2,
+        (int(double_at(address + 48)) + 1) // 2,
+        address + 8 * int(double_at(address + 72)),
+        address + 8 * int(double_at(address + 80)),
+        address + 8 * int(double_at(address + 88)),
+        address + 8 * int(double_at(address + 96)),
+        address + 8 * int(double_at(address + 104)),
+        address + 8 * int(double_at(address + 112)),
+    )
+
+
+@compiled(inline=True)
+def _cell(x: float, low: float, rate: float, count: int) -> int:
+    """Return the cell of a coordinate, `rate` cells a meter, the nearest one where it is outside."""
+    place = (x - low) * rate
+    return int(place) if 0.0 < place < count else (0 if place <= 0.0 else count - 1)
+
+
+@compiled("void(float64[:, ::1], float64[::1], float64[::1])")
+def build_cloud(points: Array, middle: Array, block: Array) -> None:
+    """Fill a cloud's block whose head is written.
+
+    Args:
+        points: Coordinates, shape (k, 3) [m].
+        middle: The origin of the cloud's frame [m].
+        block: Written but for its head.
+    """
+    c, count = cloud_at(block.ctypes.data), points.shape[0]
+    cells, bins, rate = c.row * c.rows * c.layers, c.bins * c.bin_rows * c.bin_layers, 1.0 / c.edge
+    widest, off = block[8], 0.0
+    room = block.ctypes.data + 8 * int(block[15])  # of each point its bin, then lines of lanes
+    for k in range(0, cells, LANES):
+        store_lanes(c.field + 4 * k, spread(widest * widest))
+    for k in range(bins + 1):
+        store_single(c.first + 4 * k, 0.0)
+    for p in range(count):
+        x, y, z = points[p, 0] - middle[0], points[p, 1] - middle[1], points[p, 2] - middle[2]
+        i, j, k = (
+            _cell(x, c.x, rate, c.row),
+            _cell(y, c.y, rate, c.rows),
+            _cell(z, c.z, rate, c.layers),
+        )
+        store_single(c.field + 4 * (i + c.row * (j + c.rows * k)), 0.0)
+        cell = i // 2 + c.bins * (j // 2 + c.bin_rows * (k // 2))
+        dx = x - c.x - (i + 0.5) * c.edge
+        dy = y - c.y - (j + 0.5) * c.edge
+        dz = z - c.z - (k + 0.5) * c.edge
+        off = max(off, dx * dx + dy * dy + dz * dz)
+        store_single(room + 4 * p, cell)
+        store_single(c.first + 4 * cell + 4, single_at(c.first + 4 * cell + 4) + 1.0)
+    for k in range(bins):
+        store_single(c.first + 4 * k + 4, single_at(c.first + 4 * k) + single_at(c.first + 4 * k + 4))
+    places = floats_at(c.points, 3 * count)
+    for p in range(count):  # each cell's first moves to its end, which is put right below
+        cell = int(single_at(room + 4 * p))
+        place = int(single_at(c.first + 4 * cell))
+        store_single(c.first + 4 * cell, place + 1.0)
+        for i in range(3):
+            places[3 * place + i] = points[p, i] - middle[i]
+        store_single(c.xs + 4 * place, places[3 * place])
+        store_single(c.ys + 4 * place, places[3 * place + 1])
+        store_single(c.zs + 4 * place, places[3 * place + 2])
+    for k in range(bins, 0, -1):
+        store_single(c.first + 4 * k, single_at(c.first + 4 * k - 4))
+    store_single(c.first, 0.0)
+    for i in range(LANES):  # what a look at the last eight points may see beyond them
+        store_single(c.xs + 4 * (count + i), 1e9)
+        store_single(c.ys + 4 * (count + i), 1e9)
+        store_single(c.zs + 4 * (count + i), 1e9)
+    _fill_field(c, int(widest), math.sqrt(off) + 1e-6, room)
+
+
+@compiled
+def _fill_field(c: Cloud, widest: int, off: float, room: int) -> None:
+    """Write the field: squared distances along rows, then across them, then across layers.
+
+    Args:
+        c: The cloud, its field zero where points are and `widest` squared elsewhere.
+        widest: Distances above this many cells are not told apart.
+        off: Greatest distance of a point to the center of its cell [m].
+        room: Address of room for as many singles as a layer has cells, or `layers` times a row.
+    """
+    most = float(widest * widest)
+    for r in range(c.rows * c.layers):
+        field, gap = c.field + 4 * c.row * r, float(widest)
+        for i in range(c.row):
+            gap = 0.0 if single_at(field + 4 * i) == 0.0 else gap + 1.0
+            store_single(field + 4 * i, min(gap * gap, most))
+        gap = float(widest)
+        for i in range(c.row - 1, -1, -1):
+            gap = 0.0 if single_at(field + 4 * i) == 0.0 else gap + 1.0
+            store_single(field + 4 * i, min(gap * gap, single_at(field + 4 * i)))
+    for k in range(c.layers):
+        layer = c.field + 4 * c.row * c.rows * k
+        _spread_across(layer, 4 * c.row, c.rows, c.row, widest, room)
+    for j in range(c.rows):
+        _spread_across(c.field + 4 * c.row * j, 4 * c.row * c.rows, c.layers, c.row, widest, room)
+    for k in range(c.row * c.rows * c.layers):
+        store_single(c.field + 4 * k, math.sqrt(single_at(c.field + 4 * k)) * c.edge - off)
+
+
+@compiled
+def _spread_across(begin: int, stride: int, count: int, width: int, widest: int, room: int) -> None:
+    """Write min over e of f(j + e) + e^2 for `count` lines of `width` singles, `stride` bytes apart."""
+    for i in range(0, 4 * width, 4 * LANES):
+        for j in range(count):
+            least = load_lanes(begin + i + stride * j)
+            for e in range(1, widest):
+                square = float(e * e)
+                if lanes_below(spread(square), least) == 0:
+                    break
+                if j >= e:
+                    least = lane_minimum(least, load_lanes(begin + i + stride * (j - e)) + square)
+                if j + e < count:
+                    least = lane_minimum(least, load_lanes(begin + i + stride * (j + e)) + square)
+            store_lanes(room + 4 * LANES * j, least)
+        for j in range(count):
+            store_lanes(begin + i + stride * j, load_lanes(room + 4 * LANES * j))
+
+
+@compiled(inline=True, lean=True)
+def _clamped(x: Any, low: float, high: float) -> Any:
+    return lane_minimum(lane_maximum(x, spread(low)), spread(high))
+
+
+@compiled(lean=True)
+def field_squared(c: Cloud, x: Any, y: Any, z: Any, room: int) -> Any:
+    """Return in lanes a lower bound of the squared distance of points to a cloud's points [m^2].
+
+    The field is off by at most how far a point is from its cell's center.  A point outside the grid is at
+    least as far as it is from the grid, squared, and the nearest point of the grid from the cloud, squared:
+    the grid is convex.
+
+    Args:
+        c: The cloud.
+        x: Coordinates in its frame [m].
+        y: The same.
+        z: The same.
+        room: Address of room for eight singles.
+    """
+    edge, rate = c.edge, 1.0 / c.edge
+    u = _clamped(x, c.x, c.x + c.row * edge)
+    v = _clamped(y, c.y, c.y + c.rows * edge)
+    w = _clamped(z, c.z, c.z + c.layers * edge)
+    i = _clamped(lane_round((u - c.x) * rate - 0.5), 0.0, c.row - 1.0)
+    j = _clamped(lane_round((v - c.y) * rate - 0.5), 0.0, c.rows - 1.0)
+    k = _clamped(lane_round((w - c.z) * rate - 0.5), 0.0, c.layers - 1.0)
+    store_lanes(room, i + c.row * (j + c.rows * k))
+    for lane in range(LANES):
+        store_single(room + 4 * lane, single_at(c.field + 4 * int(single_at(room + 4 * lane))))
+    dx, dy, dz = (
+        u - i * edge - (c.x + 0.5 * edge),
+        v - j * edge - (c.y + 0.5 * edge),
+        w - k * edge - (c.z + 0.5 * edge),
+    )
+    bound = load_lanes(room) - lane_sqrt(dx * dx + dy * dy + dz * dz) - BEYOND
+    bound = lane_maximum(bound, spread(0.0))
+    x, y, z = x - u, y - v, z - w
+    return bound * bound + (x * x + y * y + z * z)
+
+
+@compiled
+def nearest_squared(c: Cloud, x: float, y: float, z: float, reach: float, enough: float) -> float:
+    """Return the squared distance of a point to a cloud's points, or reach^2 where that is less [m^2].
+
+    Args:
+        c: The cloud.
+        x: Coordinate of the point in the cloud's frame [m].
+        y: The same.
+        z: The same.
+        reach: Distance beyond which points do not count [m].
+        enough: A squared distance below which any will do [m^2].
+    """
+    best, wide = reach * reach, reach + BEYOND
+    k0, first, last = (
+        _cell(z, c.z, c.per_bin, c.bin_layers),
+        _cell(z - wide, c.z, c.per_bin, c.bin_layers),
+        _cell(z + wide, c.z, c.per_bin, c.bin_layers),
+    )
+    for a in range(2 * max(k0 - first, last - k0) + 1):  # layers and rows from the nearest one outward
+        k = k0 - (a + 1) // 2 if a & 1 else k0 + a // 2
+        low = c.z + k * c.bin
+        off = max(max(low - z, z - low - c.bin) - BEYOND, 0.0)
+        left = best - off * off
+        if k < first or k > last or left <= 0.0:
+            continue
+        wide, above = math.sqrt(left) + BEYOND, off * off
+        j0, begin, end = (
+            _cell(y, c.y, c.per_bin, c.bin_rows),
+            _cell(y - wide, c.y, c.per_bin, c.bin_rows),
+            _cell(y + wide, c.y, c.per_bin, c.bin_rows),
+        )
+        for b in range(2 * max(j0 - begin, end - j0) + 1):
+            j = j0 - (b + 1) // 2 if b & 1 else j0 + b // 2
+            low = c.y + j * c.bin
+            off = max(max(low - y, y - low - c.bin) - BEYOND, 0.0)
+            rest = best - above - off * off
+            if j < begin or j > end or rest <= 0.0:
+                continue
+            wide = math.sqrt(rest) + BEYOND
+            row = c.first + 4 * c.bins * (j + c.bin_rows * k)
+            p0 = int(single_at(row + 4 * _cell(x - wide, c.x, c.per_bin, c.bins)))
+            p1 = int(single_at(row + 4 * _cell(x + wide, c.x, c.per_bin, c.bins) + 4))
+            for p in range(p0, p1, LANES):
+                dx, dy, dz = (
+                    load_lanes(c.xs + 4 * p) - x,
+                    load_lanes(c.ys + 4 * p) - y,
+                    load_lanes(c.zs + 4 * p) - z,
+                )
+                found = lanes_below(dx * dx + dy * dy + dz * dz, spread(best))
+                q = p
+                while found != 0:
+                    if found & 1:
+                        dx1, dy1, dz1 = (
+                            single_at(c.xs + 4 * q) - x,
+                            single_at(c.ys + 4 * q) - y,
+                            single_at(c.zs + 4 * q) - z,
+                        )
+                        best = min(best, dx1 * dx1 + dy1 * dy1 + dz1 * dz1)
+                    found >>= 1
+                    q += 1
+                if best < enough:
+                    return best
+    return best
+
+
+@compiled
+def point_to_core(kind: float, half: Array, pose: Array, x: float, y: float, z: float) -> float:
+    """Return the distance of a point to a core: a box, a cylinder, or the box around a hull [m]."""
+    dx, dy, dz = x - pose[0], y - pose[1], z - pose[2]
+    u = dx * pose[3] + dy * pose[4] + dz * pose[5]
+    v = dx * pose[6] + dy * pose[7] + dz * pose[8]
+    w = max(abs(dx * pose[9] + dy * pose[10] + dz * pose[11]) - half[2], 0.0)
+    if kind != CYLINDER:
+        u, v = max(abs(u) - half[0], 0.0), max(abs(v) - half[1], 0.0)
+        return math.sqrt(u * u + v * v + w * w)
+    u = max(math.sqrt(u * u + v * v) - half[0], 0.0)
+    return math.sqrt(u * u + w * w)
+
+
+@compiled
+def point_verdict(core: ConvexCore, point: Array, threshold: float, tie: float, axis: Array) -> int:
+    """Return whether a point is nearer to a core than a threshold [m]: FREE, CONTACT or TIE.
+
+    Args:
+        core: The core.
+        point: Coordinates and x, y and z axis, shape (12,).
+        threshold: The distance [m].
+        tie: Distances within this of the threshold are ties [m].
+        axis: Direction that parted the two last, changed.
+    """
+    distance = point_to_core(core.kind, core.half, core.pose, point[0], point[1], point[2])
+    if distance > threshold + tie:
+        return FREE
+    if core.kind == HULL:
+        single = ConvexCore(float(BOX), np.zeros(3), point, core.vertices[:, :0].copy())
+        return int(nearer_than(core, single, threshold, tie, axis))
+    return CONTACT if distance < threshold - tie else TIE
+
+
+@compiled
+def cloud_verdict(
+    core: ConvexCore, address: int, pose: Array, reach: float, threshold: float, tie: float, axis: Array
+) -> int:
+    """Return the verdict on a core and a cloud: whether any point is nearer than a threshold.
+
+    Args:
+        core: The core, in the world.
+        address: Of the cloud's block.
+        pose: Of the cloud's frame in the world, center and axes, shape (12,).
+        reach: Points farther than this from the core's center do not matter [m].
+        threshold: The distance [m].
+        tie: Distances within this of the threshold are ties [m].
+        axis: Direction that parted core and point last, changed.
+    """
+    c, worst, point = cloud_at(address), FREE, np.zeros(12)
+    point[3], point[7], point[11] = 1.0, 1.0, 1.0
+    dx, dy, dz = core.pose[0] - pose[0], core.pose[1] - pose[1], core.pose[2] - pose[2]
+    x = dx * pose[3] + dy * pose[4] + dz * pose[5]
+    y = dx * pose[6] + dy * pose[7] + dz * pose[8]
+    z = dx * pose[9] + dy * pose[10] + dz * pose[11]
+    wide = reach + BEYOND
+    layers = _cell(z - wide, c.z, c.per_bin, c.bin_layers), _cell(z + wide, c.z, c.per_bin, c.bin_layers)
+    rows = _cell(y - wide, c.y, c.per_bin, c.bin_rows), _cell(y + wide, c.y, c.per_bin, c.bin_rows)
+    for k in range(layers[0], layers[1] + 1):
+        for j in range(rows[0], rows[1] + 1):
+            row = c.first + 4 * c.bins * (j + c.bin_rows * k)
+            begin = int(single_at(row + 4 * _cell(x - wide, c.x, c.per_bin, c.bins)))
+            end = int(single_at(row + 4 * _cell(x + wide, c.x, c.per_bin, c.bins) + 4))
+            for p in range(begin, end):
+                place = c.points + 24 * p
+                u, v, w = double_at(place), double_at(place + 8), double_at(place + 16)
+                if (u - x) * (u - x) + (v - y) * (v - y) + (w - z) * (w - z) > reach * reach:
+                    continue
+                for i in range(3):
+                    point[i] = pose[i] + u * pose[3 + i] + v * pose[6 + i] + w * pose[9 + i]
+                verdict = point_verdict(core, point, threshold, tie, axis)
+                if verdict == CONTACT:
+                    return CONTACT
+                worst = max(worst, verdict)
+    return worst
+
+
+@compiled("void(float64[:, ::1], float64[::1])")
+def extent(points: Array, box: Array) -> None:
+    """Write the least and the greatest corner of the box around points, shape (6,)."""
+    for a in range(3):
+        box[a], box[3 + a] = math.inf, -math.inf
+    for p in range(points.shape[0]):
+        for a in range(3):
+            box[a] = min(box[a], points[p, a])
+            box[3 + a] = max(box[3 + a], points[p, a])
+
+
+@compiled("Tuple(int64, float64)(float64[:, ::1], float64[::1], float64, int64[::1], float64[:, ::1])")
+def thin(points: Array, low: Array, edge: float, table: NDArray[np.int64], boxes: Array) -> tuple[int, float]:
+    """Sort points into cubes; return how many there are, and how far a point is from its cube's at most [m].
+
+    Args:
+        points: Coordinates, shape (k, 3) [m].
+        low: Least corner of the first cube [m].
+        edge: Edge of a cube [m].
+        table: Room, all -1, its size a power of two above k.
+        boxes: Written: of each cube the middle of the box around its points; and room, shape (k, 6).
+    """
+    count, mask, off = 0, table.size - 1, 0.0
+    keys, owner = np.empty((points.shape[0], 3), np.int64), np.empty(points.shape[0], np.int64)
+    for p in range(points.shape[0]):
+        i = int((points[p, 0] - low[0]) / edge)
+        j = int((points[p, 1] - low[1]) / edge)
+        k = int((points[p, 2] - low[2]) / edge)
+        slot = (i * 73856093 ^ j * 19349663 ^ k * 83492791) & mask
+        while table[slot] >= 0:
+            cube = table[slot]
+            if keys[cube, 0] == i and keys[cube, 1] == j and keys[cube, 2] == k:
+                break
+            slot = (slot + 1) & mask
+        cube = table[slot]
+        if cube < 0:
+            cube = table[slot] = count
+            keys[cube, 0], keys[cube, 1], keys[cube, 2] = i, j, k
+            for a in range(3):
+                boxes[cube, a] = boxes[cube, 3 + a] = points[p, a]
+            count += 1
+        owner[p] = cube
+        for a in range(3):
+            boxes[cube, a] = min(boxes[cube, a], points[p, a])
+            boxes[cube, 3 + a] = max(boxes[cube, 3 + a], points[p, a])
+    for k in range(count):
+        for a in range(3):
+            boxes[k, a] = 0.5 * (boxes[k, a] + boxes[k, 3 + a])
+    for p in range(points.shape[0]):
+        squared = 0.0
+        for a in range(3):
+            apart = points[p, a] - boxes[owner[p], a]
+            squared += apart * apart
+        off = max(off, squared)
+    return count, math.sqrt(off)
