@@ -27,6 +27,7 @@ from .roadmap import Roadmap
 from .rrt_connect import rrt_connect
 from .shortcut import shortcut
 from .smooth import SmoothPath, rounded_waypoints, smooth
+from .transition_rrt import transition_rrt
 
 __all__ = [
     "OMPL_PLANNERS",
@@ -67,4 +68,5 @@ __all__ = [
     "rrt_connect",
     "shortcut",
     "smooth",
+    "transition_rrt",
 ]

@@ -220,8 +220,8 @@ def _band(points: FloatArray) -> Band:
     )
 
 
-@compiled
-def _price(cost: Surface, state: FloatArray) -> float:
+@compiled("float64(Surface, float64[::1])")
+def price_at(cost: Surface, state: Floats1) -> float:
     """Return c at a state; its gradient is left in `cost.out`."""
     evaluate(cost, state)
     found = cost.out[0]
@@ -234,7 +234,7 @@ def _price(cost: Surface, state: FloatArray) -> float:
 def measure_costs(cost: Surface, states: Floats2, count: int, found: Floats1) -> None:
     """Write c at the first states, shape (m, n)."""
     for k in range(count):
-        found[k] = _price(cost, states[k])
+        found[k] = price_at(cost, states[k])
 
 
 @compiled
@@ -430,7 +430,7 @@ def _linearize(space: SearchSpace, cost: Surface, surface: Surface, band: Band, 
         before, after = lines[_SPAN, k - 1], lines[_SPAN, k]
         price_before = 1.0 + 0.5 * (lines[_COST, k - 1] + lines[_COST, k])
         price_after = 1.0 + 0.5 * (lines[_COST, k] + lines[_COST, k + 1])
-        positive = _price(cost, points[k]) > 0.0
+        positive = price_at(cost, points[k]) > 0.0
         along = square = 0.0
         for c in range(n):
             slope = cost.out[1 + cost.columns[c]] / weights[c] if positive else 0.0
@@ -535,7 +535,7 @@ def _stepped(
             if lines[_STAYS, k] == 0.0 and not _moved_onto(surface, trial[k]):
                 _let_stay(lines, k, last)
         for k in range(low + 1, high):
-            lines[_TRIAL_COST, k] = _price(cost, trial[k]) if lines[_STAYS, k] == 0.0 else lines[_COST, k]
+            lines[_TRIAL_COST, k] = price_at(cost, trial[k]) if lines[_STAYS, k] == 0.0 else lines[_COST, k]
         new = _total(trial, lines[_TRIAL_COST], space.weights)
         if not new < band.memory[_TOTAL]:
             return math.inf

@@ -24,14 +24,15 @@ from pepper_kin.trajectory.path import as_cubic_path
 Array = NDArray[np.float64]
 
 PLANNER = "rrt_connect"
-SEARCHES = 4
-"""Paths that are searched and descended from; the cheapest is taken."""
+SEARCHES = 2
+"""Paths of each of two kinds of search, from which the cost is lowered."""
 
-MOST_ITERATIONS = 100_000_000
-"""Of the first search, which ends when time is up."""
+MOST_ITERATIONS = 20_000
+"""Of a further search."""
 
-_LONGER = 5
+_FIRST_STEPS = 45  # of the descent from each; the cheapest then goes on
 _PIECES = (6, 12, 24, 48, 96, 192)  # of a spline through a path
+_LITTLE = 0.01  # [s]: with less left nothing more is searched
 _CLOSE = 1.01  # what a spline may cost more than the polyline that it follows
 NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
@@ -51,8 +52,9 @@ def plan_costed(
     """Plan a collision-free path on which its length and soft costs together are small.
 
     What is made small is the integral of 1 + sum of the prices over the length of the path in the planners'
-    metric (see `PathCost`): by searches for paths of little cost, short-cuts that count the cost, and steps
-    down its gradient (`planners.descend_cost`).  It is not proven to be the least.
+    metric (see `PathCost`): by searches with regard to the cost and without (`planners.transition_rrt`,
+    `rrt_connect`), short-cuts that count it, and steps down its gradient (`planners.descend_cost`).  It is
+    not proven to be the least.
 
     Args:
         pepper: The robot.
@@ -109,8 +111,8 @@ def words(path: Array, found: Figures, before: Figures | None) -> str:
     text = f"Path of {len(path)} way-points; its costs are {found.integrals.sum():.3g} m"
     if before is None:
         return f"{text}."
-    longer = 100 * (found.length / before.length - 1)
-    return f"{text}, without regard to them {before.integrals.sum():.3g} m on a way {longer:.0f} % shorter."
+    shorter = 100 * (1 - before.length / found.length)
+    return f"{text}, without regard to them {before.integrals.sum():.3g} m on a way {shorter:.0f} % shorter."
 
 
 class _Search:
@@ -124,8 +126,10 @@ class _Search:
     def __init__(self, room: PathProblem, costs: PathCosts, seed: int, deadline: float) -> None:
         self._room, self._costs, self._seed, self._deadline = room, costs, seed, deadline
         self._price = costs.for_planner(room.start, room.free)
-        self.states_checked, self._most = 0, MOST_ITERATIONS
-        self.first = self._searched(0)
+        self.states_checked = 0
+        self.first = next(
+            iter(self._path(planners.rrt_connect(room.problem, seed=seed, timeout=self._left))), None
+        )
 
     def cheapest(self) -> tuple[Array | None, Figures | None, Figures | None]:
         """Return way-points, shape (m, n), their figures, and those of the way without regard to costs.
@@ -136,14 +140,10 @@ class _Search:
         assert first is not None
         plain = waypoints_of(room, first, seed=self._seed, timeout=self._left)
         before = None if plain is None else self._figures(plain)
-        found = [first]
-        for number in range(1, SEARCHES):
-            other = self._searched(number) if self._left > 0.01 else None
-            # In the open all searches end with the same straight edge.
-            if other is not None and not any(np.array_equal(other.points, one.points) for one in found):
-                found.append(other)
-        candidates = [self._descended(path) for path in found]
-        for path in sorted(candidates, key=self._price.along):
+        lowered = [self._descended(path, _FIRST_STEPS) for path in self._paths(first)]
+        candidates = sorted(lowered, key=self._price.along)
+        candidates[0] = self._descended(candidates[0])
+        for path in candidates:
             points = self._waypoints(path)
             if points is not None:
                 figures = self._figures(points)
@@ -156,18 +156,28 @@ class _Search:
     def _left(self) -> float:
         return max(self._deadline - time.perf_counter(), 1e-3)
 
-    def _searched(self, number: int) -> planners.Path | None:
-        result = planners.rrt_connect(
-            self._room.problem, seed=self._seed + number, timeout=self._left, max_iterations=self._most
-        )
-        self.states_checked += result.states_checked
-        # Further searches may take longer than the first, but not all of the time.
-        self._most = _LONGER * (result.iterations + 100) if number == 0 else self._most
-        return result.path
+    def _paths(self, first: planners.Path) -> list[planners.Path]:
+        """Return the first path and those of further searches, with regard to the price and without."""
+        problem, found = self._room.problem, [first]
+        for seed in range(self._seed, self._seed + SEARCHES):
+            options: dict[str, Any] = {"seed": seed, "max_iterations": MOST_ITERATIONS}
+            if self._left > _LITTLE:
+                found += self._path(
+                    planners.transition_rrt(problem, self._price, timeout=self._left, **options)
+                )
+            if self._left > _LITTLE and seed > self._seed:
+                others = self._path(planners.rrt_connect(problem, timeout=self._left, **options))
+                # In the open all searches end with the same straight edge.
+                found += [one for one in others if not np.array_equal(one.points, first.points)]
+        return found
 
-    def _descended(self, path: planners.Path) -> planners.Path:
+    def _path(self, result: planners.Result) -> list[planners.Path]:
+        self.states_checked += result.states_checked
+        return [] if result.path is None else [result.path]
+
+    def _descended(self, path: planners.Path, iterations: int = 200) -> planners.Path:
         return planners.descend_cost(
-            self._room.problem, self._price, path, seed=self._seed, timeout=self._left
+            self._room.problem, self._price, path, seed=self._seed, iterations=iterations, timeout=self._left
         )
 
     def _waypoints(self, path: planners.Path) -> Array | None:

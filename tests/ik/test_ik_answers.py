@@ -256,6 +256,7 @@ VALUES = (
     0.1,
 )
 PLANAR = pk.load_pepper(base="planar")
+OTHER_VALUES = {"pepper": (PEPPER,), "function": (lambda q: q[0],)}
 CLASSES = [
     item
     for name in pk.ik.__all__
@@ -283,7 +284,7 @@ def good_arguments(item):
     needed = [name for name, p in parameters if p.default is p.empty]
     optional = [name for name, p in parameters if p.default is None and p.kind is p.POSITIONAL_OR_KEYWORD]
     for names, robot in itertools.product((needed, needed + optional), (PEPPER, PLANAR)):
-        for values in itertools.product(VALUES, repeat=len(names)):
+        for values in itertools.product(*(OTHER_VALUES.get(name, VALUES) for name in names)):
             arguments = dict(zip(names, values, strict=True))
             try:
                 build_and_check(item, arguments, robot)
