@@ -83,7 +83,8 @@ def show(title: str, rows: list[Row]) -> None:
     print(
         f"| time, median | {middle([r.plan for r in rows]):.3f} s + {middle([r.retime for r in rows]):.3f} s "
         f"| {middle(times) * 1000:.0f} ms (90 %: {times[int(0.9 * len(times))] * 1000:.0f} ms; processor "
-        f"{middle([r.processor for r in rows]) * 1000:.0f} ms) |"
+        f"{middle([r.processor for r in rows]) * 1000:.0f} ms, "
+        f"90 %: {np.quantile([r.processor for r in rows], 0.9) * 1000:.0f} ms) |"
     )
     print(
         f"| duration, median | {middle([f.duration for f in before]):.3f} s "

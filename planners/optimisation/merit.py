@@ -56,7 +56,8 @@ def ask_term(tables: Tables, work: Workspace, t: int, what: int) -> bool:
     states = work.states[term[SAMPLING]]
     asked = KINDS * tables.counts[term[SAMPLING], 0] + what
     result = work.results[term[FIRST] :]
-    return call_four(term[ADDRESS], states.ctypes.data, result.ctypes.data, asked, term[MEMORY]) != FAILED
+    address, memory = int(term[ADDRESS]), int(term[MEMORY])
+    return call_four(address, states.ctypes.data, result.ctypes.data, int(asked), memory) != FAILED
 
 
 @compiled(lean=True)

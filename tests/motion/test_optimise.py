@@ -209,7 +209,7 @@ def test_misuse_is_named(over_the_table):
 
 def test_what_cannot_be_kept_is_named(over_the_table):
     pepper, plan, _ = over_the_table
-    short = optimise(pepper, plan, TABLE, duration=0.05)
+    short = optimise(pepper, plan.path[[0, -1]], duration=0.05)
     names = [name for name in pepper.joint_names if f"limit of {name} by" in short.message]
     assert len(names) == 1
     assert "It breaks the acceleration limit of" in short.message
@@ -217,7 +217,7 @@ def test_what_cannot_be_kept_is_named(over_the_table):
         np.abs(plan.path[-1] - plan.path[0]) / pepper.acceleration_limits
     )  # of a straight line, in T^2 / 4
     assert needed[pepper.joint_index(names[0])] > 0.5 * needed.max()
-    weak = optimise(pepper, plan, TABLE, jerk=1e-3)  # a thousand times the duration
+    weak = optimise(pepper, plan, TABLE, jerk=1e-9)  # a thousand times the duration
     assert weak.status is OptimisedStatus.NO_ROOM
     assert "It breaks the jerk limit of" in weak.message
 

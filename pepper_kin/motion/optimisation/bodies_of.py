@@ -56,7 +56,7 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
 
 @lru_cache(maxsize=16)
 def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, int], tuple[Array, ...]]:
-    """Return a link for each moving joint, the places of the links of joints, and poses of joints there."""
+    """Return a link for each moving joint, Pinocchio's joint -> its place, and the joints' poses there."""
     model = pepper.inner_model
     first: dict[int, str] = {}
     for name in pepper.frame_names:

@@ -114,24 +114,18 @@ def optimise(
 
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
-    wanted, seconds = _checked(margin, timeout, duration, solver)
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise InvalidValueError("starts", starts, "a whole number of at least 1")
+    wanted, seconds = _checked(margin, timeout, duration, solver, starts)
     scales = (velocity_scale, acceleration_scale, torque_scale)
     before = _timed(pepper, path, *scales, balance)
-    velocity, acceleration = pepper.velocity_limits, pepper.acceleration_limits
-    torque = pepper.effort_limits * torque_scale
-    limits = Limits(velocity * velocity_scale, acceleration * acceleration_scale, torque, balance)
+    bounds = (pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits)
+    limits = Limits(*(bound * scale for bound, scale in zip(bounds, scales, strict=True)), balance)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks, jerk=rate)
     judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks, rate)
     best = judge(problem, problem.descend(wanted, max_iterations, seconds, solver))
-    for other in _detours(pepper, before, starts, seed, scales):
-        left = seconds - (time.perf_counter() - begin)
-        if left <= 0.0:
-            break
+    for other, left in _detours(pepper, before, starts, seed, scales, begin + seconds):
         problem = SplineProblem(pepper, other, world, weights, limits, margin, intervals, tasks, jerk=rate)
         found = judge(problem, problem.descend(wanted, max_iterations, left, solver))
         if found.success and not (best.success and _cost_of(best) <= _cost_of(found)):
@@ -145,11 +139,13 @@ def _cost_of(found: Optimised) -> float:
 
 
 def _checked(
-    margin: float, timeout: float | None, duration: float | None, solver: str
+    margin: float, timeout: float | None, duration: float | None, solver: str, starts: int
 ) -> tuple[float | None, float]:
     """Return the duration wanted, if any, and the time that the search may take [s]."""
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise InvalidValueError("starts", starts, "a whole number of at least 1")
     if timeout is not None:
         check_positive("timeout", timeout, "s")
     if solver == FATROP:
@@ -195,9 +191,13 @@ def _timed(
 
 
 def _detours(
-    pepper: PepperModel, before: Trajectory, starts: int, seed: int, scales: tuple[float, float, float]
-) -> Iterator[Trajectory]:
-    """Return motions along two straight lines from start to goal, by random postures of moving joints."""
+    pepper: PepperModel, before: Trajectory, starts: int, seed: int, scales: tuple[float, float, float],
+    end: float,
+) -> Iterator[tuple[Trajectory, float]]:  # fmt: skip
+    """Return motions along two straight lines from start to goal, by random postures of moving joints.
+
+    Each comes with the time that is left until the clock shows `end` [s].
+    """
     rng, first, last = np.random.default_rng(seed), before.start, before.end
     moving = first != last
     spare = np.where(np.isfinite(pepper.upper_limits - pepper.lower_limits), 0.0, np.pi)
@@ -207,9 +207,13 @@ def _detours(
         share = _DETOUR * rng.uniform(-1.0, 1.0, pepper.n)
         middle = np.where(moving, np.clip((first + last) / 2 + share * (high - low), low, high), first)
         try:
-            yield _timed(pepper, np.stack([first, middle, last]), *scales, None)
+            motion = _timed(pepper, np.stack([first, middle, last]), *scales, None)
         except (InfeasibleError, LimitError):
             continue
+        left = end - time.perf_counter()
+        if left <= 0.0:
+            return
+        yield motion, left
 
 
 @dataclass(frozen=True, eq=False)
