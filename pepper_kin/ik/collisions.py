@@ -151,12 +151,12 @@ class _Blocks:
         from pepper_kin.core.inverse_kinematics.verdict import verdict
         from pepper_kin.ik.fast.proximity_table import proximity_block
 
-        n, block, address = checker.pepper.n, np.empty(0), 0
+        validity, block, address = None, np.empty(0), 0
         if checker.supported:
-            block = checker.compiled(checker.pepper.neutral(), np.arange(n)).new_memory()
-            address = cast("Any", verdict).address
+            validity = checker.compiled(checker.pepper.neutral(), np.arange(checker.pepper.n))
+            block, address = validity.new_memory(), cast("Any", verdict).address
         near = proximity_block(checker.exact, MARGIN)
-        self._kept = block, near
+        self._kept = validity, block, near
         self.tests = CollisionTests(
             address, block.ctypes.data, block.size, 0, cast("Any", near_rows).address, near.ctypes.data
         )
