@@ -63,9 +63,10 @@ def _pairs(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     count = len(structure.solids)
     world = [
         (member, count + int(place))
-        for members, compared in zip(structure.groups, structure.compared, strict=True)
-        for place in np.flatnonzero(compared)
-        for member in members
+        for places, groups in structure.sets
+        for group in sorted(groups)
+        for member in structure.groups[group]
+        for place in places.tolist()
     ]
     first, second = (np.array(pairs, dtype=np.int64).reshape(-1, 2) for pairs in (own, world))
     return first, second
