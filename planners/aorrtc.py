@@ -24,7 +24,6 @@ from .rrt_connect import Search, grow, luby, new_counters, plant
 from .shortcut import shortcut, shorten
 from .vectors import FloatArray, positive_number, whole_number
 
-_STEP = 0.1  # of the diagonal: longest extension
 _UNLIMITED = 2**62
 _LEAST_TIME = 1e-9  # [s]; a budget is above zero
 
@@ -90,7 +89,7 @@ def aorrtc(
     deadline = Deadline(timeout)
     seed, gap = whole_number("seed", seed), _checked_gap(gap)
     most = _UNLIMITED if max_iterations is None else whole_number("max_iterations", max_iterations)
-    step = _STEP * problem.diagonal if step is None else positive_number("step", step)
+    step = None if step is None else positive_number("step", step)
     task = problem if path is None else _from_path(problem, path)
     counters = new_counters()
     with machine_code_of(task, deadline, counters=counters) as code:

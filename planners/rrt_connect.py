@@ -29,6 +29,7 @@ _FIRST_CAPACITY = 128
 _CLOCK_EVERY = 64  # goals or samples
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
 _FRONTIER = 64  # nodes of a stuck tree that are returned
+_WIDTH, _NEAR_ROUND = 2.0, 1024  # of the first paths, in straight lines, and samples; they double together
 _TRIES = 8  # to draw a sample that is of use inside the box
 
 # How a call ends.
@@ -36,10 +37,7 @@ GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
 
 # Places in `counters`, after those of the validity function.
 ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT, DRAWN = range(STOP + 1, STOP + 9)
-TRIED, GREW = (
-    DRAWN + 1,
-    DRAWN + 3,
-)  # samples and extensions, of the tree of the start and of that of the goals
+TRIED, GREW = DRAWN + 1, DRAWN + 3  # samples and extensions, of each tree
 _COUNTERS = GREW + 2
 
 # Rows of `rows`; the last one is two.
@@ -60,7 +58,8 @@ class Trees(NamedTuple):
         room: Eight numbers.
         counters: See the places above.
         bound: Length that a path has to be below; infinite if any will do.
-        informed: Whether samples are drawn from an ellipsoid rather than from the box.
+        within: Length of the paths through the samples that are drawn; infinite for all of the space's box,
+            which holds all paths below the bound anyway.
     """
 
     states: Floats3
@@ -72,7 +71,7 @@ class Trees(NamedTuple):
     room: Floats1
     counters: Ints1
     bound: float
-    informed: bool
+    within: float
 
 
 def rrt_connect(
@@ -92,8 +91,9 @@ def rrt_connect(
     alone, since what shuts it in is what the search must find a way through.  A node from which an extension
     failed is taken for samples in a ball around it only.  Such searches mostly find a path soon or go on for
     very long; so they begin anew, with other samples, after rounds of 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, ... times
-    16,384 samples.  Before any of this, the straight edges from the
-    start to the goals are tried, nearest goal first.
+    16,384 samples.  Where the box is far wider than start and goals are apart, as with a base that drives,
+    shorter rounds before these draw samples near the ends only, each from twice as far as the one before.
+    Before any of this, the straight edges from the start to the goals are tried, nearest goal first.
 
     Sources: J. J. Kuffner and S. M. LaValle, RRT-Connect: an efficient approach to single-query path
     planning, ICRA 2000; J. J. Kuffner and S. M. LaValle, An efficient approach to path planning using
@@ -131,7 +131,7 @@ def rrt_connect(
     load_code(plant, grow)
     deadline = Deadline(timeout)
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
-    step = _STEP * problem.diagonal if step is None else positive_number("step", step)
+    step = None if step is None else positive_number("step", step)
     counters = new_counters()
     with machine_code_of(problem, deadline, counters=counters) as code:
         search = Search(problem, code, counters, seed, step)
@@ -158,13 +158,15 @@ class Search:
     """One run: the arrays of the trees, which grow, the goals, and the way back."""
 
     def __init__(
-        self, problem: Problem, code: CompiledMotionValidator, counters: Ints1, seed: int, step: float
+        self, problem: Problem, code: CompiledMotionValidator, counters: Ints1, seed: int, step: float | None
     ) -> None:
         n = problem.n
         self._problem, self._key = problem, stream_key(seed, 0)
-        self._round, self._round_end = 1, _ROUND
+        self._round, self._round_end, self._width, self._step = 0, 0, _WIDTH, step
         self._sizes, self._extents = [0, 0], [0.0, 0.0]  # the largest of the trees of all rounds
-        self._space = space_of(problem, code, problem.spacing, step)
+        self._space = space_of(
+            problem, code, problem.spacing, _STEP * problem.diagonal if step is None else step
+        )
         self._trees = Trees(
             states=np.empty((2, 0, n)),
             lanes=np.empty((2, 0, n, LANES)),
@@ -175,7 +177,7 @@ class Search:
             room=np.empty(LANES),
             counters=counters,
             bound=math.inf,
-            informed=False,
+            within=math.inf,
         )
         self._reserve(_FIRST_CAPACITY)
 
@@ -184,6 +186,7 @@ class Search:
         counters = self._trees.counters
         ended = self.plant(self._problem.goals.copy(), 0, deadline)
         if ended == GOING_ON and source.endless:
+            self._width = math.inf  # goals may be drawn anywhere
             ended = self._grow_while_drawing(source, deadline, max_iterations)
         elif ended == GOING_ON and counters[GOAL_SIZE] == 0:
             return Status.GOAL_INVALID
@@ -212,6 +215,8 @@ class Search:
 
     def grow(self, iterations: int, deadline: Deadline) -> int:
         """Grow both trees up to a number of iterations in all; return how it ended."""
+        if self._round_end == 0:
+            self._next_round()
         trees = self._trees
         while True:
             until = min(iterations, self._round_end)
@@ -220,9 +225,7 @@ class Search:
                 continue
             if ended == GOING_ON and until < iterations:
                 self._note_trees()
-                self._round += 1
-                self._round_end += _ROUND * luby(self._round)
-                self._begin_anew(trees.bound)
+                self._next_round()
                 trees = self._trees
                 continue
             if ended != FULL:
@@ -248,10 +251,27 @@ class Search:
 
     def straight_length(self) -> float:
         """Return the length of the straight line from the start to the nearest goal that is a root."""
-        trees, problem = self._trees, self._problem
-        size = int(trees.counters[GOAL_SIZE])
-        goals = trees.states[1, :size][trees.parents[1, :size] < 0] if size else problem.goals
-        return float(problem.metric.distance(problem.start, goals).min())
+        return float(self._problem.metric.distance(self._problem.start, self._roots()).min())
+
+    def _roots(self) -> FloatArray:
+        """Return the valid goals, shape (k, n); all of them where none is known to be."""
+        trees, size = self._trees, int(self._trees.counters[GOAL_SIZE])
+        return trees.states[1, :size][trees.parents[1, :size] < 0] if size else self._problem.goals
+
+    def _next_round(self) -> None:
+        """Begin the next round: short ones near the ends first, then those of the whole box."""
+        trees, region = self._trees, np.array([self._problem.lower, self._problem.upper])
+        if trees.counters[ITERATIONS]:
+            self._forget_nodes()
+        if self._width < math.inf and narrow(self._space, trees, self._width, 0.0, region):
+            self._draw_from(region)
+            self._round_end = self.samples + _NEAR_ROUND * int(self._width / _WIDTH)
+            self._width *= 2.0
+            return
+        if self._width not in (math.inf, _WIDTH):
+            self._draw_from(region)
+        self._width, self._round = math.inf, self._round + 1
+        self._round_end = self.samples + _ROUND * luby(self._round)
 
     def is_valid(self, points: FloatArray) -> bool:
         """Whether all edges of a path are valid, each by itself."""
@@ -265,7 +285,12 @@ class Search:
 
     def below(self, bound: float, iterations: int, deadline: Deadline) -> bool:
         """Search anew for a path shorter than a bound, with so many samples; return whether there is one."""
-        self._begin_anew(bound)
+        self._forget_nodes()
+        region = np.array([self._problem.lower, self._problem.upper])
+        narrow(self._space, self._trees, 0.0, bound, region)
+        self._draw_from(region)
+        within = bound if self._is_smaller_than_box(bound) else math.inf
+        self._trees = self._trees._replace(bound=bound, within=within)
         self._round_end = until = self.samples + iterations
         return self.grow(until, deadline) == FOUND
 
@@ -323,10 +348,9 @@ class Search:
             extent = float(metric.distance(states.min(axis=0), states.max(axis=0)))
             self._extents[side] = max(self._extents[side], extent)
 
-    def _begin_anew(self, bound: float) -> None:
-        """Forget all nodes but the roots; the next path has to be shorter than a bound."""
-        informed = self._is_smaller_than_box(bound)
-        self._trees = trees = self._trees._replace(bound=bound, informed=informed)
+    def _forget_nodes(self) -> None:
+        """Forget all nodes but the roots."""
+        trees = self._trees
         trees.counters[DIRECT] = 0
         for side in range(2):
             size = int(trees.counters[START_SIZE + side])
@@ -338,8 +362,15 @@ class Search:
             trees.lanes[side, : roots.size // LANES + 1] = math.inf
             trees.lanes[side, places // LANES, :, places % LANES] = kept * self._space.weights
 
+    def _draw_from(self, region: FloatArray) -> None:
+        """Draw samples from a part of the box, given by its lower and upper bounds, shape (2, n)."""
+        reach = self._step
+        if reach is None:
+            reach = _STEP * float(self._problem.metric.distance(region[0], region[1]))
+        self._space = self._space._replace(lower=region[0], extent=region[1] - region[0], reach=reach)
+
     def _is_smaller_than_box(self, bound: float) -> bool:
-        """Whether the states through which a path may be below a bound fill less room than the box."""
+        """Whether the states through which paths are below a bound fill less room than the space's box."""
         if bound == math.inf:
             return False
         problem, n = self._problem, self._problem.n
@@ -347,7 +378,7 @@ class Search:
         across = math.sqrt(max(bound * bound - apart * apart, 1e-300))
         ball = 0.5 * n * math.log(math.pi) - math.lgamma(0.5 * n + 1.0)
         inside = ball + math.log(0.5 * bound) + (n - 1) * math.log(0.5 * across)
-        extent = (problem.upper - problem.lower) * problem.metric.weights
+        extent = self._space.extent * problem.metric.weights
         return inside < float(np.log(np.maximum(extent, 1e-300)).sum())
 
     def path(self) -> tuple[FloatArray, int]:
@@ -441,16 +472,16 @@ def _from_root(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -
 @compiled
 def _draw(space: SearchSpace, trees: Trees, key: np.uint64) -> None:
     """Write a sample into rows[SAMPLE]: of the box, or of it where a path through it may be short enough."""
-    counters, sample, bound = trees.counters, trees.rows[SAMPLE], trees.bound
+    counters, sample, within = trees.counters, trees.rows[SAMPLE], trees.within
     n = sample.size
-    if trees.informed:
+    if within < math.inf:
         roots = 0
         while roots < counters[GOAL_SIZE] and trees.parents[1, roots] < 0:
             roots += 1
         for _ in range(_TRIES):
             goal = trees.states[1, int(uniform(key, counters[DRAWN]) * roots)]
             start, room = trees.states[0, 0], trees.rows[ORIGIN]
-            inside = within_ellipsoid(space, key, counters[DRAWN] + 1, start, goal, bound, room, sample)
+            inside = within_ellipsoid(space, key, counters[DRAWN] + 1, start, goal, within, room, sample)
             counters[DRAWN] += 2 * n + 2
             if inside:
                 return
@@ -541,6 +572,40 @@ def _connect(space: SearchSpace, trees: Trees, side: int, node: int) -> tuple[in
             return -1, -1
         node = _add(space, trees, side, node, state)
     return node, goal
+
+
+@compiled("boolean(SearchSpace, Trees, float64, float64, float64[:, ::1])")
+def narrow(space: SearchSpace, trees: Trees, width: float, length: float, region: Floats2) -> bool:
+    """Cut off parts of a box through which no path to any root leads that is below a length.
+
+    Args:
+        space: Supplies the metric.
+        trees: The trees, with their roots.
+        width: The length in straight lines to the nearest root; 0: it is given.
+        length: The length [length unit of the metric].
+        region: Lower and upper bounds, shape (2, n).
+
+    Returns:
+        Whether anything was cut off.
+    """
+    start, weights, roots, cut = trees.states[0, 0], space.weights, 0, False
+    if width > 0.0:
+        length = width * _from_root(space, trees, 1, start)
+    while roots < trees.counters[GOAL_SIZE] and trees.parents[1, roots] < 0:
+        roots += 1
+    for i in range(start.size):
+        low, high = math.inf, -math.inf
+        for g in range(roots):
+            goal = trees.states[1, g]
+            apart, way = distance(start, goal, weights), 0.5 * (goal[i] - start[i])
+            across = math.sqrt(max(0.25 * (length * length - apart * apart), 0.0)) / weights[i]
+            half = math.sqrt(across * across + way * way)
+            low, high = min(low, start[i] + way - half), max(high, start[i] + way + half)
+        if low > region[0, i]:
+            region[0, i], cut = low, True
+        if high < region[1, i]:
+            region[1, i], cut = high, True
+    return cut
 
 
 @compiled("int64(SearchSpace, Trees, float64, float64[::1], float64[:, ::1], int64[::1], int64)")

@@ -37,6 +37,10 @@ GAIN_TO_COMPARE = 0.02
 SHARE_OF_TIME = 0.02
 """Part of the time budget that they may take."""
 
+BASE_JOINTS = frozenset(("BaseX", "BaseY"))
+SAMPLES_OF_BASE, GAP_OF_BASE = 1000, 0.05
+"""How long a shorter way is looked for where the base drives, since a detour costs seconds there."""
+
 NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
 
@@ -226,7 +230,15 @@ def find_path(
         return planners.aorrtc(problem, seed=seed, timeout=timeout, gap=gap)
     if planner != "rrt_connect":
         return planners.ompl_plan(problem, planner, seed=seed, timeout=timeout)
+    begin = time.perf_counter()
     first = planners.rrt_connect(problem, seed=seed, timeout=timeout)
+    if first.path is not None and BASE_JOINTS.intersection(problem.labels or ()):
+        better = planners.aorrtc(
+            problem, first.path, seed=seed, timeout=_left(begin, timeout), max_iterations=SAMPLES_OF_BASE,
+            gap=GAP_OF_BASE,
+        )  # fmt: skip
+        goal = first.goal_index if better.goal_index is None else better.goal_index
+        return replace(first, path=better.path, cost=better.cost, goal_index=goal)
     if first.path is None or not compare or len(problem.goals) == 1:
         return first
     shortest = _shortened(problem, first.path, seed, timeout)

@@ -172,7 +172,7 @@ def test_it_stops_at_the_gap_and_at_the_straight_line(toy) -> None:  # type: ign
     assert seen.stop_reason is StopReason.GAP_REACHED
     assert seen.cost == pytest.approx(np.hypot(0.1, 0.7))
     assert seen.time < 30.0
-    assert aorrtc(problem, max_iterations=100, timeout=60.0).stop_reason is StopReason.ITERATIONS_USED
+    assert aorrtc(problem, max_iterations=3000, timeout=60.0).stop_reason is StopReason.ITERATIONS_USED
     assert aorrtc(problem, timeout=0.05).stop_reason is StopReason.TIME_UP
     assert rrt_connect(problem).stop_reason is None
 

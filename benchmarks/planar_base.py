@@ -1,0 +1,66 @@
+"""Detours of Pepper's base: `pk.plan` of base and arm around a pillar, beside a long search.
+
+    python benchmarks/planar_base.py [--count 30] [--seconds 5]
+
+The long search is `planners.aorrtc` without smoothing, on the same problem with the same margins.
+Lengths are those of the polylines through the way-points, in the metric of the search and as distance
+driven.
+
+Prints Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from planning_scenes import KINDS, problems
+
+import pepper_kin as pk
+from pepper_kin import planners
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.problem import RESOLUTION, path_problem
+
+
+def driven(points: np.ndarray) -> float:
+    """Return how far the base moves along way-points whose first two coordinates are its own [m]."""
+    return float(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum())
+
+
+def main() -> None:
+    """Run all."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--seconds", type=float, default=5.0)
+    arguments = parser.parse_args()
+    lengths, drives, times, excess = [], [], [], []
+    for case in problems(KINDS["base and arm, pillar"], arguments.count, 0, blocked=True):
+        free = np.array([case.pepper.joint_index(joint) for joint in case.joints])
+        room = path_problem(
+            Checks(case.pepper, case.scene), case.start, case.goal[None], free, 0.01, RESOLUTION
+        )
+        long = planners.aorrtc(room.problem, timeout=arguments.seconds, seed=1)
+        begin = time.thread_time()
+        plan = pk.plan(case.pepper, case.start, case.goal, case.scene, joints=case.joints)
+        times.append(time.thread_time() - begin)
+        if not plan.success or not long.success:
+            lengths.append(np.inf)
+            continue
+        path = planners.Path(plan.path[:, free], room.problem.metric.weights)
+        lengths.append(path.length / long.cost)
+        drives.append(driven(path.points) / driven(long.path.points))
+        excess.append(driven(path.points) - driven(long.path.points))
+    print(
+        "| problems | at most 1.1 times as long | length: median, 90 %, worst | driven: median, 90 %, worst ",
+        end="",
+    )
+    print("| most driven beyond, m | plan, ms |\n|---|---|---|---|---|---|")
+    cells = [" ".join(f"{x:.3f}" for x in np.quantile(some, (0.5, 0.9, 1.0))) for some in (lengths, drives)]
+    short = int(np.sum(np.array(lengths) <= 1.1))
+    print(f"| {len(lengths)} | {short} | {cells[0]} | {cells[1]} ", end="")
+    print(f"| {max(excess):.2f} | {1e3 * np.median(times):.0f} |")
+
+
+if __name__ == "__main__":
+    main()
