@@ -115,7 +115,7 @@ def test_what_cannot_be_is_said(cart):
     assert plan.status is PlanStatus.NO_PATH_IN_TIME
     assert "base's curves" in plan.message
     with pytest.raises(InvalidValueError, match="planner: got given, while the differential base may move"):
-        pk.plan(cart, cart.neutral(), there(cart), planner="rrt_star")
+        pk.plan(cart, cart.neutral(), there(cart), planner="aorrtc")
     level = pk.ik.AxisAlignment("arm", (0, 0, 1), axis=(0, 0, 1), tolerance=0.1)
     with pytest.raises(InvalidValueError, match="constraints: got given"):
         pk.plan(cart, cart.neutral(), there(cart), constraints=[level])

@@ -114,12 +114,15 @@ def test_trajectories_are_held_against_their_limits(pepper, across):
 
 def test_a_crooked_path_becomes_short_and_smooth(pepper, across):
     _, plan = across
-    rng = np.random.default_rng(0)
-    crooked = interpolate_path(plan, count=12)
     turning = [pepper.joint_index(name) for name in ("RElbowYaw", "RWristYaw", "HeadYaw", "HeadPitch")]
-    crooked[1:-1, turning] += rng.normal(0, 0.15, (10, 4))
-    crooked = np.clip(crooked, pepper.lower_limits, pepper.upper_limits)
-    assert validate(pepper, crooked, SCENE).valid
+
+    def crooked_way(seed):
+        path = interpolate_path(plan, count=12)
+        path[1:-1, turning] += np.random.default_rng(seed).normal(0, 0.15, (10, 4))
+        return np.clip(path, pepper.lower_limits, pepper.upper_limits)
+
+    ways = [crooked_way(seed) for seed in range(20)]
+    crooked = next(way for way in ways if validate(pepper, way, SCENE).valid)
     found = simplify_path(pepper, crooked, SCENE)
     assert found.success
     assert found.planner == "simplify_path"

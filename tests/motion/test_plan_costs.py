@@ -173,7 +173,7 @@ def test_what_is_no_cost_is_refused(pepper, over_the_table):
     with pytest.raises(UnknownNameError):
         planned(pk.ik.FramePosition("LPaw", (0, 0, 1)))
     with pytest.raises(InvalidValueError, match="with constraints or costs"):
-        planned(low_hand(pepper), planner="rrt_star")
+        planned(low_hand(pepper), planner="aorrtc")
     with pytest.raises(InvalidValueError, match="2 values"):
         PathCost(pepper, lambda q: q[:2])
     with pytest.raises(InvalidValueError, match="weight of cost"):
