@@ -187,7 +187,8 @@ def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, 
     count = int(chosen[0].sum())
     at.section_bits(kept, at.LINKS).reshape(-1, LINK_WORDS)[:count] = links[chosen[0]]
     at.section(kept, at.NUMBERS)[at.LINK_COUNT] = count
-    groups[carried.any(axis=1)[groups[:, 0]] != moving, 4] = 0
+    moves: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
+    groups[moves[groups[:, 0]] != moving, 4] = 0
     at.section(kept, at.PAIRS).reshape(-1, 2)[: int(chosen[1].sum())] = pairs[chosen[1]]
     at.section(kept, at.PAIR_FIRST)[:] = np.concatenate([[0], np.cumsum(chosen[1])])[first.astype(np.int64)]
     return kept

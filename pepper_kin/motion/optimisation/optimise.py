@@ -115,10 +115,16 @@ def optimise(
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
     wanted, seconds = _checked(margin, timeout, duration, solver, starts)
+    if jerk is not None and solver != SOLVERS[0]:
+        raise InvalidValueError("jerk", jerk, f"None with solver={solver!r}, which does not know such limits")
     scales = (velocity_scale, acceleration_scale, torque_scale)
     before = _timed(pepper, path, *scales, balance)
-    bounds = (pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits)
-    limits = Limits(*(bound * scale for bound, scale in zip(bounds, scales, strict=True)), balance)
+    limits = Limits(
+        pepper.velocity_limits * velocity_scale,
+        pepper.acceleration_limits * acceleration_scale,
+        pepper.effort_limits * torque_scale,
+        balance,
+    )
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else jerk_limits(pepper, jerk)
