@@ -29,7 +29,7 @@ _FIRST_CAPACITY = 128
 _CLOCK_EVERY = 64  # goals or samples
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
 _FRONTIER = 64  # nodes of a stuck tree that are returned
-_WIDTH, _NEAR_ROUND = 2.0, 1024  # of the first paths, in straight lines, and samples; they double together
+_WIDTH, _NEAR_ROUND, _SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
 _TRIES = 8  # to draw a sample that is of use inside the box
 
 # How a call ends.
@@ -263,13 +263,14 @@ class Search:
         trees, region = self._trees, np.array([self._problem.lower, self._problem.upper])
         if trees.counters[ITERATIONS]:
             self._forget_nodes()
-        if self._width < math.inf and narrow(self._space, trees, self._width, 0.0, region):
+        near = self._width < math.inf and narrow(self._space, trees, self._width, 0.0, region)
+        if near and self._problem.metric.distance(*region) < _SMALL * self._problem.diagonal:
             self._draw_from(region)
             self._round_end = self.samples + _NEAR_ROUND * int(self._width / _WIDTH)
             self._width *= 2.0
             return
         if self._width not in (math.inf, _WIDTH):
-            self._draw_from(region)
+            self._draw_from(np.array([self._problem.lower, self._problem.upper]))
         self._width, self._round = math.inf, self._round + 1
         self._round_end = self.samples + _ROUND * luby(self._round)
 
