@@ -189,7 +189,7 @@ def test_misuse_is_named(over_the_table):
     pepper, plan, _ = over_the_table
     with pytest.raises(InvalidValueError, match="solver: got 'magic', expected one of 'newton'"):
         optimise(pepper, plan, TABLE, solver="magic")
-    with pytest.raises(InvalidValueError, match="jerk: got 10.0, expected None with solver='ipopt'"):
+    with pytest.raises(InvalidValueError, match=r"jerk: got 10\.0, expected None with solver='ipopt'"):
         optimise(pepper, plan, TABLE, jerk=10.0, solver="ipopt")
     with pytest.raises(InvalidValueError, match="margin: got nan"):
         optimise(pepper, plan, TABLE, margin=float("nan"))
