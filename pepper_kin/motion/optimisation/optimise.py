@@ -115,19 +115,12 @@ def optimise(
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
     wanted, seconds = _checked(margin, timeout, duration, solver, starts)
-    if jerk is not None and solver != SOLVERS[0]:
-        raise InvalidValueError("jerk", jerk, f"None with solver={solver!r}, which does not know such limits")
     scales = (velocity_scale, acceleration_scale, torque_scale)
     before = _timed(pepper, path, *scales, balance)
-    limits = Limits(
-        pepper.velocity_limits * velocity_scale,
-        pepper.acceleration_limits * acceleration_scale,
-        pepper.effort_limits * torque_scale,
-        balance,
-    )
+    limits = _scaled(pepper, *scales, balance)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
-    rate = None if jerk is None else jerk_limits(pepper, jerk)
+    rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
     problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks, jerk=rate)
     judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks, rate)
     best = judge(problem, problem.descend(wanted, max_iterations, seconds, solver))
@@ -142,6 +135,24 @@ def optimise(
 def _cost_of(found: Optimised) -> float:
     """Return the cost that a search ended with; inf without a search."""
     return float("inf") if found.descent is None else found.descent.cost
+
+
+def _scaled(
+    pepper: PepperModel, velocity: float, acceleration: float, torque: float, balance: float | None
+) -> Limits:
+    """Return shares of a robot's limits."""
+    return Limits(
+        pepper.velocity_limits * velocity,
+        pepper.acceleration_limits * acceleration,
+        pepper.effort_limits * torque,
+        balance,
+    )
+
+
+def _jerk_limits(pepper: PepperModel, jerk: JerkLike, solver: str) -> Array:
+    if solver != SOLVERS[0]:
+        raise InvalidValueError("jerk", jerk, f"None with solver={solver!r}, which does not know such limits")
+    return jerk_limits(pepper, jerk)
 
 
 def _checked(
