@@ -55,7 +55,7 @@ def refuse_what_cannot_drive(
         return
     names = pepper.joint_group(joints) if isinstance(joints, str) else joints
     if names is None or set(names) & set(BASE_JOINTS):
-        what = "constraints" if constrained else "planner"
+        what = "constraints or costs" if constrained else "planner"
         raise InvalidValueError(
             what, "given, while the differential base may move", f"joints= without {', '.join(BASE_JOINTS)}"
         )

@@ -117,7 +117,7 @@ def test_what_cannot_be_is_said(cart):
     with pytest.raises(InvalidValueError, match="planner: got given, while the differential base may move"):
         pk.plan(cart, cart.neutral(), there(cart), planner="aorrtc")
     level = pk.ik.AxisAlignment("arm", (0, 0, 1), axis=(0, 0, 1), tolerance=0.1)
-    with pytest.raises(InvalidValueError, match="constraints: got given"):
+    with pytest.raises(InvalidValueError, match="constraints or costs: got given"):
         pk.plan(cart, cart.neutral(), there(cart), constraints=[level])
     with pytest.raises(InvalidValueError, match="a drive of a differential base"):
         simplify_path(cart, [cart.neutral(), cart.joint_vector({"BaseX": 0.2})])
