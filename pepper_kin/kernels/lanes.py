@@ -183,7 +183,7 @@ def _emit_scalar(name: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
 
 _load_single, _store_single = _emit_scalar("float32")
-_load_double, _ = _emit_scalar("float64")
+_load_double, _store_double = _emit_scalar("float64")
 _load_word, _store_word = _emit_scalar("int64")
 
 
@@ -206,6 +206,20 @@ def _emit_below(typing_context: Any, x: Any, y: Any) -> Any:
         return builder.zext(bits, ir.IntType(64))
 
     return types.int64(lanes_type(), lanes_type()), generate
+
+
+def _emit_greatest(typing_context: Any, x: Any) -> Any:
+    from llvmlite import ir
+    from numba import types
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        single = ir.FloatType()
+        function = builder.module.declare_intrinsic(
+            f"llvm.vector.reduce.fmax.v{LANES}f32", (), ir.FunctionType(single, [_vector()])
+        )
+        return builder.call(function, values, fastmath=("nnan", "nsz"))
+
+    return types.float32(lanes_type()), generate
 
 
 def _at(address: int) -> Lanes:
@@ -240,6 +254,12 @@ def store_single(address: int, value: float) -> None:
 def double_at(address: int) -> float:
     """Return the float64 at an address."""
     return ctypes.c_double.from_address(int(address)).value
+
+
+@intrinsic(_store_double)
+def store_double(address: int, value: float) -> None:
+    """Write a float64 at an address."""
+    ctypes.c_double.from_address(int(address)).value = value
 
 
 @intrinsic(_load_word)
@@ -294,3 +314,9 @@ def lane_round(x: Lanes) -> Lanes:
 def lanes_below(x: Lanes, y: Lanes) -> int:
     """Return the bits of the lanes where x < y; bit i is that of lane i."""
     return int(np.packbits(np.asarray(x < y), bitorder="little")[0])
+
+
+@intrinsic(_emit_greatest)
+def greatest_lane(x: Lanes) -> float:
+    """Return the greatest of the eight numbers."""
+    return float(x.max())

@@ -14,7 +14,7 @@ from pepper_kin.collision.fast.ball_cover import ball_cover
 from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Solid, solid_of
 from pepper_kin.collision.fast.structure import bounding_ball
 from pepper_kin.collision.fast.tables import pack_tables
-from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_ROOM, TIE, ConvexCore, nearer_than
 from pepper_kin.core.collision.joint_ranges import violations
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 
@@ -84,6 +84,21 @@ def shape_of(kind, half, vertices):
     return coal.Cylinder(half[0], 2 * half[2])
 
 
+def core_of(kind, half, pose, corners=NO_VERTICES):
+    """A core of arrays that the caller keeps; corners have shape (3, 8 k)."""
+    singles = KEPT.setdefault(id(corners), (corners, corners.astype(np.float32)))[1]
+    places = half.ctypes.data, pose.ctypes.data, corners.shape[1], corners.ctypes.data, singles.ctypes.data
+    return ConvexCore(kind, *places, float(np.linalg.norm(half)))
+
+
+def verdict_of(first, second, threshold, axis):
+    room = np.zeros(GJK_ROOM)
+    return nearer_than(first, second, threshold, 3e-6, axis.ctypes.data, room.ctypes.data)
+
+
+KEPT = {}
+
+
 @pytest.mark.parametrize("kinds", [(BOX, BOX), (BOX, CYLINDER), (CYLINDER, CYLINDER)])
 def test_convex_cores_against_coal(kinds):
     rng = np.random.default_rng(2)
@@ -100,13 +115,8 @@ def test_convex_cores_against_coal(kinds):
         distance = coal.distance(shapes[0], placed[0], shapes[1], placed[1], request, result)
         axis = np.zeros(3)
         for threshold in (0.1, 0.02, 0.0, 0.02, 0.1):  # the axis that parted them is tried first
-            found = nearer_than(
-                ConvexCore(kinds[0], halves[0], poses[0], NO_VERTICES),
-                ConvexCore(kinds[1], halves[1], poses[1], NO_VERTICES),
-                threshold,
-                3e-6,
-                axis,
-            )
+            cores = [core_of(*which) for which in zip(kinds, halves, poses, strict=True)]
+            found = verdict_of(*cores, threshold, axis)
             verdicts.append(found)
             if abs(distance - threshold) > 1e-5:
                 assert found == (CONTACT if distance < threshold else FREE)
@@ -121,10 +131,12 @@ def test_hull_of_a_box_is_the_box():
         a, b = random_pose(rng), random_pose(rng)
         half, other = rng.uniform(0.02, 0.3, 3), rng.uniform(0.02, 0.3, 3)
         corners = np.ascontiguousarray((signs * half).T)
-        arguments = (ConvexCore(BOX, other, b, NO_VERTICES), 0.03, 3e-6, np.zeros(3))
-        assert nearer_than(ConvexCore(HULL, half, a, corners), *arguments) == nearer_than(
-            ConvexCore(BOX, half, a, NO_VERTICES), *arguments
-        )
+        block = core_of(BOX, other, b)
+        found = [
+            verdict_of(core, block, 0.03, np.zeros(3))
+            for core in (core_of(HULL, half, a, corners), core_of(BOX, half, a))
+        ]
+        assert found[0] == found[1]
 
 
 def surface_points(solid, rng, count=400):

@@ -10,6 +10,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
     LANE_BYTES,
     double_at,
+    greatest_lane,
     lane_abs,
     lane_maximum,
     lane_minimum,
@@ -19,6 +20,7 @@ from pepper_kin.kernels.lanes import (
     load_lanes,
     single_at,
     spread,
+    store_double,
     store_lanes,
     store_single,
     store_word,
@@ -67,7 +69,13 @@ def test_operations_are_those_of_numpy():
 def scalars(singles: Singles1, doubles: Floats1, words: Ints1) -> float:
     store_single(singles.ctypes.data + 4, 0.1)
     store_word(words.ctypes.data, word_at(words.ctypes.data + 8) + 1)
+    store_double(doubles.ctypes.data, 0.75)
     return single_at(singles.ctypes.data) + double_at(doubles.ctypes.data + 8)
+
+
+@compiled("float64(float32[::1])")
+def greatest(singles: Singles1) -> float:
+    return 1.0 * greatest_lane(load_lanes(singles.ctypes.data))
 
 
 def test_numbers_at_addresses():
@@ -75,6 +83,14 @@ def test_numbers_at_addresses():
     assert scalars(singles, doubles, words) == 3.75
     assert singles[1] == np.float32(0.1)
     assert words[0] == 42
+    assert doubles[0] == 0.75
+
+
+def test_greatest_lane():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        singles = rng.normal(size=8).astype(np.float32)
+        assert greatest(singles) == singles.max()
 
 
 @pytest.mark.parametrize("far", [0.0, 3.0, 16.0])

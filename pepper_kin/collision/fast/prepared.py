@@ -50,6 +50,7 @@ from pepper_kin.core.collision.ball_check import (
     SEGMENT,
     SIDE_WORDS,
 )
+from pepper_kin.core.collision.clouds import POINT_ROOM
 from pepper_kin.core.collision.layout import CYLINDER, HULL, ROOM
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
@@ -387,6 +388,7 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
         at.CLOUD_ROOM: np.zeros(4 * LANES // 2),
+        at.PAIR_ROOM: np.zeros(POINT_ROOM),
         at.RAMP: singles(np.arange(1, LANES + 1) / LANES),
         at.ROWS: np.zeros(ROOM * n),
         at.STATUS: np.zeros(ROOM),

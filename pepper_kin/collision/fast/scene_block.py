@@ -14,6 +14,7 @@ from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES
 from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER
+from pepper_kin.kernels.lanes import LANES
 
 NO_INNER = -1e3
 """Inner radius of what no ball is known to lie in [m]."""
@@ -160,14 +161,21 @@ def _morton(points: Array) -> NDArray[np.int64]:
 
 def solid_sections(rows: Array, vertices: Sequence[Array]) -> dict[int, Array]:
     """Return the sections that tell solids' shapes and poses, of their rows, shape (k, ROW), and vertices."""
-    hulls = [corners.T.ravel() for corners in vertices if len(corners)]
+    padded = [_padded(corners) for corners in vertices]
+    hulls = np.concatenate([np.zeros(0), *(corners.T.ravel() for corners in padded if len(corners))])
     return {
         at.SOLIDS: rows[:, :4],
         at.SOLID_HALF: rows[:, 5:8],
         at.SOLID_POSES: rows[:, 8:],
-        at.VERTEX_FIRST: firsts(vertices).astype(float),
-        at.VERTICES: np.concatenate(hulls) if hulls else np.zeros(0),
+        at.VERTEX_FIRST: firsts(padded).astype(float),
+        at.VERTICES: hulls,
+        at.VERTEX_SINGLES: singles(hulls),
     }
+
+
+def _padded(corners: Array) -> Array:
+    """Return corners, the last as often as it takes to fill all lanes."""
+    return np.concatenate([corners, np.repeat(corners[-1:], -len(corners) % LANES, axis=0)])
 
 
 def firsts(parts: Sequence[Sized]) -> NDArray[np.int64]:

@@ -122,7 +122,7 @@ def check_rows(memory: Array, rows: Array, count: int) -> int:
             status[queue[first + i]] = CONTACT if (contact >> i) & 1 else FREE
     if doubts == 0:
         return 0
-    return int(settle(memory, rows, count))
+    return int(settle(memory, rows, count, False))
 
 
 @compiled("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)")
@@ -175,7 +175,7 @@ def _settled_free(memory: Array, count: int) -> bool:
     status = section_bits(memory, at.STATUS)
     for i in range(count):
         status[i] = FREE
-    settle(memory, section(memory, at.ROWS), count)
+    settle(memory, section(memory, at.ROWS), count, True)
     worst = FREE
     for i in range(count):
         worst = max(worst, status[i])

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_ROOM, TIE, ConvexCore, nearer_than
 from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
@@ -30,6 +30,7 @@ from pepper_kin.kernels.lanes import (
     load_lanes,
     single_at,
     spread,
+    store_double,
     store_lanes,
     store_single,
 )
@@ -41,6 +42,9 @@ in the block, in doubles, of the field, the firsts of the bins, x, y and z of th
 their coordinates in double precision, and of room."""
 BEYOND = 1e-5
 """What ranges of cells are widened by, for rounding [m]."""
+POINT_ROOM = GJK_ROOM + 21
+"""Doubles of room that `point_verdict` and `cloud_verdict` need: that of `nearer_than`, half lengths and pose
+of a point, its coordinates, and an axis."""
 FAR = 1e18
 """Where no point is [m^2]."""
 
@@ -308,61 +312,73 @@ def nearest_squared(c: Cloud, x: float, y: float, z: float, reach: float, enough
     return best
 
 
-@compiled
-def point_to_core(kind: float, half: Array, pose: Array, x: float, y: float, z: float) -> float:
+@compiled(lean=True)
+def point_to_core(core: ConvexCore, x: float, y: float, z: float) -> float:
     """Return the distance of a point to a core: a box, a cylinder, or the box around a hull [m]."""
-    dx, dy, dz = x - pose[0], y - pose[1], z - pose[2]
-    u = dx * pose[3] + dy * pose[4] + dz * pose[5]
-    v = dx * pose[6] + dy * pose[7] + dz * pose[8]
-    w = max(abs(dx * pose[9] + dy * pose[10] + dz * pose[11]) - half[2], 0.0)
-    if kind != CYLINDER:
-        u, v = max(abs(u) - half[0], 0.0), max(abs(v) - half[1], 0.0)
+    pose, half = core.pose, core.half
+    dx, dy, dz = x - double_at(pose), y - double_at(pose + 8), z - double_at(pose + 16)
+    u = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
+    v = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
+    w = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
+    w = max(abs(w) - double_at(half + 16), 0.0)
+    if core.kind != CYLINDER:
+        u, v = max(abs(u) - double_at(half), 0.0), max(abs(v) - double_at(half + 8), 0.0)
         return math.sqrt(u * u + v * v + w * w)
-    u = max(math.sqrt(u * u + v * v) - half[0], 0.0)
+    u = max(math.sqrt(u * u + v * v) - double_at(half), 0.0)
     return math.sqrt(u * u + w * w)
 
 
-@compiled
-def point_verdict(core: ConvexCore, point: Array, threshold: float, tie: float, axis: Array) -> int:
+@compiled(lean=True)
+def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, axis: int, room: int) -> int:
     """Return whether a point is nearer to a core than a threshold [m]: FREE, CONTACT or TIE.
 
     Args:
         core: The core.
-        point: Coordinates and x, y and z axis, shape (12,).
+        place: Address of the point's coordinates.
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
-        axis: Direction that parted the two last, changed.
+        axis: Address of the direction that parted the two last, changed.
+        room: Address of room for POINT_ROOM doubles, zeros at first.
     """
-    distance = point_to_core(core.kind, core.half, core.pose, point[0], point[1], point[2])
+    x, y, z = double_at(place), double_at(place + 8), double_at(place + 16)
+    distance = point_to_core(core, x, y, z)
     if distance > threshold + tie:
         return FREE
     if core.kind == HULL:
-        single = ConvexCore(float(BOX), np.zeros(3), point, core.vertices[:, :0].copy())
-        return int(nearer_than(core, single, threshold, tie, axis))
+        half = room + 8 * GJK_ROOM
+        store_double(half + 24, x)
+        store_double(half + 32, y)
+        store_double(half + 40, z)
+        single = ConvexCore(BOX, half, half + 24, 0, 0, 0, 0.0)
+        return int(nearer_than(core, single, threshold, tie, axis, room))
     return CONTACT if distance < threshold - tie else TIE
 
 
-@compiled
+@compiled(lean=True)
 def cloud_verdict(
-    core: ConvexCore, address: int, pose: Array, reach: float, threshold: float, tie: float, axis: Array
+    core: ConvexCore, address: int, pose: int, reach: float, threshold: float, tie: float, places: int
 ) -> int:
     """Return the verdict on a core and a cloud: whether any point is nearer than a threshold.
 
     Args:
         core: The core, in the world.
         address: Of the cloud's block.
-        pose: Of the cloud's frame in the world, center and axes, shape (12,).
+        pose: Address of the cloud's frame in the world, center and axes, shape (12,).
         reach: Points farther than this from the core's center do not matter [m].
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
-        axis: Direction that parted core and point last, changed.
+        places: Address of room for POINT_ROOM doubles, zeros at first.
     """
-    c, worst, point = cloud_at(address), FREE, np.zeros(12)
-    point[3], point[7], point[11] = 1.0, 1.0, 1.0
-    dx, dy, dz = core.pose[0] - pose[0], core.pose[1] - pose[1], core.pose[2] - pose[2]
-    x = dx * pose[3] + dy * pose[4] + dz * pose[5]
-    y = dx * pose[6] + dy * pose[7] + dz * pose[8]
-    z = dx * pose[9] + dy * pose[10] + dz * pose[11]
+    c, worst = cloud_at(address), FREE
+    point, axis = places + 8 * (GJK_ROOM + 15), places + 8 * (GJK_ROOM + 18)
+    dx, dy, dz = (
+        double_at(core.pose) - double_at(pose),
+        double_at(core.pose + 8) - double_at(pose + 8),
+        double_at(core.pose + 16) - double_at(pose + 16),
+    )
+    x = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
+    y = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
+    z = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
     wide = reach + BEYOND
     layers = _cell(z - wide, c.z, c.per_bin, c.bin_layers), _cell(z + wide, c.z, c.per_bin, c.bin_layers)
     rows = _cell(y - wide, c.y, c.per_bin, c.bin_rows), _cell(y + wide, c.y, c.per_bin, c.bin_rows)
@@ -377,8 +393,10 @@ def cloud_verdict(
                 if (u - x) * (u - x) + (v - y) * (v - y) + (w - z) * (w - z) > reach * reach:
                     continue
                 for i in range(3):
-                    point[i] = pose[i] + u * pose[3 + i] + v * pose[6 + i] + w * pose[9 + i]
-                verdict = point_verdict(core, point, threshold, tie, axis)
+                    at = pose + 8 * i
+                    turned = u * double_at(at + 24) + v * double_at(at + 48) + w * double_at(at + 72)
+                    store_double(point + 8 * i, double_at(at) + turned)
+                verdict = point_verdict(core, point, threshold, tie, axis, places)
                 if verdict == CONTACT:
                     return CONTACT
                 worst = max(worst, verdict)

@@ -5,120 +5,162 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from pepper_kin.core.collision.layout import CYLINDER, HULL, Array
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Floats1, Floats2
+from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.kernels.lanes import (
+    LANE_BYTES,
+    double_at,
+    greatest_lane,
+    lane_maximum,
+    lanes_below,
+    load_lanes,
+    spread,
+    store_double,
+)
 
 STEPS = 40
 TOUCHING = 1e-10
 """Cores nearer than this count as meeting [m]."""
 FREE, CONTACT, TIE = 0, 1, 2
 """Verdicts: surely further than the threshold, surely nearer, too near to it to tell."""
+GJK_ROOM = 40
+"""Doubles of room that `nearer_than` needs."""
+SINGLE = 1e-6
+"""What single precision may be wrong by in the height of a vertex, of its distance from the core's center.
+
+Three products and two sums of numbers that are rounded first: below 9 u of it, with u = 2^-24.
+"""
+_NOW, _NEW, _SQUARES = 12, 16, 20
 
 
 class ConvexCore(NamedTuple):
-    """A convex core.
+    """A convex core, by addresses of doubles.
 
     Attributes:
         kind: BOX, CYLINDER or HULL.
         half: Its half lengths, shape (3,) [m].
         pose: Its center, x, y and z axis, shape (12,).
-        vertices: Of a HULL, x, y and z, shape (3, k) [m].
+        corners: Of a HULL, vertices, a multiple of eight; some may stand there twice.
+        vertices: Their x, then their y, then their z, in the core's frame [m].
+        singles: The same in single precision.
+        size: Greatest distance of a vertex from the center, or more [m].
     """
 
-    kind: float
-    half: Floats1
-    pose: Floats1
-    vertices: Floats2
+    kind: int
+    half: int
+    pose: int
+    corners: int
+    vertices: int
+    singles: int
+    size: float
 
 
-@compiled(vector=True)
-def _greatest_height(x: Array, y: Array, z: Array, u: float, v: float, w: float) -> float:
-    """Return the greatest of u x + v y + w z."""
-    best = -1e300
-    for k in range(x.size):
-        height = u * x[k] + v * y[k] + w * z[k]
-        best = height if height > best else best
-    return best
+@compiled(lean=True)
+def _greatest_height(core: ConvexCore, u: float, v: float, w: float) -> float:
+    """Return the greatest u x + v y + w z of a hull's vertices in single precision."""
+    x, end = core.singles, 4 * core.corners
+    best = load_lanes(x) * u + load_lanes(x + end) * v + load_lanes(x + 2 * end) * w
+    for p in range(x + LANE_BYTES, x + end, LANE_BYTES):
+        best = lane_maximum(best, load_lanes(p) * u + load_lanes(p + end) * v + load_lanes(p + 2 * end) * w)
+    return float(greatest_lane(best))
 
 
-@compiled
-def _highest(x: Array, y: Array, z: Array, u: float, v: float, w: float) -> int:
-    """Return the place of the greatest u x + v y + w z, but for rounding."""
-    best = _greatest_height(x, y, z, u, v, w)
-    least = best - 1e-12 * abs(best)
-    for k in range(x.size):
-        if u * x[k] + v * y[k] + w * z[k] >= least:
-            return k
-    return 0
+@compiled(lean=True)
+def _highest(core: ConvexCore, u: float, v: float, w: float) -> int:
+    """Return the place of a hull's vertex with the greatest u x + v y + w z, but for rounding."""
+    most = 2.0 * SINGLE * core.size * math.sqrt(u * u + v * v + w * w)
+    least = spread(_greatest_height(core, u, v, w) - most)
+    x, end, best, place = core.singles, 4 * core.corners, -1e300, 0
+    for p in range(x, x + end, LANE_BYTES):
+        near = lanes_below(least, load_lanes(p) * u + load_lanes(p + end) * v + load_lanes(p + 2 * end) * w)
+        k = (p - x) // 4
+        while near != 0:
+            if near & 1:
+                at = core.vertices + 8 * k
+                height = u * double_at(at) + v * double_at(at + 2 * end) + w * double_at(at + 4 * end)
+                if height > best:
+                    best, place = height, k
+            near >>= 1
+            k += 1
+    return place
 
 
-@compiled
+@compiled(inline=True, lean=True)
+def _turned(pose: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a direction in the frame of a core."""
+    return (
+        x * double_at(pose + 24) + y * double_at(pose + 32) + z * double_at(pose + 40),
+        x * double_at(pose + 48) + y * double_at(pose + 56) + z * double_at(pose + 64),
+        x * double_at(pose + 72) + y * double_at(pose + 80) + z * double_at(pose + 88),
+    )
+
+
+@compiled(lean=True)
 def _height(core: ConvexCore, x: float, y: float, z: float) -> float:
-    """Return how far a core reaches beyond its centre in a direction, times the direction's length."""
-    half, pose, vertices = core.half, core.pose, core.vertices
-    u = x * pose[3] + y * pose[4] + z * pose[5]
-    v = x * pose[6] + y * pose[7] + z * pose[8]
-    w = x * pose[9] + y * pose[10] + z * pose[11]
+    """Return how far a core reaches beyond its center at most along a unit vector [m]."""
+    u, v, w = _turned(core.pose, x, y, z)
     if core.kind == HULL:
-        return _greatest_height(vertices[0], vertices[1], vertices[2], u, v, w)
+        return _greatest_height(core, u, v, w) + SINGLE * core.size
+    half = core.half
     if core.kind == CYLINDER:
-        return math.sqrt(u * u + v * v) * half[0] + abs(w) * half[2]
-    return abs(u) * half[0] + abs(v) * half[1] + abs(w) * half[2]
+        return math.sqrt(u * u + v * v) * double_at(half) + abs(w) * double_at(half + 16)
+    return abs(u) * double_at(half) + abs(v) * double_at(half + 8) + abs(w) * double_at(half + 16)
 
 
-@compiled
-def _subtract_support(core: ConvexCore, direction: Array, result: Array, sign: float) -> None:
-    """Take from `result` sign times the core's furthest point in the direction sign times `direction`."""
-    half, pose, vertices = core.half, core.pose, core.vertices
-    x, y, z = sign * direction[0], sign * direction[1], sign * direction[2]
-    u = x * pose[3] + y * pose[4] + z * pose[5]
-    v = x * pose[6] + y * pose[7] + z * pose[8]
-    w = x * pose[9] + y * pose[10] + z * pose[11]
+@compiled(lean=True)
+def _support(core: ConvexCore, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the core's furthest point in a direction, from its center."""
+    u, v, w = _turned(core.pose, x, y, z)
+    pose, half = core.pose, core.half
     if core.kind == HULL:
-        place = _highest(vertices[0], vertices[1], vertices[2], u, v, w)
-        u, v, w = vertices[0, place], vertices[1, place], vertices[2, place]
+        at = core.vertices + 8 * _highest(core, u, v, w)
+        u, v, w = double_at(at), double_at(at + 8 * core.corners), double_at(at + 16 * core.corners)
     else:
         if core.kind == CYLINDER:
             across = math.sqrt(u * u + v * v)
-            scale = half[0] / across if across > 0 else 0.0
+            scale = double_at(half) / across if across > 0 else 0.0
             u, v = scale * u, scale * v
         else:
-            u, v = math.copysign(half[0], u), math.copysign(half[1], v)
-        w = math.copysign(half[2], w)
-    for i in range(3):
-        result[i] -= sign * (pose[i] + u * pose[3 + i] + v * pose[6 + i] + w * pose[9 + i])
+            u, v = math.copysign(double_at(half), u), math.copysign(double_at(half + 8), v)
+        w = math.copysign(double_at(half + 16), w)
+    return (
+        u * double_at(pose + 24) + v * double_at(pose + 48) + w * double_at(pose + 72),
+        u * double_at(pose + 32) + v * double_at(pose + 56) + w * double_at(pose + 80),
+        u * double_at(pose + 40) + v * double_at(pose + 64) + w * double_at(pose + 88),
+    )
 
 
-@compiled
-def _affine_minimum(points: Array, count: int, weights: Array, room: Array) -> bool:
+@compiled(lean=True)
+def _affine_minimum(points: Array, count: int, weights: Array, squares: Array) -> bool:
     """Write the weights (sum 1) of the point of least norm in the points' affine hull.
 
     It solves (s 1 1^T + P P^T) mu = 1 by elimination and divides mu by its sum (Wolfe 1976).
     """
     scale = 1e-30
+    for i in range(0, 3 * count, 3):
+        scale = max(scale, points[i] ** 2 + points[i + 1] ** 2 + points[i + 2] ** 2)
+    rate = 1.0 / scale
     for i in range(count):
-        scale = max(scale, points[i, 0] ** 2 + points[i, 1] ** 2 + points[i, 2] ** 2)
-    for i in range(count):
-        for j in range(count):
-            dot = points[i, 0] * points[j, 0] + points[i, 1] * points[j, 1] + points[i, 2] * points[j, 2]
-            room[i, j] = dot / scale + 1.0
+        x, y, z = points[3 * i], points[3 * i + 1], points[3 * i + 2]
+        for j in range(i, count):
+            dot = x * points[3 * j] + y * points[3 * j + 1] + z * points[3 * j + 2]
+            squares[4 * i + j] = dot * rate + 1.0
         weights[i] = 1.0
     for i in range(count):
-        if room[i, i] < 1e-14:
+        if squares[5 * i] < 1e-14:
             return False
+        inverse = 1.0 / squares[5 * i]
         for j in range(i + 1, count):
-            factor = room[j, i] / room[i, i]
-            for k in range(i, count):
-                room[j, k] -= factor * room[i, k]
+            factor = squares[4 * i + j] * inverse
+            for k in range(j, count):
+                squares[4 * j + k] -= factor * squares[4 * i + k]
             weights[j] -= factor * weights[i]
     total = 0.0
     for i in range(count - 1, -1, -1):
         for k in range(i + 1, count):
-            weights[i] -= room[i, k] * weights[k]
-        weights[i] /= room[i, i]
+            weights[i] -= squares[4 * i + k] * weights[k]
+        weights[i] /= squares[5 * i]
         total += weights[i]
     if not abs(total) > 1e-300:
         return False
@@ -127,22 +169,20 @@ def _affine_minimum(points: Array, count: int, weights: Array, room: Array) -> b
     return True
 
 
-@compiled
-def _nearest_in_hull(points: Array, count: int, now: Array, new: Array, room: Array) -> int:
-    """Move to the point of least norm in the points' convex hull, dropping points that it does not need.
+@compiled(lean=True)
+def _nearest_in_hull(room: Array, count: int) -> int:
+    """Move to the point of least norm in some points' convex hull, dropping points that it does not need.
 
     Args:
-        points: Corners, shape (4, 3).
-        count: How many are in use; those kept are moved to the front.
-        now: Weights of the present point, written.
-        new: Room.
-        room: Room.
+        room: Corners, three numbers each, and weights of the present point, written; and room.
+        count: How many corners there are; those kept are moved to the front.
 
     Returns:
         How many points are left; -1 where they are dependent.
     """
+    points, now, new, squares = room, room[_NOW:], room[_NEW:], room[_SQUARES:]
     for _ in range(8):
-        if not _affine_minimum(points, count, new, room):
+        if not _affine_minimum(points, count, new, squares):
             return -1
         step = 1.0
         for i in range(count):
@@ -152,7 +192,8 @@ def _nearest_in_hull(points: Array, count: int, now: Array, new: Array, room: Ar
         for i in range(count):
             weight = now[i] + step * (new[i] - now[i])
             if new[i] > 0.0 or weight > 1e-15:
-                points[kept, 0], points[kept, 1], points[kept, 2] = points[i, 0], points[i, 1], points[i, 2]
+                for k in range(3):
+                    points[3 * kept + k] = points[3 * i + k]
                 now[kept] = weight
                 kept += 1
         done = kept == count and step == 1.0
@@ -164,19 +205,29 @@ def _nearest_in_hull(points: Array, count: int, now: Array, new: Array, room: Ar
     return -1
 
 
-@compiled
-def _separates(a: ConvexCore, b: ConvexCore, axis: Array, least: float) -> bool:
-    """Whether a plane across an axis, given in the frame of the first core, parts the cores by a distance."""
+@compiled(lean=True)
+def separation(a: ConvexCore, b: ConvexCore, axis: int) -> float:
+    """Return by how much a plane across an axis parts two cores at least [m]; -inf where the axis is zero.
+
+    Args:
+        a: One core.
+        b: The other.
+        axis: Address of a unit vector in the frame of the first, from the second to the first, or of zeros.
+    """
+    u, v, w = double_at(axis), double_at(axis + 8), double_at(axis + 16)
+    if u == 0.0 and v == 0.0 and w == 0.0:
+        return -math.inf
     pose, other = a.pose, b.pose
-    x = axis[0] * pose[3] + axis[1] * pose[6] + axis[2] * pose[9]
-    y = axis[0] * pose[4] + axis[1] * pose[7] + axis[2] * pose[10]
-    z = axis[0] * pose[5] + axis[1] * pose[8] + axis[2] * pose[11]
-    apart = (pose[0] - other[0]) * x + (pose[1] - other[1]) * y + (pose[2] - other[2]) * z
-    return apart - _height(a, -x, -y, -z) - _height(b, x, y, z) > least
+    x = u * double_at(pose + 24) + v * double_at(pose + 48) + w * double_at(pose + 72)
+    y = u * double_at(pose + 32) + v * double_at(pose + 56) + w * double_at(pose + 80)
+    z = u * double_at(pose + 40) + v * double_at(pose + 64) + w * double_at(pose + 88)
+    apart = (double_at(pose) - double_at(other)) * x + (double_at(pose + 8) - double_at(other + 8)) * y
+    apart += (double_at(pose + 16) - double_at(other + 16)) * z
+    return float(apart - _height(a, -x, -y, -z) - _height(b, x, y, z))
 
 
-@compiled
-def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis: Array) -> int:
+@compiled(lean=True)
+def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis: int, room: int) -> int:
     """Tell whether two convex cores are nearer than a threshold.
 
     Gilbert, Johnson and Keerthi (1988) with the point of least norm by Wolfe (1976): v, a point of the
@@ -188,39 +239,46 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis
         b: The other.
         threshold: Distance [m].
         tie: Distances within this of the threshold are ties [m].
-        axis: Direction that parted the cores when they were last asked about, a unit vector in the frame of
-            the first, or zero; it is tried first.  Written where they are parted.
+        axis: Address of the direction that parted the cores when they were last asked about, a unit vector
+            in the frame of the first, or zero; it is tried first.  Written where they are parted.
+        room: Address of room for GJK_ROOM doubles.
     """
-    known = axis[0] != 0.0 or axis[1] != 0.0 or axis[2] != 0.0
-    if known and _separates(a, b, axis, threshold + tie):
+    if separation(a, b, axis) > threshold + tie:
         return FREE
-    points, now, new, room = np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros((4, 4))
-    v, w = a.pose[:3] - b.pose[:3], np.zeros(3)
-    if v[0] * v[0] + v[1] * v[1] + v[2] * v[2] < TOUCHING**2:
-        v[0] = 1.0
-    count = 0
+    points = floats_at(room, GJK_ROOM)
+    now, pose, other = points[_NOW:], a.pose, b.pose
+    apart_x, apart_y = double_at(pose) - double_at(other), double_at(pose + 8) - double_at(other + 8)
+    apart_z = double_at(pose + 16) - double_at(other + 16)
+    x, y, z, count = apart_x, apart_y, apart_z, 0
+    if x * x + y * y + z * z < TOUCHING**2:
+        x = 1.0
     for _ in range(STEPS):
-        size = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        size = math.sqrt(x * x + y * y + z * z)
         if count > 0 and (size <= TOUCHING or size < threshold - tie):
             return CONTACT
-        w[0] = w[1] = w[2] = 0.0
-        _subtract_support(a, v, w, -1.0)
-        _subtract_support(b, v, w, 1.0)
-        lower = (v[0] * w[0] + v[1] * w[1] + v[2] * w[2]) / size
+        first, second = _support(a, -x, -y, -z), _support(b, x, y, z)
+        wx, wy, wz = (
+            apart_x + first[0] - second[0],
+            apart_y + first[1] - second[1],
+            apart_z + first[2] - second[2],
+        )
+        lower = (x * wx + y * wy + z * wz) / size
         if lower > threshold + tie:
-            for i in range(3):
-                row = a.pose[3 + 3 * i : 6 + 3 * i]
-                axis[i] = (v[0] * row[0] + v[1] * row[1] + v[2] * row[2]) / size
+            u, v, w = _turned(pose, x / size, y / size, z / size)
+            store_double(axis, u)
+            store_double(axis + 8, v)
+            store_double(axis + 16, w)
             return FREE
         if count == 4 or (count > 0 and size - lower < 1e-12):
             return TIE
-        points[count, 0], points[count, 1], points[count, 2] = w[0], w[1], w[2]
+        points[3 * count], points[3 * count + 1], points[3 * count + 2] = wx, wy, wz
         now[count] = 1.0 if count == 0 else 0.0
-        count = _nearest_in_hull(points, count + 1, now, new, room)
+        count = _nearest_in_hull(points, count + 1)
         if count < 0:
             return TIE
-        for i in range(3):
-            v[i] = 0.0
-            for k in range(count):
-                v[i] += now[k] * points[k, i]
+        x = y = z = 0.0
+        for k in range(count):
+            x += now[k] * points[3 * k]
+            y += now[k] * points[3 * k + 1]
+            z += now[k] * points[3 * k + 2]
     return TIE

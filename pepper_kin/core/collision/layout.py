@@ -50,6 +50,7 @@ ALIGNMENT = 8
     SOLID_HALF,
     VERTEX_FIRST,
     VERTICES,
+    VERTEX_SINGLES,
     PAIR_FIRST,
     PAIRS,
     GROUP_SOLIDS,
@@ -79,9 +80,10 @@ ALIGNMENT = 8
     LEVERS,
     GAPS,
     GAP_STATES,
-) = range(54)
+    PAIR_ROOM,
+) = range(56)
 """Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 54
+SECTIONS = 56
 
 BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
-from pepper_kin.core.collision.clouds import cloud_verdict, point_verdict
-from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.clouds import POINT_ROOM, cloud_verdict, point_verdict
+from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than, separation
 from pepper_kin.core.collision.layout import (
     AXES,
     BOX,
@@ -30,6 +30,7 @@ from pepper_kin.core.collision.layout import (
     NUMBERS,
     OTHER,
     PAIR_FIRST,
+    PAIR_ROOM,
     PAIRS,
     Q_FULL,
     ROOT_LISTS,
@@ -43,9 +44,11 @@ from pepper_kin.core.collision.layout import (
     SOLIDS,
     STATUS,
     VERTEX_FIRST,
+    VERTEX_SINGLES,
     VERTICES,
     Array,
     N,
+    address_of,
     scene_of,
     section,
     section_bits,
@@ -54,7 +57,8 @@ from pepper_kin.core.collision.layout import (
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 from pepper_kin.core.kinematic_tree import JOINT, compose, place_joints
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Floats2
+from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.kernels.lanes import double_at
 
 TIE_WIDTH = 3e-6
 """Distances within this of the threshold are ties: coal's own iterations end at 1e-6 [m]."""
@@ -69,12 +73,49 @@ FULL_SIZE = 3
 offset."""
 
 
-@compiled
-def _vertices(memory: Array, a: int) -> Floats2:
-    """Return the vertices of a solid, shape (3, k)."""
-    first = section(memory, VERTEX_FIRST)
-    begin, end = 3 * int(first[a]), 3 * int(first[a + 1])
-    return section(memory, VERTICES)[begin:end].reshape((3, (end - begin) // 3))
+@compiled(inline=True, lean=True)
+def _core(memory: Array, a: int) -> ConvexCore:
+    """Return the core of a solid."""
+    row, first = address_of(memory, SOLIDS) + 8 * SOLID_SIZE * a, address_of(memory, VERTEX_FIRST) + 8 * a
+    begin = int(double_at(first))
+    return ConvexCore(
+        int(double_at(row)),
+        address_of(memory, SOLID_HALF) + 24 * a,
+        address_of(memory, SOLID_POSES) + 96 * a,
+        int(double_at(first + 8)) - begin,
+        address_of(memory, VERTICES) + 24 * begin,
+        address_of(memory, VERTEX_SINGLES) + 12 * begin,
+        double_at(row + 16),
+    )
+
+
+@compiled(inline=True, lean=True)
+def _thin(core: ConvexCore) -> bool:
+    """Whether a core is a segment or a point."""
+    return core.kind == BOX and double_at(core.half) == 0.0 and double_at(core.half + 8) == 0.0
+
+
+@compiled(lean=True)
+def _off_box(core: ConvexCore, place: int) -> float:
+    """Return the squared distance of a point, at an address, to the box around a core [m^2]."""
+    pose, half, squared = core.pose, core.half, 0.0
+    x, y, z = (
+        double_at(place) - double_at(pose),
+        double_at(place + 8) - double_at(pose + 8),
+        double_at(place + 16) - double_at(pose + 16),
+    )
+    for i in range(3):
+        axis = pose + 24 * (i + 1)
+        along = x * double_at(axis) + y * double_at(axis + 8) + z * double_at(axis + 16)
+        off = max(abs(along) - double_at(half + 8 * i), 0.0)
+        squared += off * off
+    return squared
+
+
+@compiled(inline=True, lean=True)
+def _axis_of(memory: Array, slot: int) -> int:
+    """Return the address of the direction that parted a pair last."""
+    return address_of(memory, AXES) + 24 * (slot % (section(memory, AXES).size // 3))
 
 
 @compiled
@@ -87,56 +128,48 @@ def ball_meets(node: NDArray[np.float32], center: Array, reach: float) -> bool:
     return squared <= reach * reach
 
 
-@compiled
+@compiled(lean=True)
 def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int) -> int:
     """Return the verdict on a solid of a block and one of another; `slot` is their place in AXES."""
-    pose_a, pose_b = (
-        section(memory, SOLID_POSES)[12 * a : 12 * a + 12],
-        section(other, SOLID_POSES)[12 * b : 12 * b + 12],
-    )
+    one, two = _core(memory, a), _core(other, b)
     row_a, row_b = (
-        section(memory, SOLIDS)[SOLID_SIZE * a : SOLID_SIZE * (a + 1)],
-        section(other, SOLIDS)[SOLID_SIZE * b : SOLID_SIZE * (b + 1)],
+        address_of(memory, SOLIDS) + 8 * SOLID_SIZE * a,
+        address_of(other, SOLIDS) + 8 * SOLID_SIZE * b,
     )
-    x, y, z = pose_a[0] - pose_b[0], pose_a[1] - pose_b[1], pose_a[2] - pose_b[2]
-    reach = row_a[2] + row_b[2] + margin + TIE_WIDTH
-    if x * x + y * y + z * z > reach * reach:
+    pad_a, pad_b = double_at(row_a + 8), double_at(row_b + 8)
+    reach_a, reach_b = one.size + pad_b + margin + TIE_WIDTH, two.size + pad_a + margin + TIE_WIDTH
+    if _off_box(two, one.pose) > reach_a * reach_a or _off_box(one, two.pose) > reach_b * reach_b:
         return FREE
-    if row_a[0] == OTHER or row_b[0] == OTHER:
+    if one.kind == OTHER or two.kind == OTHER:
         return TIE
-    half_a, half_b = (
-        section(memory, SOLID_HALF)[3 * a : 3 * a + 3],
-        section(other, SOLID_HALF)[3 * b : 3 * b + 3],
-    )
-    threshold = row_a[1] + row_b[1] + margin
-    if row_b[0] == CLOUD:
-        axes, address = section(memory, AXES), section_bits(other, CLOUDS)[b]
-        axis = axes[3 * (slot % (axes.size // 3)) :][:3]
-        core = ConvexCore(row_a[0], half_a, pose_a, _vertices(memory, a))
-        reach = row_a[2] + row_b[1] + margin + TIE_WIDTH
-        verdict = cloud_verdict(core, address, pose_b, reach, threshold, TIE_WIDTH, axis)
-        return TIE if verdict == CONTACT and row_a[3] == 0.0 else verdict
-    thin_a = row_a[0] == BOX and half_a[0] == 0.0 and half_a[1] == 0.0
-    thin_b = row_b[0] == BOX and half_b[0] == 0.0 and half_b[1] == 0.0
+    threshold, axis = pad_a + pad_b + margin, _axis_of(memory, slot)
+    if two.kind == CLOUD:
+        cloud, room = section_bits(other, CLOUDS)[b], address_of(memory, PAIR_ROOM)
+        verdict = cloud_verdict(one, cloud, two.pose, reach_a, threshold, TIE_WIDTH, room)
+        return TIE if verdict == CONTACT and double_at(row_a + 24) == 0.0 else verdict
     verdict = TIE
-    if (thin_a and row_b[0] == BOX) or (thin_b and row_a[0] == BOX):
-        if thin_a and thin_b:
-            distance = segment_to_segment(pose_a, half_a[2], pose_b, half_b[2])
-        elif thin_a:
-            distance = segment_to_box(pose_a, half_a[2], pose_b, half_b)
-        else:
-            distance = segment_to_box(pose_b, half_b[2], pose_a, half_a)
+    if (_thin(one) and two.kind == BOX) or (_thin(two) and one.kind == BOX):
+        distance = _segment_distance(one, two)
         if abs(distance - threshold) > TIE_WIDTH:
             verdict = CONTACT if distance < threshold else FREE
     else:
-        axes = section(memory, AXES)
-        axis = axes[3 * (slot % (axes.size // 3)) :][:3]
-        core_a = ConvexCore(row_a[0], half_a, pose_a, _vertices(memory, a))
-        core_b = ConvexCore(row_b[0], half_b, pose_b, _vertices(other, b))
-        verdict = nearer_than(core_a, core_b, threshold, TIE_WIDTH, axis)
-    if verdict == CONTACT and (row_a[3] == 0.0 or row_b[3] == 0.0):
+        verdict = nearer_than(one, two, threshold, TIE_WIDTH, axis, address_of(memory, PAIR_ROOM))
+    if verdict == CONTACT and (double_at(row_a + 24) == 0.0 or double_at(row_b + 24) == 0.0):
         return TIE
     return verdict
+
+
+@compiled(lean=True)
+def _segment_distance(one: ConvexCore, two: ConvexCore) -> float:
+    """Return the distance of a segment and a box, which may be one too [m]."""
+    first, second = one, two
+    if not _thin(one):
+        first, second = two, one
+    long, half = double_at(first.half + 16), floats_at(second.half, 3)
+    pose, other = floats_at(first.pose, 12), floats_at(second.pose, 12)
+    if half[0] == 0.0 and half[1] == 0.0:
+        return float(segment_to_segment(pose, long, other, half[2]))
+    return float(segment_to_box(pose, long, other, half))
 
 
 @compiled
@@ -150,35 +183,31 @@ def pair_distance(memory: Array, other: Array, a: int, b: int, least: float) -> 
         b: A solid of the second.
         least: Distances above this need not be known.
     """
-    pose_a, pose_b = (
-        section(memory, SOLID_POSES)[12 * a : 12 * a + 12],
-        section(other, SOLID_POSES)[12 * b : 12 * b + 12],
-    )
-    row_a, row_b = (
-        section(memory, SOLIDS)[SOLID_SIZE * a : SOLID_SIZE * (a + 1)],
-        section(other, SOLIDS)[SOLID_SIZE * b : SOLID_SIZE * (b + 1)],
-    )
-    x, y, z = pose_a[0] - pose_b[0], pose_a[1] - pose_b[1], pose_a[2] - pose_b[2]
-    rough = math.sqrt(x * x + y * y + z * z) - row_a[2] - row_b[2]
+    one, two = _core(memory, a), _core(other, b)
+    x = double_at(one.pose) - double_at(two.pose)
+    y = double_at(one.pose + 8) - double_at(two.pose + 8)
+    z = double_at(one.pose + 16) - double_at(two.pose + 16)
+    rough = math.sqrt(x * x + y * y + z * z) - one.size - two.size
     if rough > max(least, 0.0):
         return rough
-    if row_a[0] != BOX or row_b[0] != BOX:
+    if one.kind != BOX or two.kind != BOX or not (_thin(one) or _thin(two)):
         return -math.inf
-    half_a, half_b = (
-        section(memory, SOLID_HALF)[3 * a : 3 * a + 3],
-        section(other, SOLID_HALF)[3 * b : 3 * b + 3],
-    )
-    thin_a, thin_b = half_a[0] == 0.0 and half_a[1] == 0.0, half_b[0] == 0.0 and half_b[1] == 0.0
-    if thin_a and thin_b:
-        distance = segment_to_segment(pose_a, half_a[2], pose_b, half_b[2])
-    elif thin_a:
-        distance = segment_to_box(pose_a, half_a[2], pose_b, half_b)
-    elif thin_b:
-        distance = segment_to_box(pose_b, half_b[2], pose_a, half_a)
-    else:
-        return -math.inf
-    distance -= row_a[1] + row_b[1] + ROUNDING
-    return distance if distance > 0.0 else -math.inf
+    pads = section(memory, SOLIDS)[SOLID_SIZE * a + 1] + section(other, SOLIDS)[SOLID_SIZE * b + 1]
+    distance = _segment_distance(one, two) - pads - ROUNDING
+    return float(distance) if distance > 0.0 else -math.inf
+
+
+@compiled(lean=True)
+def _gap_of(memory: Array, k: int, least: float) -> float:
+    """Return a lower bound of the distance of a pair of the robot's solids, number k, or -inf [m]."""
+    pair = address_of(memory, PAIRS) + 16 * k
+    a, b = int(double_at(pair)), int(double_at(pair + 8))
+    bound = pair_distance(memory, memory, a, b, least)
+    if bound > 0.0:
+        return float(bound)
+    solids = section(memory, SOLIDS)
+    pads = solids[SOLID_SIZE * a + 1] + solids[SOLID_SIZE * b + 1] + ROUNDING
+    return float(separation(_core(memory, a), _core(memory, b), _axis_of(memory, k)) - pads)
 
 
 @compiled
@@ -236,11 +265,11 @@ def _stays_apart(memory: Array, c: int, q: Array, least: float) -> bool:
 @compiled
 def _keep_gap(memory: Array, c: int, q: Array) -> float:
     """Keep, and return, a distance that the pairs of a class surely have at a configuration [m]."""
-    first, pairs, states = section(memory, PAIR_FIRST), section(memory, PAIRS), section(memory, GAP_STATES)
+    first, states = section(memory, PAIR_FIRST), section(memory, GAP_STATES)
     gap = math.inf
     for k in range(int(first[c]), int(first[c + 1])):
         if gap > 0.0:
-            gap = min(gap, pair_distance(memory, memory, int(pairs[2 * k]), int(pairs[2 * k + 1]), gap))
+            gap = min(gap, _gap_of(memory, k, gap))
     section(memory, GAPS)[c] = gap
     for j in range(q.size):
         states[q.size * c + j] = q[j]
@@ -280,7 +309,7 @@ def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
 
 
 @compiled
-def settle(memory: Array, rows: Array, count: int) -> int:
+def settle(memory: Array, rows: Array, count: int, all_free: bool) -> int:
     """Settle those of some configurations that balls leave in doubt.
 
     How far the pairs of a class are apart is kept, and with it the configuration: at others nearby, the
@@ -293,6 +322,7 @@ def settle(memory: Array, rows: Array, count: int) -> int:
         memory: The block.
         rows: Configurations, one after the other, shape (count n,).
         count: How many.
+        all_free: Whether the first that is not free ends it.
     """
     status, doubts, numbers = section_bits(memory, STATUS), 0, section(memory, NUMBERS)
     classes, groups = section_bits(memory, ROW_CLASSES), section_bits(memory, ROW_GROUPS)
@@ -308,6 +338,8 @@ def settle(memory: Array, rows: Array, count: int) -> int:
             if left != 0 or groups[i] != 0:
                 place_solids(memory, q)
                 status[i] = _verdict(memory, left, groups[i], q)
+                if all_free and status[i] != FREE:
+                    return doubts
     return doubts
 
 
@@ -338,21 +370,20 @@ def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDAr
     Returns:
         How many are marked.
     """
-    solids, poses, halves = section(memory, SOLIDS), section(memory, SOLID_POSES), section(memory, SOLID_HALF)
-    point, axis, count = np.zeros(12), np.zeros(3), 0
-    point[3], point[7], point[11] = 1.0, 1.0, 1.0
+    solids, poses, count = section(memory, SOLIDS), section(memory, SOLID_POSES), 0
+    room = address_of(memory, PAIR_ROOM)
+    axis = room + 8 * (POINT_ROOM - 3)
     near[:] = 0
     place_solids(memory, q)
     for a in range(solids.size // SOLID_SIZE):
         row, pose = solids[SOLID_SIZE * a : SOLID_SIZE * (a + 1)], poses[12 * a : 12 * a + 12]
-        core = ConvexCore(row[0], halves[3 * a : 3 * a + 3], pose, _vertices(memory, a))
+        core = _core(memory, a)
         threshold, reach = row[1] + margin, row[2] + margin + TIE_WIDTH
         for p in range(points.shape[0]):
             x, y, z = points[p, 0] - pose[0], points[p, 1] - pose[1], points[p, 2] - pose[2]
             if near[p] == 0 and x * x + y * y + z * z <= reach * reach:
-                for i in range(3):
-                    point[i] = points[p, i]
-                if point_verdict(core, point, threshold, TIE_WIDTH, axis) != FREE:
+                place = points.ctypes.data + 24 * p
+                if point_verdict(core, place, threshold, TIE_WIDTH, axis, room) != FREE:
                     near[p] = 1
                     count += 1
     return count
