@@ -105,8 +105,10 @@ def check_looks(looks: str) -> None:
 def moving_bodies(
     pepper: PepperModel, attached: tuple[AttachedObject, ...], looks: str = "collision"
 ) -> tuple[Body, ...]:
-    """Return the solids of the robot, then those of what hangs on it."""
-    return (*_robot(pepper, looks), *_attached(pepper, attached))
+    """Return the solids of the robot, the same whatever it holds, then those of what hangs on it."""
+    if attached:
+        return (*moving_bodies(pepper, (), looks), *_attached(pepper, attached))
+    return tuple(_robot(pepper, looks))
 
 
 def solid_objects(scene: Scene) -> list[SceneObject]:
@@ -210,9 +212,7 @@ def _attached(pepper: PepperModel, attached: tuple[AttachedObject, ...]) -> Iter
         if is_empty(item.geometry):
             continue
         frame, joint, pose = _on_frame(pepper, item.frame, item.transform_object_to_frame)
-        hand = _hand(pepper, joint)
-        held = {shape.link for shape in pepper.collision_shapes if _joint(pepper, shape.link) in hand}
-        may_touch, label = frozenset(held | set(item.touch_links)), f"attached/{item.name}"
+        may_touch, label = _links_of_hand(pepper, joint) | set(item.touch_links), f"attached/{item.name}"
         yield Body(item.name, ATTACHED, item.frame, frame, joint, item.geometry, pose, label, may_touch)
 
 
@@ -221,6 +221,14 @@ def _on_frame(pepper: PepperModel, name: str, pose: np.ndarray) -> tuple[int, in
     index = pepper.frame_id(name)
     frame = pepper.inner_model.frames[index]
     return index, int(frame.parentJoint), read_only(frame.placement.homogeneous @ pose)
+
+
+@lru_cache(maxsize=256)
+def _links_of_hand(pepper: PepperModel, joint: int) -> frozenset[str]:
+    """Return the links of the hand that a joint moves or is part of."""
+    hand = _hand(pepper, joint)
+    links = {shape.link for shape in pepper.collision_shapes if _joint(pepper, shape.link) in hand}
+    return frozenset(links)
 
 
 def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:

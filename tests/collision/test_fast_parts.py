@@ -164,7 +164,7 @@ def test_spheres_cover_and_fill_every_solid_of_the_robot():
             local = (center + radius * directions - solid.position) @ solid.rotation
             beyond = np.maximum(np.abs(local) - solid.half, 0.0)
             assert np.linalg.norm(beyond, axis=1).max() <= solid.radius + 1e-12
-        center, radius = bounding_ball([solid])
+        center, radius = bounding_ball((solid,))
         assert np.linalg.norm(points - center, axis=1).max() <= radius + 1e-12
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Array, Solid
+from pepper_kin.core.collision.bounding_balls import ball_around_balls, ball_within_planes
 from pepper_kin.model.shapes import read_only
 
 WASTE = 0.008
@@ -18,14 +19,13 @@ CELL = 0.11
 PROTRUSION = 0.012
 """Pieces of a hull are halved as long as the ball around one reaches farther out of the hull than this
 [m],"""
-MOST = 10
+MOST = 6
 """and there are fewer than this."""
 MOST_INNER = 5
 """Inner balls that are not about the centres of outer ones, at most."""
 LEAST_INNER = 0.01
 """Least radius of these [m]."""
 _ROUNDING = 1e-9
-_ROUNDS = 40
 
 
 class BallCover(NamedTuple):
@@ -86,12 +86,9 @@ def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCo
 
 
 def ball_around(points: Array, radii: Array) -> tuple[Array, float]:
-    """Return centre and radius of a small ball that holds balls (Badoiu and Clarkson, 2003)."""
-    center = points.mean(axis=0)
-    for k in range(_ROUNDS):
-        furthest = np.argmax(np.linalg.norm(points - center, axis=1) + radii)
-        center = center + (points[furthest] - center) / (k + 2)
-    return center, float((np.linalg.norm(points - center, axis=1) + radii).max())
+    """Return center and radius of a small ball that holds balls."""
+    center = np.empty(3)
+    return center, ball_around_balls(np.ascontiguousarray(points), radii, center)
 
 
 @lru_cache(maxsize=512)
@@ -111,7 +108,7 @@ def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
     except (QhullError, ValueError):  # all in a plane
         center, radius = ball_around(points, np.zeros(len(points)))
         return center[None], np.array([radius]), np.array([-1.0])
-    planes = np.unique(np.round(hull.equations, 12), axis=0)
+    planes = np.ascontiguousarray(np.unique(np.round(hull.equations, 12), axis=0))
     sides = np.concatenate([hull.simplices[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
     edges = points[np.unique(np.sort(sides, axis=1), axis=0)]
     corners = points[hull.vertices]
@@ -139,21 +136,13 @@ def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
 
 
 def _deepest(planes: Array, low: Array, high: Array) -> tuple[Array, float]:
-    """Return centre and radius of a large ball inside a hull whose centre is in a box, by steps inward."""
-    center = best = (low + high) / 2
-    radius, step = -np.inf, float((high - low).max())
-    for _ in range(_ROUNDS):
-        depths = planes[:, :3] @ center + planes[:, 3]
-        nearest = int(np.argmax(depths))
-        if -depths[nearest] > radius:
-            best, radius = center, -float(depths[nearest])
-        else:
-            step *= 0.8
-        center = np.clip(center - step * planes[nearest, :3], low, high)
-    return best, radius - _ROUNDING
+    """Return center and radius of a large ball inside a hull whose center is in a box."""
+    center = np.empty(3)
+    return center, ball_within_planes(planes, low, high, center) - _ROUNDING
 
 
 _FACES = [(axis, side) for axis in range(3) for side in (0, 1)]
+_ENDS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
 
 
 def _piece(
@@ -168,10 +157,9 @@ def _piece(
             share = ((low, high)[side][axis] - start[:, axis]) / way[:, axis]
             crossing = (share >= 0) & (share <= 1)
             found.append(start[crossing] + share[crossing, None] * way[crossing])
-        ends = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
-        box = low + ends * (high - low)
+        box = low + _ENDS * (high - low)
         for axis in range(3):
-            first = box[ends[:, axis] == 0]
+            first = box[_ENDS[:, axis] == 0]
             step = np.eye(3)[axis] * (high - low)
             rate, room = planes[:, :3] @ step, -(first @ planes[:, :3].T + planes[:, 3])
             bound = room / rate

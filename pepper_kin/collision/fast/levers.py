@@ -25,11 +25,11 @@ def part_levers(pepper: PepperModel, structure: Structure) -> Array:
     for row, solid in zip(carried, structure.solids, strict=True):
         row[[joint - 1 for joint in model.supports[solid.joint].tolist() if joint > 0]] = True
 
-    def against(i: int, j: int) -> Array:
-        shared = carried[i] & carried[j]
-        return np.where(shared, 0.0, levers[i] + levers[j])
-
-    rows = [np.max([against(i, j) for i, j in pairs], axis=0) for pairs in structure.classes]
+    rows = []
+    for pairs in structure.classes:
+        one, other = np.array(pairs).T
+        apart = np.where(carried[one] & carried[other], 0.0, levers[one] + levers[other])
+        rows.append(apart.max(axis=0))
     rows += [levers[list(group)].max(axis=0) for group in structure.groups]
     full = np.array(rows).reshape(-1, levers.shape[1])
     gains = np.abs(pepper.full_map)
@@ -38,5 +38,7 @@ def part_levers(pepper: PepperModel, structure: Structure) -> Array:
 
 def _corners(solid: Solid) -> Array:
     """Return the corners of the box around a solid's core, in the frame of its joint."""
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    return np.asarray((signs * solid.half) @ solid.rotation.T + solid.position)
+    return np.asarray((_SIGNS * solid.half) @ solid.rotation.T + solid.position)
+
+
+_SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T

@@ -30,8 +30,8 @@ from pepper_kin.collision.fast.solids import ROW, Array, Solid
 from pepper_kin.collision.fast.structure import (
     MovingParts,
     Structure,
+    ball_order,
     bounding_ball,
-    roles,
     structure_of,
 )
 from pepper_kin.collision.fast.tables import pack_tables
@@ -165,7 +165,7 @@ class _Tables:
         alignment = self._tree.alignments[solid.joint - 1]
         return np.asarray((points - alignment.origin) @ alignment.rotation)
 
-    def _bounding(self, solids: list[Solid]) -> Array:
+    def _bounding(self, solids: tuple[Solid, ...]) -> Array:
         center, radius = bounding_ball(solids)
         return np.array([*self._local(solids[0], center)[0], radius, NO_INNER])
 
@@ -173,7 +173,7 @@ class _Tables:
         solids = self._structure.solids
         none = np.array([0.0, 0.0, 0.0, NO_INNER, NO_INNER])
         self.bodies[b, 6] = len(self._balls)
-        self._balls.append(self._bounding([solids[i] for i in own]) if own else none)
+        self._balls.append(self._bounding(tuple([solids[i] for i in own])) if own else none)
         in_groups = [i for g in groups for i in self._structure.groups[g]]
         self.bodies[b, 7] = len(self._balls)
         for i in (*in_groups, *(i for i in own if i not in in_groups)):
@@ -206,7 +206,7 @@ class _Tables:
         joint = structure.solids[members[0]].joint
         body = joint - 1 if joint else len(self._tree.bodies)
         coarse = len(self._balls)
-        self._balls.append(self._bounding([structure.solids[i] for i in members]))
+        self._balls.append(self._bounding(tuple([structure.solids[i] for i in members])))
         return body, coarse, self._range_of[members[0]][0], self._range_of[members[-1]][1], 1
 
     def _pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -215,10 +215,11 @@ class _Tables:
         links: list[list[int]] = []
         sides: list[list[int]] = []
         ranges: list[list[int]] = []
+        order = [ball_order(solid) for solid in solids]
         for c, pairs in enumerate(self._structure.classes):
             by_bodies: dict[tuple[int, int], dict[int, list[int]]] = {}
             for i, j in pairs:
-                covered, exact = (i, j) if roles(solids[i], solids[j])[0] is solids[i] else (j, i)
+                covered, exact = (i, j) if order[i] <= order[j] else (j, i)
                 a, b = ((solids[k].joint - 1) % (world + 1) for k in (covered, exact))
                 by_bodies.setdefault((a, b), {}).setdefault(exact, []).append(covered)
             for (a, b), by_exact in by_bodies.items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from weakref import WeakKeyDictionary
@@ -136,8 +135,15 @@ def _moving(
     classes: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for i, j in moving_pairs(pepper, scene, bodies):
         classes.setdefault((limbs[bodies[i].joint], limbs[bodies[j].joint]), []).append((i, j))
-    solids = tuple(solid_of(body.owner, body.geometry, body.joint, body.pose) for body in bodies)
-    return MovingParts(bodies, solids, tuple(tuple(pairs) for pairs in classes.values()))
+    return MovingParts(
+        bodies, tuple(map(_solid_of_body, bodies)), tuple(tuple(pairs) for pairs in classes.values())
+    )
+
+
+@lru_cache(maxsize=4096)
+def _solid_of_body(body: Body) -> Solid:
+    """Return a body that moves as compiled code sees it, the robot's the same whatever it holds."""
+    return solid_of(body.owner, body.geometry, body.joint, body.pose)
 
 
 _solids: WeakKeyDictionary[SceneObject, Solid] = WeakKeyDictionary()
@@ -171,13 +177,13 @@ def _limbs(pepper: PepperModel) -> list[int]:
     return limbs
 
 
-def roles(first: Solid, second: Solid) -> tuple[Solid, Solid]:
-    """Return of a pair the solid of which the balls are compared and the one that is taken as it is."""
-    order = sorted((first, second), key=lambda s: (not s.segment, len(ball_cover(s).outer)))
-    return order[0], order[1]
+def ball_order(solid: Solid) -> tuple[bool, int]:
+    """Return a key: of a pair, the balls of the lesser are compared with the other as it is."""
+    return not solid.segment, len(ball_cover(solid).outer)
 
 
-def bounding_ball(solids: Sequence[Solid]) -> tuple[Array, float]:
+@lru_cache(maxsize=4096)
+def bounding_ball(solids: tuple[Solid, ...]) -> tuple[Array, float]:
     """Return centre, in the frame of their joint, and radius of a ball that holds solids of one joint [m]."""
     points, radii = [], []
     for solid in solids:
