@@ -208,6 +208,33 @@ def _emit_below(typing_context: Any, x: Any, y: Any) -> Any:
     return types.int64(lanes_type(), lanes_type()), generate
 
 
+def _emit_reduction(name: str) -> Callable[..., Any]:
+    def make(typing_context: Any, x: Any) -> Any:
+        from llvmlite import ir
+
+        kind = lanes_type()
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            function = builder.module.declare_intrinsic(
+                f"llvm.vector.reduce.{name}.v{LANES}f32", (), ir.FunctionType(ir.FloatType(), [_vector()])
+            )
+            return _spread(builder, builder.call(function, values, fastmath=("nnan", "nsz")))
+
+        return kind(kind), generate
+
+    return make
+
+
+def _emit_lowest(typing_context: Any, bits: Any) -> Any:
+    from llvmlite import ir
+    from numba import types
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return builder.cttz(values[0], ir.IntType(1)(1))
+
+    return types.int64(types.int64), generate
+
+
 def _at(address: int) -> Lanes:
     return np.frombuffer(memoryview((ctypes.c_float * LANES).from_address(int(address))), np.float32)
 
@@ -294,3 +321,21 @@ def lane_round(x: Lanes) -> Lanes:
 def lanes_below(x: Lanes, y: Lanes) -> int:
     """Return the bits of the lanes where x < y; bit i is that of lane i."""
     return int(np.packbits(np.asarray(x < y), bitorder="little")[0])
+
+
+@intrinsic(_emit_reduction("fmin"))
+def least_lane(x: Lanes) -> Lanes:
+    """Return the least of the lanes, in all lanes."""
+    return np.full(LANES, x.min(), np.float32)
+
+
+@intrinsic(_emit_reduction("fmax"))
+def greatest_lane(x: Lanes) -> Lanes:
+    """Return the greatest of the lanes, in all lanes."""
+    return np.full(LANES, x.max(), np.float32)
+
+
+@intrinsic(_emit_lowest)
+def lowest_bit(bits: int) -> int:
+    """Return the place of the lowest bit of a number other than 0."""
+    return (int(bits) & -int(bits)).bit_length() - 1

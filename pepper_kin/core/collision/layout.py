@@ -32,14 +32,17 @@ ALIGNMENT = 8
     BODIES,
     FRAMES,
     GROUPS,
+    PARTS,
     BALLS,
     OBJECTS,
+    BOXES,
     NODES,
     ROOTS,
     ROOT_LISTS,
     CLOUDS,
     CLOUD_ROOM,
     LINKS,
+    LINK_PARTS,
     SIDES,
     RANGES,
     CORES,
@@ -64,6 +67,7 @@ ALIGNMENT = 8
     CLASS_DOUBTS,
     GROUP_DOUBTS,
     DOUBTFUL,
+    ORDER,
     RAMP,
     ROWS,
     STATUS,
@@ -79,9 +83,9 @@ ALIGNMENT = 8
     LEVERS,
     GAPS,
     GAP_STATES,
-) = range(54)
+) = range(58)
 """Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 54
+SECTIONS = 58
 
 BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
