@@ -20,9 +20,10 @@ from .motion_validator import machine_code_of
 from .path import Path
 from .problem import FINEST_RESOLUTION, GoalSource, Problem
 from .result import Improvement, Result, Status, StopReason
-from .rrt_connect import Search, grow, luby, new_counters, plant
+from .rrt_connect import Search, luby
 from .shortcut import shortcut, shorten
-from .vectors import FloatArray, positive_number, whole_number
+from .tree_growth import grow, new_counters, plant
+from .vectors import positive_number, whole_number
 
 _UNLIMITED = 2**62
 _LEAST_TIME = 1e-9  # [s]; a budget is above zero
@@ -103,9 +104,9 @@ def aorrtc(
             run.improve(most)
         else:
             rooted = search.begin(deadline)
-            run.begin(path.points, len(task.goals) - 1)
+            run.begin(Path.trusted(path.points, task.metric), len(task.goals) - 1)
             if search.found_straight:
-                run.offer(Path.trusted(search.path()[0], problem.metric), search.path()[1])
+                run.offer(*search.path())
             if rooted:
                 run.improve(most)
     reached = run.goal if run.goal < len(problem.goals) or problem.goal_sampler is not None else None
@@ -150,9 +151,9 @@ class _Run:
         self.goal, self.lower_bound = -1, 0.0
         self.history: list[Improvement] = []
 
-    def begin(self, points: FloatArray, goal: int) -> None:
+    def begin(self, path: Path, goal: int) -> None:
         """Begin with a path to one of the goals."""
-        self.best, self.goal = Path.trusted(points, self._problem.metric), goal
+        self.best, self.goal = path, goal
         self.lower_bound = self._search.straight_length()
         self.history.append(Improvement(self._deadline.elapsed, self.best.length, self._search.samples))
 
@@ -182,8 +183,7 @@ class _Run:
             bound = length * (1.0 if exact else factor)
             found = search.below(bound, min(size, most - before), self._deadline)
             if found:
-                points, goal = search.path()
-                self._race(Path.trusted(points, self._problem.metric), goal)
+                self._race(*search.path())
             if not exact:
                 factor *= _AFTER_PATH if found else _AFTER_NONE
                 factor = min(max(factor, 1.0), _MOST_FACTOR)

@@ -44,17 +44,18 @@ class Path:
         object.__setattr__(self, "arc_lengths", read_only(metric.arc_lengths(points)))
 
     @classmethod
-    def trusted(cls, points: FloatArray, metric: Metric) -> Path:
+    def trusted(cls, points: FloatArray, metric: Metric, arc_lengths: FloatArray | None = None) -> Path:
         """Return the path through way-points that are known to be sound, without checking or copying them.
 
         Args:
             points: Finite float64 way-points, shape (k, n), that nobody else writes to.
             metric: The metric of n coordinates.
+            arc_lengths: Length up to each of them where that is known, shape (k,).
         """
         path = cls.__new__(cls)
-        arc_lengths = read_only(metric.arc_lengths(points))
+        lengths = metric.arc_lengths(points) if arc_lengths is None else arc_lengths
         path.__dict__.update(
-            points=read_only(points), weights=metric.weights, metric=metric, arc_lengths=arc_lengths
+            points=read_only(points), weights=metric.weights, metric=metric, arc_lengths=read_only(lengths)
         )
         return path
 

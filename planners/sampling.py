@@ -20,7 +20,7 @@ if INTERPRETED:
     np.seterr(over="ignore")  # numbers of 64 bits wrap around, as they do in machine code
 
 
-@compiled("float64(uint64, int64)")
+@compiled("float64(uint64, int64)", lean=True)
 def uniform(key: np.uint64, number: int) -> float:
     """Return the random number in [0, 1) of a place in the stream of a key.
 
@@ -52,7 +52,7 @@ def _mixed(value: int) -> int:
     return value ^ (value >> 31)
 
 
-@compiled
+@compiled(lean=True)
 def _normal(key: np.uint64, place: int) -> float:
     """Return a normally distributed number made of two of the stream.
 
@@ -62,7 +62,7 @@ def _normal(key: np.uint64, place: int) -> float:
     return radius * math.cos(2.0 * math.pi * uniform(key, place + 1))
 
 
-@compiled
+@compiled(lean=True)
 def random_state(space: SearchSpace, key: np.uint64, place: int, sample: FloatArray) -> int:
     """Write an even sample of the box; return how many numbers were drawn."""
     for i in range(sample.size):
@@ -70,7 +70,7 @@ def random_state(space: SearchSpace, key: np.uint64, place: int, sample: FloatAr
     return sample.size
 
 
-@compiled
+@compiled(lean=True)
 def within_ellipsoid(
     space: SearchSpace,
     key: np.uint64,

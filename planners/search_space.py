@@ -63,13 +63,13 @@ def space_of(
         clock=CLOCK,
         resolution=float(resolution),
         reach=float(reach),
-        lower=problem.lower.copy(),
+        lower=problem.lower,
         extent=problem.upper - problem.lower,
-        weights=problem.metric.weights.copy(),
+        weights=problem.metric.weights,
     )
 
 
-@compiled
+@compiled(lean=True)
 def distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
     """Return the distance of two states, shapes (n,)."""
     total = 0.0
@@ -79,7 +79,7 @@ def distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
     return math.sqrt(total)
 
 
-@compiled
+@compiled(lean=True)
 def distance_to_nearest(state: FloatArray, goals: FloatArray, weights: FloatArray) -> float:
     """Return the distance of a state, shape (n,), from the nearest of some others, shape (k, n)."""
     least = math.inf
@@ -88,13 +88,13 @@ def distance_to_nearest(state: FloatArray, goals: FloatArray, weights: FloatArra
     return least
 
 
-@compiled
+@compiled(lean=True)
 def step_count(length: float, resolution: float) -> int:
     """Return the number of steps of an edge, none longer than the resolution; at least one."""
     return max(1, math.ceil(length / resolution))
 
 
-@compiled("int64(SearchSpace, float64[::1], float64[::1], int64, int64[::1])")
+@compiled("int64(SearchSpace, float64[::1], float64[::1], int64, int64[::1])", lean=True)
 def last_valid_step(space: SearchSpace, a: Floats1, b: Floats1, steps: int, counters: Ints1) -> int:
     """Return `steps` if the states a + (b - a) j / steps, j = 1 .. steps, are valid, and else less.
 
@@ -111,7 +111,9 @@ def last_valid_step(space: SearchSpace, a: Floats1, b: Floats1, steps: int, coun
     return count
 
 
-@compiled("boolean(SearchSpace, float64[::1], float64[::1], int64, float64[:, ::1], int64[::1], boolean)")
+@compiled(
+    "boolean(SearchSpace, float64[::1], float64[::1], int64, float64[:, ::1], int64[::1], boolean)", lean=True
+)
 def edge_valid(
     space: SearchSpace,
     a: Floats1,
@@ -157,7 +159,7 @@ def edge_valid(
     return True
 
 
-@compiled
+@compiled(lean=True)
 def is_free(
     space: SearchSpace, a: FloatArray, b: FloatArray, length: float, rows: FloatArray, counters: Ints1
 ) -> bool:

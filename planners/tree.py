@@ -14,7 +14,7 @@ LANES = 8
 """Nodes whose scaled states lie side by side."""
 
 
-@compiled("void(float64[:, :, ::1], int64, float64[::1], float64[::1])")
+@compiled("void(float64[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)
 def set_lane(lanes: Floats3, node: int, state: Floats1, weights: Floats1) -> None:
     """Write the scaled state of a new node; the rest of its lanes, if it is the first, is infinitely far."""
     if node % LANES == 0:
@@ -25,7 +25,7 @@ def set_lane(lanes: Floats3, node: int, state: Floats1, weights: Floats1) -> Non
         lanes[node // LANES, i, node % LANES] = state[i] * weights[i]
 
 
-@compiled("int64(float64[:, :, ::1], int64, float64[::1], float64[::1])")
+@compiled("int64(float64[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)
 def nearest(lanes: Floats3, size: int, query: Floats1, room: Floats1) -> int:
     """Return the node nearest to a scaled state; the first of equally near ones.
 
@@ -45,7 +45,7 @@ def nearest(lanes: Floats3, size: int, query: Floats1, room: Floats1) -> int:
     return found
 
 
-@compiled("int64(float64[:, :, ::1], float64[::1], int64, float64[::1], float64, float64[::1])")
+@compiled("int64(float64[:, :, ::1], float64[::1], int64, float64[::1], float64, float64[::1])", lean=True)
 def nearest_within(
     lanes: Floats3, costs: Floats1, size: int, query: Floats1, bound: float, room: Floats1
 ) -> int:
@@ -72,7 +72,9 @@ def nearest_within(
     return found
 
 
-@compiled("int64(float64[:, :, ::1], int64, float64[::1], int64, int64[::1], float64[::1], float64[::1])")
+@compiled(
+    "int64(float64[:, :, ::1], int64, float64[::1], int64, int64[::1], float64[::1], float64[::1])", lean=True
+)
 def k_nearest(
     lanes: Floats3, size: int, query: Floats1, wanted: int, found: Ints1, squares: Floats1, room: Floats1
 ) -> int:
@@ -110,7 +112,7 @@ def k_nearest(
     return count
 
 
-@compiled
+@compiled(lean=True)
 def neighbor_count(n: int, size: int, most: int) -> int:
     """Return e (1 + 1/n) log(size + 1), rounded up, which is enough for asymptotic optimality.
 

@@ -208,18 +208,30 @@ def _emit_below(typing_context: Any, x: Any, y: Any) -> Any:
     return types.int64(lanes_type(), lanes_type()), generate
 
 
-def _emit_greatest(typing_context: Any, x: Any) -> Any:
+def _emit_reduction(name: str) -> Callable[..., Any]:
+    def make(typing_context: Any, x: Any) -> Any:
+        from llvmlite import ir
+        from numba import types
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            function = builder.module.declare_intrinsic(
+                f"llvm.vector.reduce.{name}.v{LANES}f32", (), ir.FunctionType(ir.FloatType(), [_vector()])
+            )
+            return builder.call(function, values, fastmath=("nnan", "nsz"))
+
+        return types.float32(lanes_type()), generate
+
+    return make
+
+
+def _emit_lowest(typing_context: Any, bits: Any) -> Any:
     from llvmlite import ir
     from numba import types
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        single = ir.FloatType()
-        function = builder.module.declare_intrinsic(
-            f"llvm.vector.reduce.fmax.v{LANES}f32", (), ir.FunctionType(single, [_vector()])
-        )
-        return builder.call(function, values, fastmath=("nnan", "nsz"))
+        return builder.cttz(values[0], ir.IntType(1)(1))
 
-    return types.float32(lanes_type()), generate
+    return types.int64(types.int64), generate
 
 
 def _at(address: int) -> Lanes:
@@ -316,7 +328,19 @@ def lanes_below(x: Lanes, y: Lanes) -> int:
     return int(np.packbits(np.asarray(x < y), bitorder="little")[0])
 
 
-@intrinsic(_emit_greatest)
+@intrinsic(_emit_reduction("fmin"))
+def least_lane(x: Lanes) -> float:
+    """Return the least of the eight numbers."""
+    return float(x.min())
+
+
+@intrinsic(_emit_reduction("fmax"))
 def greatest_lane(x: Lanes) -> float:
     """Return the greatest of the eight numbers."""
     return float(x.max())
+
+
+@intrinsic(_emit_lowest)
+def lowest_bit(bits: int) -> int:
+    """Return the place of the lowest bit of a number other than 0."""
+    return (int(bits) & -int(bits)).bit_length() - 1

@@ -44,7 +44,9 @@ from pepper_kin.core.collision.ball_check import (
     CORE_SINGLES,
     FRAME_SINGLES,
     GROUP_WORDS,
+    LINK_PART_WORDS,
     LINK_WORDS,
+    PART_WORDS,
     POINT,
     RANGE_WORDS,
     SEGMENT,
@@ -61,6 +63,8 @@ MET, MOST_AXES = 16, 2048
 of more, some share theirs."""
 MOST_ROBOTS = 64
 """Robots holding other things that are kept."""
+MOST_BALLS = 8
+"""Balls in a part of a body that has several, unless they are of one solid."""
 POSE = 12
 """Numbers of a pose."""
 
@@ -121,6 +125,7 @@ class _Tables:
         self.bodies = np.zeros((count + 1, BODY_WORDS), np.int64)
         self.frames = np.zeros((count + 1, FRAME_SINGLES))
         self._balls: list[Array] = []
+        self._part_of: dict[int, int] = {}
         self._cores: list[list[float]] = []
         self._range_of: dict[int, tuple[int, int]] = {}
         self._cores_of: dict[int, tuple[int, int]] = {}
@@ -141,9 +146,11 @@ class _Tables:
                     offset,
                 ]
             self._add_body(b, [i for i, s in enumerate(solids) if s.joint == joint], groups_of.get(joint, []))
+        self._parts: list[tuple[int, int, int]] = []
         self.groups = np.array([self._group(members) for members in structure.groups], np.int64).reshape(
             -1, GROUP_WORDS
         )
+        self.parts = np.array(self._parts, np.int64).reshape(-1, PART_WORDS)
         place = 0
         for b in range(count + 1):
             joint = b + 1 if b < count else 0
@@ -151,7 +158,7 @@ class _Tables:
             self.bodies[b, 5] = place
         self.balls = np.array(self._balls).reshape(-1, BALL_SINGLES)
         self.cores = np.array(self._cores).reshape(-1, CORE_SINGLES)
-        self.links, self.sides, self.ranges = self._pairs()
+        self.links, self.link_parts, self.sides, self.ranges = self._pairs()
         every = np.arange(count + 1)
         of_bodies = np.repeat(every, self.bodies[:, 8] - self.bodies[:, 6])
         self.ball_bodies = np.concatenate([of_bodies, self.groups[:, 0]])
@@ -174,20 +181,42 @@ class _Tables:
         none = np.array([0.0, 0.0, 0.0, NO_INNER, NO_INNER])
         self.bodies[b, 6] = len(self._balls)
         self._balls.append(self._bounding(tuple([solids[i] for i in own])) if own else none)
-        in_groups = [i for g in groups for i in self._structure.groups[g]]
+        in_groups = [self._structure.groups[g] for g in groups]
+        rest = tuple(i for i in own if not any(i in group for group in in_groups))
+        parts = [part for some in (*in_groups, rest) if some for part in self._cut(some)]
+        coarse = [len(self._balls) - (len(parts) == 1) + k for k in range(len(parts))]
+        if len(parts) > 1:
+            self._balls += [self._bounding(tuple([solids[i] for i in part])) for part in parts]
         self.bodies[b, 7] = len(self._balls)
-        for i in (*in_groups, *(i for i in own if i not in in_groups)):
-            first, cover = len(self._balls), ball_cover(solids[i])
-            inner = np.where(cover.inner > 0.0, cover.inner, NO_INNER)
-            self._balls += list(np.column_stack([self._local(solids[i], cover.centers), cover.outer, inner]))
-            self._range_of[i] = first, len(self._balls)
+        for place, part in zip(coarse, parts, strict=True):
+            for i in part:
+                first, cover = len(self._balls), ball_cover(solids[i])
+                inner = np.where(cover.inner > 0.0, cover.inner, NO_INNER)
+                self._balls += list(
+                    np.column_stack([self._local(solids[i], cover.centers), cover.outer, inner])
+                )
+                self._range_of[i], self._part_of[i] = (first, len(self._balls)), place
         self.bodies[b, 8] = len(self._balls)
         self.bodies[b, 9] = len(self._cores)
-        for i in own:
+        for i in (i for part in parts for i in part):
             first = len(self._cores)
             self._cores += self._cores_of_solid(i)
             self._cores_of[i] = first, len(self._cores)
         self.bodies[b, 10] = len(self._cores)
+
+    def _cut(self, members: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Return parts of some solids of a joint, each of few balls that are near one another."""
+        solids = [self._structure.solids[i] for i in members]
+        if len(members) == 1 or sum(len(ball_cover(solid).outer) for solid in solids) <= MOST_BALLS:
+            return [members]
+        centers = np.array([ball_cover(solid).centers.mean(axis=0) for solid in solids])
+        axis = int(np.argmax(np.ptp(centers, axis=0)))
+        order, half = np.argsort(centers[:, axis], kind="stable").tolist(), (len(members) + 1) // 2
+        return [
+            part
+            for some in (order[:half], order[half:])
+            for part in self._cut(tuple(members[k] for k in some))
+        ]
 
     def _cores_of_solid(self, i: int) -> list[list[float]]:
         """Return the rows of a solid in CORES: a segment, a box, or its balls as points."""
@@ -205,39 +234,51 @@ class _Tables:
         structure = self._structure
         joint = structure.solids[members[0]].joint
         body = joint - 1 if joint else len(self._tree.bodies)
-        coarse = len(self._balls)
+        coarse, first = len(self._balls), len(self._parts)
         self._balls.append(self._bounding(tuple([structure.solids[i] for i in members])))
-        return body, coarse, self._range_of[members[0]][0], self._range_of[members[-1]][1], 1
+        spans: dict[int, list[tuple[int, int]]] = {}
+        for i in members:
+            spans.setdefault(self._part_of[i], []).append(self._range_of[i])
+        rows = [(part, min(some)[0], max(some)[1]) for part, some in sorted(spans.items())]
+        if len(rows) > 1:
+            self._parts.append((coarse, 0, 0))
+        self._parts += rows
+        return body, coarse, rows[0][1], rows[-1][2], 1, first, len(self._parts)
 
-    def _pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return the sections LINKS, SIDES and RANGES."""
+    def _pairs(self) -> tuple[NDArray[np.int64], ...]:
+        """Return the sections LINKS, LINK_PARTS, SIDES and RANGES."""
         solids, world = self._structure.solids, len(self._tree.bodies)
         links: list[list[int]] = []
+        parts: list[list[int]] = []
         sides: list[list[int]] = []
         ranges: list[list[int]] = []
         order = [ball_order(solid) for solid in solids]
         for c, pairs in enumerate(self._structure.classes):
-            by_bodies: dict[tuple[int, int], dict[int, list[int]]] = {}
+            by_bodies: dict[tuple[int, int], dict[tuple[int, int], dict[int, list[int]]]] = {}
             for i, j in pairs:
                 covered, exact = (i, j) if order[i] <= order[j] else (j, i)
                 a, b = ((solids[k].joint - 1) % (world + 1) for k in (covered, exact))
-                by_bodies.setdefault((a, b), {}).setdefault(exact, []).append(covered)
-            for (a, b), by_exact in by_bodies.items():
-                first_side = len(sides)
-                for exact, all_covered in by_exact.items():
-                    first = len(ranges)
-                    for begin, end in sorted(self._range_of[k] for k in all_covered):
-                        if len(ranges) > first and ranges[-1][1] == begin:
-                            ranges[-1][1] = end
-                        else:
-                            ranges.append([begin, end])
-                    sides += [[core, first, len(ranges)] for core in range(*self._cores_of[exact])]
+                both = self._part_of[covered], self._part_of[exact]
+                by_bodies.setdefault((a, b), {}).setdefault(both, {}).setdefault(exact, []).append(covered)
+            for (a, b), by_parts in by_bodies.items():
+                first_part = len(parts)
+                for both, by_exact in by_parts.items():
+                    first_side = len(sides)
+                    for exact, all_covered in by_exact.items():
+                        first = len(ranges)
+                        for begin, end in sorted(self._range_of[k] for k in all_covered):
+                            if len(ranges) > first and ranges[-1][1] == begin:
+                                ranges[-1][1] = end
+                            else:
+                                ranges.append([begin, end])
+                        sides += [[core, first, len(ranges)] for core in range(*self._cores_of[exact])]
+                    parts.append([*both, 0, first_side, len(sides)])
                 coarse = self.bodies[[a, b], 6]
-                links.append([a, coarse[0], b, coarse[1], 0, c, first_side, len(sides)])
-        shapes = (LINK_WORDS, SIDE_WORDS, RANGE_WORDS)
-        return tuple(  # type: ignore[return-value]
+                links.append([a, coarse[0], b, coarse[1], 0, c, first_part, len(parts)])
+        shapes = (LINK_WORDS, LINK_PART_WORDS, SIDE_WORDS, RANGE_WORDS)
+        return tuple(
             np.array(rows, np.int64).reshape(-1, width)
-            for rows, width in zip((links, sides, ranges), shapes, strict=True)
+            for rows, width in zip((links, parts, sides, ranges), shapes, strict=True)
         )
 
 
@@ -332,8 +373,10 @@ def _constants(
     cores, links = tables.cores.copy(), tables.links.copy()
     cores[:, 1] += rounding.placed[tables.core_bodies]
     cores[:, 2] -= rounding.placed[tables.core_bodies]
-    reach = balls[links[:, 1], 3] + balls[links[:, 3], 3] - rounding.comparing()
-    links[:, 4] = (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
+    link_parts = tables.link_parts.copy()
+    for pairs, first, second, place in ((links, 1, 3, 4), (link_parts, 0, 1, 2)):
+        reach = balls[pairs[:, first], 3] + balls[pairs[:, second], 3] - rounding.comparing()
+        pairs[:, place] = (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
     numbers = np.zeros(at.NUMBERS_SIZE)
     numbers[at.N], numbers[at.CLASS_COUNT] = pepper.n, len(structure.classes)
     numbers[at.GROUP_COUNT], numbers[at.BODY_COUNT] = len(structure.groups), len(tables.bodies)
@@ -341,10 +384,12 @@ def _constants(
     return {
         at.NUMBERS: numbers,
         at.LINKS: words(links),
+        at.LINK_PARTS: words(link_parts),
         at.CORES: singles(cores),
         at.BODIES: words(tables.bodies),
         at.FRAMES: singles(tables.frames),
         at.GROUPS: words(tables.groups),
+        at.PARTS: words(tables.parts),
         at.BALLS: singles(balls),
         at.SIDES: words(tables.sides),
         at.RANGES: words(tables.ranges),
@@ -388,6 +433,7 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
         at.CLASS_DOUBTS: np.zeros(len(structure.classes)),
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
+        at.ORDER: words(np.arange(len(structure.groups))),
         at.CLOUD_ROOM: np.zeros(4 * LANES // 2),
         at.PAIR_ROOM: np.zeros(POINT_ROOM),
         at.RAMP: singles(np.arange(1, LANES + 1) / LANES),

@@ -74,6 +74,7 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
     nodes = np.concatenate([np.zeros((0, NODE_SINGLES)), *(nodes for nodes, _ in trees)])
     sections = {
         at.OBJECTS: singles(items[chosen]),
+        at.BOXES: singles(_side_by_side(lows[chosen], highs[chosen])),
         at.NODES: singles(nodes),
         at.CLOUDS: words(np.array([_address(solids[o]) for o in chosen.tolist()], np.int64)),
         **_root_lists(first, lists),
@@ -145,6 +146,14 @@ def _outward(nodes: Array) -> Array:
     nodes[:, :3] = np.nextafter(nodes[:, :3].astype(np.float32), np.float32(-np.inf))
     nodes[:, 3:6] = np.nextafter(nodes[:, 3:6].astype(np.float32), np.float32(np.inf))
     return nodes
+
+
+def _side_by_side(lows: Array, highs: Array) -> Array:
+    """Return the corners of boxes, eight boxes after eight, coordinate by coordinate, shape (m, 6, 8)."""
+    count = len(lows)
+    boxes = np.full((-(-count // LANES) * LANES, 6), VAST)
+    boxes[:count, :3], boxes[:count, 3:] = lows, highs
+    return _outward(boxes).reshape(-1, LANES, 6).transpose(0, 2, 1)
 
 
 _SPREAD = ((16, 0xFF0000FF), (8, 0xF00F00F00F), (4, 0xC30C30C30C3), (2, 0x249249249249))

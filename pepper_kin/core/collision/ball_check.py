@@ -19,13 +19,16 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
     LANE_BYTES,
     LANES,
+    greatest_lane,
     lane_abs,
     lane_maximum,
     lane_minimum,
     lane_round,
     lane_sqrt,
     lanes_below,
+    least_lane,
     load_lanes,
+    lowest_bit,
     single_at,
     spread,
     store_lanes,
@@ -40,28 +43,34 @@ ALL = 255
 
 BODY_WORDS, FRAME_SINGLES = 11, 14
 """Numbers of a body: pose it hangs on, slides, coordinate, moves, first group, end of groups, coarse ball,
-first ball, end of balls, first core, end of cores.  Of its frame: rotation row by row, origin, then gain
-and offset of its own coordinate."""
-GROUP_WORDS, BALL_SINGLES = 5, 5
-"""Numbers of a group: body, coarse ball, first ball, end of balls, whether it is checked.  Of a ball: centre,
-outer radius, inner radius."""
+first ball, end of balls, first core, end of cores.  Between its coarse ball and the first of the others are
+those of its parts, if it has several.  Of its frame: rotation row by row, origin, then gain and offset of its
+own coordinate."""
+GROUP_WORDS, PART_WORDS, BALL_SINGLES = 7, 3, 5
+"""Numbers of a group: body, coarse ball, first ball, end of balls, whether it is checked, first and end of
+its parts.  Of a part: coarse ball, first and end of the balls in it; none in the first of several, which is
+the whole group.  Of a ball: centre, outer radius, inner radius."""
 OBJECT_SINGLES = 19
 """Numbers of an object: kind, outer radius, inner radius, half lengths, centre, x, y and z axis, radius of
 the ball around all of it."""
 NODE_SINGLES, ROOT_WORDS = 9, 2
 """Numbers of a node of a tree of boxes, its branches behind it: least and greatest corner, the node behind
 all its branches, first and end of its own objects.  Of a tree: its first node and the end of its nodes."""
-LINK_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 3, 2
+LINK_WORDS, LINK_PART_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 5, 3, 2
 """Numbers of a pair of bodies: the one with balls, its coarse ball, the one with cores, its coarse ball, the
-distance at which these touch (a float32), class, first and end of its rows in SIDES; of a row
-of SIDES: core, first and end of its rows in RANGES; of a row there: first and end of balls."""
+distance at which these touch (a float32), class, first and end of its rows in LINK_PARTS; of a row there, a
+pair of parts of these: their coarse balls, the distance at which they touch, first and end of its rows in
+SIDES; of a row of SIDES: core, first and end of its rows in RANGES; of a row there: first and end of
+balls."""
 CORE_SINGLES, CORE_LANES = 18, 12
 """Numbers of a core: kind, outer radius, inner radius, half lengths, centre, x, y and z axis in its body;
 values in lanes when it is placed: centre, z, x and y axis."""
 POINT, SEGMENT, BLOCK = 0, 1, 2
 """Kinds of cores."""
-CENTERED, PLACED = 1, 2
-"""Flags of a body whose balls, and whose cores, have been placed."""
+ROUNDED_UP, ROUNDED_DOWN = 1.0 + 2.0**-22, 1.0 - 2.0**-22
+"""What margins are multiplied by before they are rounded to single precision, added and squared there."""
+CENTERED, PLACED, PARTED = 1, 2, 4
+"""Flags of a body whose balls, whose cores, and whose parts' coarse balls, have been placed."""
 
 
 class Tables(NamedTuple):
@@ -75,14 +84,17 @@ class Tables(NamedTuple):
     frames: int
     flags: int
     groups: int
+    parts: int
     balls: int
     lists: int
     roots: int
     nodes: int
+    boxes: int
     objects: int
     clouds: int
     cloud_room: int
     links: int
+    link_parts: int
     sides: int
     ranges: int
     cores: int
@@ -93,6 +105,7 @@ class Tables(NamedTuple):
     group_doubts: int
     class_doubts: int
     doubtful: int
+    order: int
     margin: float
     self_margin: float
 
@@ -110,14 +123,17 @@ def tables_of(memory: at.Array) -> Tables:
         here(memory, at.FRAMES),
         here(memory, at.FLAGS),
         here(memory, at.GROUPS),
+        here(memory, at.PARTS),
         here(memory, at.BALLS),
         here(scene, at.ROOT_LISTS),
         here(scene, at.ROOTS),
         here(scene, at.NODES),
+        here(scene, at.BOXES),
         here(scene, at.OBJECTS),
         here(scene, at.CLOUDS),
         here(memory, at.CLOUD_ROOM),
         here(memory, at.LINKS),
+        here(memory, at.LINK_PARTS),
         here(memory, at.SIDES),
         here(memory, at.RANGES),
         here(memory, at.CORES),
@@ -128,6 +144,7 @@ def tables_of(memory: at.Array) -> Tables:
         here(memory, at.GROUP_DOUBTS),
         here(memory, at.CLASS_DOUBTS),
         here(memory, at.DOUBTFUL),
+        here(memory, at.ORDER),
         numbers[at.MARGIN],
         numbers[at.SELF_MARGIN],
     )
@@ -265,6 +282,17 @@ def _center_body(t: Tables, b: int) -> None:
 
 
 @compiled(lean=True)
+def _center_parts(t: Tables, b: int) -> None:
+    """Write where the coarse balls of a body's parts are, if that is not known yet."""
+    flags, words = word_at(t.flags + 8 * b), t.bodies + 8 * BODY_WORDS * b
+    if (flags & PARTED) != 0:
+        return
+    store_word(t.flags + 8 * b, flags | PARTED)
+    for k in range(word_at(words + 48) + 1, word_at(words + 56)):
+        _center_ball(t, t.poses + POSE_BYTES * (b + 1), k)
+
+
+@compiled(lean=True)
 def _place_cores(t: Tables, b: int) -> None:
     """Write where a body's cores are, if that is not known yet."""
     flags, words = word_at(t.flags + 8 * b), t.bodies + 8 * BODY_WORDS * b
@@ -319,14 +347,13 @@ def to_frame(item: int, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
 
 
 @compiled(lean=True)
-def _check_cloud(t: Tables, g: int, k: int, lanes: int) -> int:
-    """Compare the balls of a group with a cloud, object k, in some lanes.
+def _check_cloud(t: Tables, b: int, part: int, k: int, lanes: int) -> int:
+    """Compare the balls of a part of a body with a cloud, object k, in some lanes.
 
     Returns those in contact, and those in doubt 8 bits higher.
     """
-    words, item, room = t.groups + 8 * GROUP_WORDS * g, t.objects + 4 * OBJECT_SINGLES * k, t.cloud_room
-    c, b = cloud_at(word_at(t.clouds + 8 * k)), word_at(words)
-    coarse, pose = t.balls + 4 * BALL_SINGLES * word_at(words + 8), t.poses + POSE_BYTES * (b + 1)
+    c, item, room = cloud_at(word_at(t.clouds + 8 * k)), t.objects + 4 * OBJECT_SINGLES * k, t.cloud_room
+    coarse, pose = t.balls + 4 * BALL_SINGLES * word_at(part), t.poses + POSE_BYTES * (b + 1)
     x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
     x, y, z = to_frame(item, x, y, z)
     outside, inside = single_at(item + 4) + t.margin, single_at(item + 8) + t.margin
@@ -336,7 +363,7 @@ def _check_cloud(t: Tables, g: int, k: int, lanes: int) -> int:
         return 0
     _center_body(t, b)
     contact, doubt = 0, 0
-    for i in range(word_at(words + 16), word_at(words + 24)):
+    for i in range(word_at(part + 8), word_at(part + 16)):
         ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
         x, y, z = load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
         x, y, z = to_frame(item, x, y, z)
@@ -363,63 +390,109 @@ def _check_cloud(t: Tables, g: int, k: int, lanes: int) -> int:
 
 
 @compiled(inline=True, lean=True)
-def _check_group(t: Tables, g: int, settled: int) -> int:
-    """Compare the balls of a group with the objects of its trees; return the lanes in contact.
+def _near_boxes(boxes: int, low: tuple[Any, Any, Any], high: tuple[Any, Any, Any]) -> int:
+    """Return which of the eight boxes at an address meet a box whose corners are given, each in all lanes."""
+    apart = lane_maximum(load_lanes(boxes) - high[0], low[0] - load_lanes(boxes + 3 * LANE_BYTES))
+    apart = lane_maximum(apart, load_lanes(boxes + LANE_BYTES) - high[1])
+    apart = lane_maximum(apart, low[1] - load_lanes(boxes + 4 * LANE_BYTES))
+    apart = lane_maximum(apart, load_lanes(boxes + 2 * LANE_BYTES) - high[2])
+    apart = lane_maximum(apart, low[2] - load_lanes(boxes + 5 * LANE_BYTES))
+    return lanes_below(apart, spread(0.0))
 
-    Lanes in doubt are written to `group_doubts` and noted in `doubtful`.
+
+@compiled(inline=True, lean=True)
+def _check_balls(t: Tables, b: int, part: int, item: int, outside: Any, inside: Any) -> int:
+    """Compare the balls of a part of a body with an object.
+
+    Returns the lanes in contact, and those in doubt 8 bits higher.
     """
-    words = t.groups + 8 * GROUP_WORDS * g
-    if word_at(words + 32) == 0:
-        return settled
-    b, coarse = word_at(words), t.balls + 4 * BALL_SINGLES * word_at(words + 8)
-    first, last = word_at(words + 16), word_at(words + 24)
-    pose = t.poses + POSE_BYTES * (b + 1)
+    _center_body(t, b)
+    outside, inside, zero = outside + single_at(item + 4), inside + single_at(item + 8), spread(0.0)
+    contact, doubt = 0, 0
+    for i in range(word_at(part + 8), word_at(part + 16)):
+        ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+        squared = squared_distance(
+            item, load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
+        )
+        outer, inner = outside + single_at(ball + 12), lane_maximum(inside + single_at(ball + 16), zero)
+        doubt |= lanes_below(squared, outer * outer)
+        contact |= lanes_below(squared, inner * inner)
+    return contact | doubt << LANES
+
+
+@compiled(inline=True, lean=True)
+def _check_part(t: Tables, g: int, b: int, part: int, settled: int, first_contact: bool) -> int:
+    """Compare a part of a group with the objects of its trees.
+
+    Objects that the box around the part's coarse ball in all lanes does not meet are left out, eight at a
+    time.  Returns the lanes in contact, those in doubt 8 bits higher, and -1 where a part without balls is
+    near an object.
+    """
+    coarse, pose = t.balls + 4 * BALL_SINGLES * word_at(part), t.poses + POSE_BYTES * (b + 1)
     x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
-    reach, margin = single_at(coarse + 12) + t.margin, t.margin
+    outside, inside = spread(t.margin * ROUNDED_UP), spread(t.margin * ROUNDED_DOWN)
+    reach = outside + single_at(coarse + 12)
+    low = spread(least_lane(x)), spread(least_lane(y)), spread(least_lane(z))
+    high = spread(greatest_lane(x)), spread(greatest_lane(y)), spread(greatest_lane(z))
+    low = low[0] - reach, low[1] - reach, low[2] - reach
+    high = high[0] + reach, high[1] + reach, high[2] + reach
     contact, doubt = settled, 0
     for r in range(word_at(t.lists + 8 * g), word_at(t.lists + 8 * g + 8)):
         n, end = word_at(t.roots + 8 * ROOT_WORDS * r), word_at(t.roots + 8 * ROOT_WORDS * r + 8)
         alone = n + 1 == end  # a tree of one node is not worth a look at its box
         while n < end:
             node = t.nodes + 4 * NODE_SINGLES * n
-            if (
-                not alone
-                and (lanes_below(box_distance(node, x, y, z), spread(reach * reach)) & ~contact) == 0
-            ):
+            if not alone and (lanes_below(box_distance(node, x, y, z), reach * reach) & ~contact) == 0:
                 n = int(single_at(node + 24))
                 continue
-            for k in range(int(single_at(node + 28)), int(single_at(node + 32))):
-                item = t.objects + 4 * OBJECT_SINGLES * k
-                wide = reach + single_at(item + 72)
-                dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
-                if (lanes_below(dx * dx + dy * dy + dz * dz, spread(wide * wide)) & ~contact) == 0:
-                    continue
-                wide = reach + single_at(item + 4)
-                near = lanes_below(squared_distance(item, x, y, z), spread(wide * wide)) & ~contact
-                if near == 0:
-                    continue
-                if single_at(item) == CLOUD:
-                    found = _check_cloud(t, g, k, near)
-                    contact |= found & ALL
-                    doubt |= found >> LANES
-                    continue
-                _center_body(t, b)
-                outside, inside = single_at(item + 4) + margin, single_at(item + 8) + margin
-                for i in range(first, last):
-                    ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-                    squared = squared_distance(
-                        item,
-                        load_lanes(place),
-                        load_lanes(place + LANE_BYTES),
-                        load_lanes(place + 2 * LANE_BYTES),
-                    )
-                    outer, inner = single_at(ball + 12) + outside, single_at(ball + 16) + inside
-                    touched = lanes_below(squared, spread(outer * outer))
-                    if touched != 0:
-                        doubt |= touched
-                        if inner > 0.0:
-                            contact |= lanes_below(squared, spread(inner * inner))
+            k, last = int(single_at(node + 28)), int(single_at(node + 32))
+            while k < last:
+                start = k & -LANES
+                met = _near_boxes(t.boxes + 6 * 4 * start, low, high) & (ALL << (k - start))
+                if last - start < LANES:
+                    met &= (1 << (last - start)) - 1
+                k = start + LANES
+                while met != 0:
+                    item = t.objects + 4 * OBJECT_SINGLES * (start + lowest_bit(met))
+                    wide = reach + single_at(item + 4)
+                    near = lanes_below(squared_distance(item, x, y, z), wide * wide) & ~contact
+                    if near != 0:
+                        if word_at(part + 8) == word_at(part + 16):
+                            return -1
+                        if single_at(item) == CLOUD:
+                            found = _check_cloud(t, b, part, start + lowest_bit(met), near)
+                        else:
+                            found = _check_balls(t, b, part, item, outside, inside)
+                        contact |= found & ALL
+                        doubt |= found >> LANES
+                        if first_contact and contact != 0:
+                            return contact
+                    met &= met - 1
             n += 1
+    return contact | doubt << LANES
+
+
+@compiled(inline=True, lean=True)
+def _check_group(t: Tables, g: int, settled: int, first_contact: bool) -> int:
+    """Compare a group with the objects of its trees, part by part; return the lanes in contact.
+
+    Lanes in doubt are written to `group_doubts` and noted in `doubtful`.
+    """
+    words = t.groups + 8 * GROUP_WORDS * g
+    contact, doubt = settled, 0
+    if word_at(words + 32) == 0:
+        return settled
+    for p in range(word_at(words + 40), word_at(words + 48)):
+        part = t.parts + 8 * PART_WORDS * p
+        found = _check_part(t, g, word_at(words), part, contact, first_contact)
+        if found < 0:
+            continue
+        if word_at(part + 8) == word_at(part + 16):
+            break
+        contact |= found & ALL
+        doubt |= found >> LANES
+        if first_contact and contact != 0:
+            return contact
     if doubt != 0:
         store_word(t.group_doubts + 8 * g, doubt)
         store_word(t.doubtful, 1)
@@ -450,43 +523,67 @@ def core_distance(core: int, place: int, x: Any, y: Any, z: Any) -> Any:
 
 
 @compiled(inline=True, lean=True)
-def _check_link(t: Tables, k: int, settled: int) -> int:
-    """Compare the balls of one body with the cores of another; return the lanes in contact."""
-    words = t.links + 8 * LINK_WORDS * k
-    first = word_at(words + 8)
-    place, other = t.centers + 3 * LANE_BYTES * first, t.centers + 3 * LANE_BYTES * word_at(words + 24)
-    x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-    dx, dy, dz = x - load_lanes(other), y - load_lanes(other + 32), z - load_lanes(other + 64)
-    reach, margin = single_at(words + 32) + t.self_margin, t.self_margin
-    near = lanes_below(dx * dx + dy * dy + dz * dz, spread(reach * reach))
-    if (near & ~settled) == 0:
+def _within(t: Tables, first: int, second: int, reach: Any) -> int:
+    """Return the lanes in which two coarse balls, which are placed, are within reach."""
+    place, other = t.centers + 3 * LANE_BYTES * first, t.centers + 3 * LANE_BYTES * second
+    dx = load_lanes(place) - load_lanes(other)
+    dy = load_lanes(place + LANE_BYTES) - load_lanes(other + LANE_BYTES)
+    dz = load_lanes(place + 2 * LANE_BYTES) - load_lanes(other + 2 * LANE_BYTES)
+    return lanes_below(dx * dx + dy * dy + dz * dz, reach * reach)
+
+
+@compiled(inline=True, lean=True)
+def _check_side(t: Tables, side: int, a: int, coarse: int, settled: int) -> int:
+    """Compare balls of a body with a core, which is placed; return as `_check_balls` does."""
+    e = word_at(side)
+    core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
+    outside, zero = spread(t.self_margin * ROUNDED_UP) + single_at(core + 4), spread(0.0)
+    place, reach = (
+        t.centers + 3 * LANE_BYTES * coarse,
+        outside + single_at(t.balls + 4 * BALL_SINGLES * coarse + 12),
+    )
+    squared = core_distance(core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64))
+    if (lanes_below(squared, reach * reach) & ~settled) == 0:
+        return 0
+    _center_body(t, a)
+    inside = spread(t.self_margin * ROUNDED_DOWN) + single_at(core + 8)
+    contact, doubt = 0, 0
+    for r in range(word_at(side + 8), word_at(side + 16)):
+        pair = t.ranges + 8 * RANGE_WORDS * r
+        for i in range(word_at(pair), word_at(pair + 8)):
+            ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
+            squared = core_distance(
+                core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+            )
+            outer, inner = outside + single_at(ball + 12), lane_maximum(inside + single_at(ball + 16), zero)
+            doubt |= lanes_below(squared, outer * outer)
+            contact |= lanes_below(squared, inner * inner)
+    return contact | doubt << LANES
+
+
+@compiled(inline=True, lean=True)
+def _check_link(t: Tables, k: int, settled: int, first_contact: bool) -> int:
+    """Compare the balls of one body with the cores of another, part by part; return the lanes in contact."""
+    words, margin = t.links + 8 * LINK_WORDS * k, spread(t.self_margin * ROUNDED_UP)
+    reach = margin + single_at(words + 32)
+    if (_within(t, word_at(words + 8), word_at(words + 24), reach) & ~settled) == 0:
         return settled
     a, b = word_at(words), word_at(words + 16)
-    wide = single_at(t.balls + 4 * BALL_SINGLES * first + 12) + margin
     contact, doubt = settled, 0
-    _place_cores(t, b)
-    for s in range(word_at(words + 48), word_at(words + 56)):
-        side = t.sides + 8 * SIDE_WORDS * s
-        e = word_at(side)
-        core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
-        reach = wide + single_at(core + 4)
-        if (lanes_below(core_distance(core, room, x, y, z), spread(reach * reach)) & ~contact) == 0:
+    _center_parts(t, a)
+    _center_parts(t, b)
+    for p in range(word_at(words + 48), word_at(words + 56)):
+        part = t.link_parts + 8 * LINK_PART_WORDS * p
+        coarse = word_at(part)
+        if (_within(t, coarse, word_at(part + 8), margin + single_at(part + 16)) & ~contact) == 0:
             continue
-        _center_body(t, a)
-        outside, inside = single_at(core + 4) + margin, single_at(core + 8) + margin
-        for r in range(word_at(side + 8), word_at(side + 16)):
-            pair = t.ranges + 8 * RANGE_WORDS * r
-            for i in range(word_at(pair), word_at(pair + 8)):
-                ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-                squared = core_distance(
-                    core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-                )
-                outer, inner = single_at(ball + 12) + outside, single_at(ball + 16) + inside
-                touched = lanes_below(squared, spread(outer * outer))
-                if touched != 0:
-                    doubt |= touched
-                    if inner > 0.0:
-                        contact |= lanes_below(squared, spread(inner * inner))
+        _place_cores(t, b)
+        for s in range(word_at(part + 24), word_at(part + 32)):
+            found = _check_side(t, t.sides + 8 * SIDE_WORDS * s, a, coarse, contact)
+            contact |= found & ALL
+            doubt |= found >> LANES
+            if first_contact and contact != 0:
+                return contact
     if doubt != 0:
         place = t.class_doubts + 8 * word_at(words + 40)
         store_word(place, word_at(place) | doubt)
@@ -504,9 +601,29 @@ def place_all(t: Tables) -> None:
         store_word(t.flags + 8 * b, 0)
         _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
         _center_body(t, b)
+        _center_parts(t, b)
         _place_cores(t, b)
         for g in range(word_at(words + 32), word_at(words + 40)):
             _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(t.groups + 8 * GROUP_WORDS * g + 8))
+
+
+@compiled(inline=True, lean=True)
+def _place_ball(t: Tables, b: int) -> None:
+    """Place a body that moves, and its coarse ball."""
+    words = t.bodies + 8 * BODY_WORDS * b
+    if word_at(words + 24) != 0:
+        place_body(t, b)
+        store_word(t.flags + 8 * b, 0)
+        _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
+
+
+@compiled(inline=True, lean=True)
+def _to_front(order: int, i: int) -> None:
+    """Move the entry at place i of a list of words to its front."""
+    moved = word_at(order + 8 * i)
+    for k in range(i, 0, -1):
+        store_word(order + 8 * k, word_at(order + 8 * (k - 1)))
+    store_word(order, moved)
 
 
 @compiled(lean=True)
@@ -520,25 +637,29 @@ def check_block(t: Tables, first_contact: bool) -> int:
         t: The tables.
         first_contact: Whether one lane in contact ends the check.
     """
-    contact = 0
+    contact, placed = 0, 0
     if word_at(t.doubtful) != 0:
         store_word(t.doubtful, 0)
         for g in range(t.group_count):
             store_word(t.group_doubts + 8 * g, 0)
         for c in range(t.class_count):
             store_word(t.class_doubts + 8 * c, 0)
-    for b in range(t.body_count):
-        words = t.bodies + 8 * BODY_WORDS * b
-        if word_at(words + 24) != 0:
-            place_body(t, b)
-            store_word(t.flags + 8 * b, 0)
-            _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
-        for g in range(word_at(words + 32), word_at(words + 40)):
-            contact = _check_group(t, g, contact)
-        if contact == ALL or (first_contact and contact != 0):
+    for i in range(t.group_count):
+        g = word_at(t.order + 8 * i) if first_contact else i
+        while placed <= word_at(t.groups + 8 * GROUP_WORDS * g):
+            _place_ball(t, placed)
+            placed += 1
+        contact = _check_group(t, g, contact, first_contact)
+        if first_contact and contact != 0:
+            _to_front(t.order, i)
             return contact
+        if contact == ALL:
+            return contact
+    while placed < t.body_count:
+        _place_ball(t, placed)
+        placed += 1
     for k in range(t.link_count):
-        contact = _check_link(t, k, contact)
+        contact = _check_link(t, k, contact, first_contact)
         if contact == ALL or (first_contact and contact != 0):
             return contact
     return contact

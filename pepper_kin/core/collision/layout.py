@@ -32,14 +32,17 @@ ALIGNMENT = 8
     BODIES,
     FRAMES,
     GROUPS,
+    PARTS,
     BALLS,
     OBJECTS,
+    BOXES,
     NODES,
     ROOTS,
     ROOT_LISTS,
     CLOUDS,
     CLOUD_ROOM,
     LINKS,
+    LINK_PARTS,
     SIDES,
     RANGES,
     CORES,
@@ -65,6 +68,7 @@ ALIGNMENT = 8
     CLASS_DOUBTS,
     GROUP_DOUBTS,
     DOUBTFUL,
+    ORDER,
     RAMP,
     ROWS,
     STATUS,
@@ -81,9 +85,9 @@ ALIGNMENT = 8
     GAPS,
     GAP_STATES,
     PAIR_ROOM,
-) = range(56)
+) = range(60)
 """Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 56
+SECTIONS = 60
 
 BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""

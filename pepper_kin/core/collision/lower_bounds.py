@@ -11,6 +11,7 @@ from pepper_kin.core.collision.ball_check import (
     CORE_LANES,
     CORE_SINGLES,
     GROUP_WORDS,
+    LINK_PART_WORDS,
     LINK_WORDS,
     NODE_SINGLES,
     OBJECT_SINGLES,
@@ -73,7 +74,9 @@ def _link_bound(t: Tables, k: int, least: Any) -> Any:
     )
     if lanes_below(apart, least) == 0:
         return least
-    for s in range(word_at(words + 48), word_at(words + 56)):
+    parts = t.link_parts + 8 * LINK_PART_WORDS * word_at(words + 48)
+    last = t.link_parts + 8 * LINK_PART_WORDS * (word_at(words + 56) - 1)
+    for s in range(word_at(parts + 24), word_at(last + 32)):
         side = t.sides + 8 * SIDE_WORDS * s
         e = word_at(side)
         core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e

@@ -1,0 +1,444 @@
+"""The two trees of RRT-Connect and the machine code that plants and grows them."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.clock import seconds_now
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
+
+from .sampling import random_state, uniform, within_ellipsoid
+from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, step_count
+from .tree import LANES, grown, nearest, nearest_within, set_lane, whole_blocks
+from .vectors import FloatArray
+
+_UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
+_FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's domain, in diagonals
+_CLOCK_EVERY = 64  # goals or samples
+_FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree
+_TRIES = 8  # to draw a sample that is of use inside the box
+
+# How a call ends.
+GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
+
+# Places in `counters`, after those of the validity function.
+ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT, DRAWN = range(STOP + 1, STOP + 9)
+TRIED, GREW = DRAWN + 1, DRAWN + 3  # samples and extensions, of each tree
+MOMENT = GREW + 2  # two numbers of the clock
+_COUNTERS = MOMENT + 2
+
+# Rows of `rows`; the last one is two.
+SAMPLE, ORIGIN, TARGET, SCALED, SHIFTED = range(5)
+_ROWS = 6
+
+
+class Trees(NamedTuple):
+    """The tree of the start (0) and that of the goals (1), in arrays with room for m nodes each.
+
+    Attributes:
+        states: Shape (2, m, n).
+        lanes: Scaled states, shape (2, m / 8, n, 8).
+        parents: Parents; of a root -1 less the number of its goal, shape (2, m).
+        radii: Distances of samples up to which nodes are extended [length unit of the metric], shape (2, m).
+        costs: Lengths of the ways from the nodes to their roots [length unit of the metric], shape (2, m).
+        rows: Room, shape (6, n).
+        room: Eight numbers.
+        counters: See the places above.
+        bound: Length that a path has to be below; infinite if any will do.
+        within: Length of the paths through the samples that are drawn; infinite for all of the space's box,
+            which holds all paths below the bound anyway.
+    """
+
+    states: Floats3
+    lanes: Floats4
+    parents: Ints2
+    radii: Floats2
+    costs: Floats2
+    rows: Floats2
+    room: Floats1
+    counters: Ints1
+    bound: float
+    within: float
+
+
+def new_counters() -> Ints1:
+    """Return the counters of a search that begins."""
+    return np.zeros(_COUNTERS, dtype=np.int64)
+
+
+def take_trees(n: int, counters: Ints1) -> Trees:
+    """Return trees of states of n coordinates, without nodes, in the room that this thread left last."""
+    kept: Trees | None = _left.__dict__.pop(f"of {n}", None)
+    if kept is not None:
+        return Trees(*kept[:7], counters, math.inf, math.inf)
+    return Trees(
+        states=np.empty((2, _FIRST_CAPACITY, n)),
+        lanes=np.empty((2, _FIRST_CAPACITY // LANES, n, LANES)),
+        parents=np.empty((2, _FIRST_CAPACITY), dtype=np.int64),
+        radii=np.empty((2, _FIRST_CAPACITY)),
+        costs=np.empty((2, _FIRST_CAPACITY)),
+        rows=np.empty((_ROWS, n)),
+        room=np.empty(LANES),
+        counters=counters,
+        bound=math.inf,
+        within=math.inf,
+    )
+
+
+def leave_trees(trees: Trees) -> None:
+    """Leave the room of trees to a later search of this thread."""
+    if trees.states.shape[1] <= _MOST_KEPT:
+        _left.__dict__[f"of {trees.states.shape[2]}"] = trees
+
+
+def with_room(trees: Trees, capacity: int) -> Trees:
+    """Return trees with room for a number of nodes each."""
+    capacity = whole_blocks(capacity)
+    return trees._replace(
+        states=grown(trees.states, capacity, axis=1),
+        lanes=grown(trees.lanes, capacity // LANES, axis=1),
+        parents=grown(trees.parents, capacity, axis=1),
+        radii=grown(trees.radii, capacity, axis=1),
+        costs=grown(trees.costs, capacity, axis=1),
+    )
+
+
+_left = threading.local()
+
+
+@compiled("int64(Trees)", lean=True)
+def way_point_count(trees: Trees) -> int:
+    """Return how many way-points the path has along which the trees have met."""
+    count = 0
+    for side in range(2):
+        node = trees.counters[START_NODE + side]
+        while node >= 0:
+            count += 1
+            node = trees.parents[side, node]
+    return count - (1 - trees.counters[DIRECT])  # the state where the trees meet is in both, unless
+
+
+@compiled("int64(SearchSpace, Trees, float64[:, ::1], float64[::1])", lean=True)
+def trace(space: SearchSpace, trees: Trees, points: Floats2, lengths: Floats1) -> int:
+    """Write the way-points of the path along which the trees have met, from the start to a goal.
+
+    Args:
+        space: Supplies the metric.
+        trees: The trees.
+        points: Written, shape (`way_point_count`, n).
+        lengths: Written: length of the path up to each, shape (`way_point_count`,) [length unit of the
+            metric].
+
+    Returns:
+        The number of the goal.
+    """
+    parents, states = trees.parents, trees.states
+    here, node, goal = 0, trees.counters[START_NODE], trees.counters[GOAL_NODE]
+    while parents[0, node] >= 0:
+        here, node = here + 1, parents[0, node]
+    first = here + 1
+    node = trees.counters[START_NODE]
+    while node >= 0:
+        for i in range(points.shape[1]):
+            points[here, i] = states[0, node, i]
+        here, node = here - 1, parents[0, node]
+    if trees.counters[DIRECT] == 0:
+        goal = parents[1, goal]
+    while goal >= 0:
+        for i in range(points.shape[1]):
+            points[first, i] = states[1, goal, i]
+        first, goal = first + 1, parents[1, goal]
+    lengths[0] = 0.0
+    for k in range(1, points.shape[0]):
+        lengths[k] = lengths[k - 1] + distance(points[k - 1], points[k], space.weights)
+    return -1 - goal
+
+
+@compiled("float64(float64[:, ::1], float64[::1])", lean=True)
+def diagonal_of(region: Floats2, weights: Floats1) -> float:
+    """Return the length of the diagonal of a box, given by its bounds, shape (2, n)."""
+    return distance(region[0], region[1], weights)
+
+
+@compiled(lean=True)
+def _diagonal(space: SearchSpace) -> float:
+    """Return the length of the diagonal of the space's box."""
+    total = 0.0
+    for i in range(space.extent.size):
+        total += (space.extent[i] * space.weights[i]) ** 2
+    return math.sqrt(total)
+
+
+@compiled(lean=True)
+def _add(space: SearchSpace, trees: Trees, side: int, parent: int, state: FloatArray) -> int:
+    """Add a node to a tree; return its number."""
+    node = trees.counters[START_SIZE + side]
+    trees.counters[START_SIZE + side] += 1
+    for i in range(state.size):
+        trees.states[side, node, i] = state[i]
+    set_lane(trees.lanes[side], node, state, space.weights)
+    trees.parents[side, node] = parent
+    trees.radii[side, node] = math.inf
+    cost = 0.0
+    if parent >= 0:
+        cost = trees.costs[side, parent] + distance(trees.states[side, parent], state, space.weights)
+    trees.costs[side, node] = cost
+    return node
+
+
+@compiled(lean=True)
+def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray, bound: float) -> int:
+    """Return the node of a tree nearest to a state of those that lead there below a cost; -1 for none."""
+    scaled, size = trees.rows[SCALED], trees.counters[START_SIZE + side]
+    for i in range(state.size):
+        scaled[i] = state[i] * space.weights[i]
+    if bound < math.inf:
+        return nearest_within(trees.lanes[side], trees.costs[side], size, scaled, bound, trees.room)
+    return nearest(trees.lanes[side], size, scaled, trees.room)
+
+
+@compiled(lean=True)
+def _from_root(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -> float:
+    """Return the distance of a state from the nearest root of a tree."""
+    least, node, parents = math.inf, 0, trees.parents[side]
+    while node < trees.counters[START_SIZE + side] and parents[node] < 0:
+        least = min(least, distance(trees.states[side, node], state, space.weights))
+        node += 1
+    return least
+
+
+@compiled(lean=True)
+def _draw(space: SearchSpace, trees: Trees, key: np.uint64) -> None:
+    """Write a sample into rows[SAMPLE]: of the box, or of it where a path through it may be short enough."""
+    counters, sample, within = trees.counters, trees.rows[SAMPLE], trees.within
+    n = sample.size
+    if within < math.inf:
+        roots = 0
+        while roots < counters[GOAL_SIZE] and trees.parents[1, roots] < 0:
+            roots += 1
+        for _ in range(_TRIES):
+            goal = trees.states[1, int(uniform(key, counters[DRAWN]) * roots)]
+            start, room = trees.states[0, 0], trees.rows[ORIGIN]
+            inside = within_ellipsoid(space, key, counters[DRAWN] + 1, start, goal, within, room, sample)
+            counters[DRAWN] += 2 * n + 2
+            if inside:
+                return
+    counters[DRAWN] += random_state(space, key, counters[DRAWN], sample)
+
+
+@compiled(lean=True)
+def _extend(
+    space: SearchSpace, trees: Trees, side: int, sample: FloatArray, diagonal: float, key: np.uint64
+) -> int:
+    """Extend a tree from its node nearest to a sample towards it; return the new node or -1.
+
+    Where paths have to be short, it is the nearest of the nodes that lead to the sample at a cost drawn
+    between the least that is possible and the greatest that is of use.
+    """
+    n, state, counters = sample.size, trees.rows[TARGET], trees.counters
+    allowed = math.inf
+    if trees.bound < math.inf:
+        before, after = _from_root(space, trees, side, sample), _from_root(space, trees, 1 - side, sample)
+        if before + after >= trees.bound:
+            return -1
+        allowed = before + (trees.bound - before - after) * uniform(key, counters[DRAWN])
+        counters[DRAWN] += 1
+    near = _nearest(space, trees, side, sample, allowed)
+    if near < 0:
+        return -1
+    origin, radii, reach = trees.states[side, near], trees.radii[side], space.reach
+    apart = distance(origin, sample, space.weights)
+    if radii[near] < apart:
+        return -1
+    share = 1.0 if apart < reach else reach / apart
+    for i in range(n):
+        state[i] = origin[i] + (sample[i] - origin[i]) * share
+    steps = step_count(apart * share, space.resolution)
+    if last_valid_step(space, origin, state, steps, counters) < steps:
+        if radii[near] == math.inf:
+            radii[near] = _FIRST_RADIUS * diagonal
+        else:
+            radii[near] = max(radii[near] * (1.0 - _RADIUS_CHANGE), _LEAST_RADIUS * diagonal)
+        return -1
+    radii[near] *= 1.0 + _RADIUS_CHANGE
+    if trees.bound < math.inf:
+        near = _better_parent(space, trees, side, near, key)
+    return _add(space, trees, side, near, state)
+
+
+@compiled(lean=True)
+def _better_parent(space: SearchSpace, trees: Trees, side: int, near: int, key: np.uint64) -> int:
+    """Return a node from which the state in rows[TARGET] is reached at lower cost, or the one given."""
+    state, counters = trees.rows[TARGET], trees.counters
+    least = _from_root(space, trees, side, state)
+    cost = trees.costs[side, near] + distance(trees.states[side, near], state, space.weights)
+    while True:
+        allowed = least + (cost - least) * uniform(key, counters[DRAWN])
+        counters[DRAWN] += 1
+        other = _nearest(space, trees, side, state, allowed)
+        if other < 0 or other == near:
+            return near
+        origin = trees.states[side, other]
+        apart = distance(origin, state, space.weights)
+        if trees.costs[side, other] + apart >= cost:
+            return near
+        steps = step_count(apart, space.resolution)
+        if last_valid_step(space, origin, state, steps, counters) < steps:
+            return near
+        near, cost = other, trees.costs[side, other] + apart
+
+
+@compiled(lean=True)
+def _connect(space: SearchSpace, trees: Trees, side: int, node: int) -> tuple[int, int]:
+    """Extend a tree from a node to the nearest of the other one; return both where they meet, or -1.
+
+    Where paths have to be short, it is the nearest that makes one.
+    """
+    counters, state = trees.counters, trees.rows[ORIGIN]
+    allowed = trees.bound - trees.costs[side, node]
+    goal = _nearest(space, trees, 1 - side, trees.states[side, node], allowed)
+    if goal < 0:
+        return -1, -1
+    target, origin = trees.states[1 - side, goal], trees.states[side, node]
+    apart = distance(origin, target, space.weights)
+    parts = step_count(apart, space.reach)
+    steps = step_count(apart / parts, space.resolution)
+    for k in range(1, parts + 1):
+        for i in range(state.size):
+            state[i] = target[i] if k == parts else origin[i] + (target[i] - origin[i]) * k / parts
+        if last_valid_step(space, trees.states[side, node], state, steps, counters) < steps:
+            return -1, -1
+        node = _add(space, trees, side, node, state)
+    return node, goal
+
+
+@compiled("boolean(SearchSpace, Trees, float64, float64, float64[:, ::1])", lean=True)
+def narrow(space: SearchSpace, trees: Trees, width: float, length: float, region: Floats2) -> bool:
+    """Cut off parts of a box through which no path to any root leads that is below a length.
+
+    Args:
+        space: Supplies the metric.
+        trees: The trees, with their roots.
+        width: The length in straight lines to the nearest root; 0: it is given.
+        length: The length [length unit of the metric].
+        region: Lower and upper bounds, shape (2, n).
+
+    Returns:
+        Whether anything was cut off.
+    """
+    start, weights, roots, cut = trees.states[0, 0], space.weights, 0, False
+    if width > 0.0:
+        length = width * _from_root(space, trees, 1, start)
+    while roots < trees.counters[GOAL_SIZE] and trees.parents[1, roots] < 0:
+        roots += 1
+    for i in range(start.size):
+        low, high = math.inf, -math.inf
+        for g in range(roots):
+            goal = trees.states[1, g]
+            apart, way = distance(start, goal, weights), 0.5 * (goal[i] - start[i])
+            across = math.sqrt(max(0.25 * (length * length - apart * apart), 0.0)) / weights[i]
+            half = math.sqrt(across * across + way * way)
+            low, high = min(low, start[i] + way - half), max(high, start[i] + way + half)
+        if low > region[0, i]:
+            region[0, i], cut = low, True
+        if high < region[1, i]:
+            region[1, i], cut = high, True
+    return cut
+
+
+@compiled("int64(SearchSpace, Trees, float64, float64[::1], float64[:, ::1], int64[::1], int64)", lean=True)
+def plant(
+    space: SearchSpace,
+    trees: Trees,
+    seconds: float,
+    start: Floats1,
+    goals: Floats2,
+    order: Ints1,
+    first: int,
+) -> int:
+    """Make valid ends the roots of the trees, and try the straight edges between them.
+
+    Args:
+        space: Box, metric and validity.
+        trees: The trees.
+        seconds: Time budget [s].
+        start: Shape (n,).
+        goals: Shape (k, n).
+        order: Goals in the order in which they are tried, shape (k,).
+        first: Number of the first goal.
+
+    Returns:
+        FOUND (a straight edge; counters[DIRECT] is set), GOING_ON, TIME_UP or START_INVALID.
+    """
+    counters = trees.counters
+    place = counters[MOMENT:]
+    end = seconds_now(space.clock, place) + seconds
+    if counters[START_SIZE] == 0:
+        if last_valid_step(space, start, start, 1, counters) == 0:
+            return TIME_UP if counters[STOP] != 0 else START_INVALID
+        _add(space, trees, 0, -1, start)
+    old = counters[GOAL_SIZE]
+    for j in range(order.size):
+        if counters[STOP] != 0 or (j % _CLOCK_EVERY == 0 and seconds_now(space.clock, place) >= end):
+            return TIME_UP
+        goal = goals[order[j]]
+        if last_valid_step(space, goal, goal, 1, counters) == 1:
+            _add(space, trees, 1, -1 - first - order[j], goal)
+    for node in range(old, counters[GOAL_SIZE]):
+        goal = trees.states[1, node]
+        steps = step_count(distance(start, goal, space.weights), space.resolution)
+        if edge_valid(space, start, goal, steps, trees.rows[SHIFTED:], counters, False):
+            counters[START_NODE], counters[GOAL_NODE] = 0, node
+            counters[DIRECT] = 1
+            return FOUND
+        if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
+            return TIME_UP
+    return TIME_UP if counters[STOP] != 0 else GOING_ON
+
+
+@compiled("int64(SearchSpace, Trees, float64, uint64, int64)", lean=True)
+def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, iterations: int) -> int:
+    """Grow both trees until they meet; see `rrt_connect` for the method.
+
+    Args:
+        space: Box, metric and validity.
+        trees: The trees.
+        seconds: Time budget [s].
+        key: Of the stream of random numbers.
+        iterations: Number of samples in all, those of earlier calls included.
+
+    Returns:
+        FOUND (the trees meet at counters[START_NODE] and counters[GOAL_NODE]), GOING_ON if the iterations are
+        used up, TIME_UP, or FULL if there may be no room for the nodes of one more iteration.
+    """
+    counters, rows = trees.counters, trees.rows
+    place = counters[MOMENT:]
+    end = seconds_now(space.clock, place) + seconds
+    diagonal = _diagonal(space)
+    spare = step_count(diagonal, space.reach) + 2
+    while counters[ITERATIONS] < iterations:
+        late = counters[ITERATIONS] % _CLOCK_EVERY == 0 and seconds_now(space.clock, place) >= end
+        if late or counters[STOP] != 0:
+            return TIME_UP
+        if max(counters[START_SIZE], counters[GOAL_SIZE]) + spare > trees.states.shape[1]:
+            return FULL
+        side = counters[GROWING]
+        own, other = counters[START_SIZE + side], counters[GOAL_SIZE - side]
+        if abs(own - other) < _UNEVEN * own:
+            side = counters[GROWING] = 1 - side
+        _draw(space, trees, key)
+        counters[ITERATIONS] += 1
+        new = _extend(space, trees, side, rows[SAMPLE], diagonal, key)
+        counters[TRIED + side] += 1
+        if new >= 0:
+            counters[GREW + side] += 1
+            meeting, goal = _connect(space, trees, side, new)
+            if meeting >= 0:
+                counters[START_NODE + side], counters[GOAL_NODE - side] = meeting, goal
+                return FOUND
+    return GOING_ON
