@@ -17,7 +17,7 @@ import numpy as np
 import pepper_kin as pk
 from pepper_kin.collision import checker_for
 from pepper_kin.motion import Cost, Optimised, optimise
-from pepper_kin.motion.checks import holds
+from pepper_kin.motion.static_limits import StaticLimits
 
 PEPPER = pk.load_pepper()
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
@@ -41,7 +41,8 @@ def posture(rng: np.random.Generator) -> np.ndarray:
     checker = checker_for(PEPPER, TABLE)
     while True:
         q = rng.uniform(PEPPER.lower_limits, PEPPER.upper_limits)
-        if holds(PEPPER, q[None])[0] and not checker.in_collision(q) and checker.clearance(q) > 0.01:
+        held = StaticLimits(PEPPER).weakest(q) is None
+        if held and not checker.in_collision(q) and checker.clearance(q) > 0.01:
             return q
 
 

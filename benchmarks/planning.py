@@ -29,7 +29,7 @@ from pepper_kin import planners
 from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.collision.fast import FastChecker, fast_checker_for
 from pepper_kin.collision.motion_tree import motion_bounds
-from pepper_kin.motion.checks import Checks, holds
+from pepper_kin.motion.checks import Checks
 from pepper_kin.trajectory.path import as_cubic_path
 
 MARGINS = (0.005, 0.001)
@@ -42,14 +42,15 @@ def toy(problem: Problem, *, compiled: bool) -> planners.Problem:
     """Return the planning problem of the joints that move."""
     pepper = problem.pepper
     free = np.array([pepper.joint_index(name) for name in problem.joints])
-    validity = Checks(pepper, problem.scene).validity(problem.start, free, MARGINS)
+    checks = Checks(pepper, problem.scene)
+    validity = checks.validity(problem.start, free, MARGINS)
     if not compiled:
         coal = pk.collision.checker_for(pepper, problem.scene, *MARGINS)
 
         def validity(states: np.ndarray) -> np.ndarray:
             q = np.tile(problem.start, (len(states), 1))
             q[:, free] = states
-            return holds(pepper, q) & ~coal.in_collision(q)
+            return checks.holds(q) & ~coal.in_collision(q)
 
     return planners.Problem(
         lower=pepper.lower_limits[free], upper=pepper.upper_limits[free], start=problem.start[free],

@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,8 @@ class PlanProblem:
         margin: Distance kept to all things [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
+        balance: Distance of the center of mass from the edges of the wheels' triangle [m].
+        payload: Masses held [kg].
     """
 
     pepper: PepperModel
@@ -59,6 +61,8 @@ class PlanProblem:
     margin: float = field(default=0.01, kw_only=True)
     seed: int = field(default=0, kw_only=True)
     timeout: float = field(default=5.0, kw_only=True)
+    balance: float | None = field(default=None, kw_only=True)
+    payload: Mapping[str, float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Copy arrays; whether they are right is asked by `plan`."""
@@ -72,6 +76,7 @@ class PlanProblem:
         return plan(
             self.pepper, self.start, self.goal, self.scene, planner=self.planner, joints=self.joints,
             constraints=self.constraints, margin=self.margin, seed=self.seed, timeout=self.timeout,
+            balance=self.balance, payload=self.payload,
         )  # fmt: skip
 
 

@@ -9,22 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
-from pepper_kin.batch import kernel
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.fast import CompiledValidity, fast_checker_for
 from pepper_kin.collision.fast.checker import TIE
-from pepper_kin.core.kernel_batch import evaluate
-from pepper_kin.dynamics import gravity_torque
 from pepper_kin.model import PepperModel
+from pepper_kin.motion.static_limits import StaticLimits
 
 Array = NDArray[np.float64]
 
 LEAST_MARGIN = 1e-4
 """A margin smaller than this counts as none [m]."""
-
-
-TORQUE_SHARE = 0.95
-"""Share of each joint's effort that holding still may take; the rest is left to move with."""
 
 
 class Checks:
@@ -35,15 +29,18 @@ class Checks:
     Args:
         pepper: The robot.
         scene: The world; None for the robot alone.
+        statics: What can be held; None: the robot's own weight by its joints.
 
     Attributes:
+        statics: What can be held.
         exact: Coal's checker without margins.
         compiled: Whether machine code answers.
         quick: Whether coal is asked about nothing but ties, so that many questions cost little.
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene | None) -> None:
+    def __init__(self, pepper: PepperModel, scene: Scene | None, statics: StaticLimits | None = None) -> None:
         self.pepper, self.scene = pepper, scene
+        self.statics = StaticLimits(pepper) if statics is None else statics
         _load_code()
         self.exact: CollisionChecker = checker_for(pepper, scene)
         fast = fast_checker_for(pepper, scene)
@@ -95,17 +92,15 @@ class Checks:
         return test
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
-        """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""
-        torque = evaluate(kernel(self.pepper, "gravity_torque"), np.ascontiguousarray(q))
-        return np.asarray((np.abs(torque) <= TORQUE_SHARE * self.pepper.effort_limits).all(axis=-1))
+        """Whether q, shape (m, n), can be held still, with a little to spare; shape (m,)."""
+        return self.statics.hold(q)
 
     def validity(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float]
     ) -> planners.StateValidityChecker:
         """Return which states of the free joints are valid, the others standing as in `frozen`, shape (n,).
 
-        A state is valid where nothing touches, the margins are kept, and the joints can hold the posture
-        against gravity.
+        A state is valid where nothing touches, the margins are kept, and the posture can be held.
 
         Args:
             frozen: A whole configuration, shape (n,).
@@ -132,8 +127,8 @@ class Checks:
         key = frozen.tobytes(), free.tobytes()
         found = self._made.get(key)
         if found is None:
-            effort = TORQUE_SHARE * self.pepper.effort_limits
-            found = fast_checker_for(self.pepper, self.scene).compiled(frozen, free, effort)
+            effort, loads = self.statics.effort_limits, self.statics.loads()
+            found = fast_checker_for(self.pepper, self.scene).compiled(frozen, free, effort, loads)
             self._made = {key: found}
         return found
 
@@ -161,13 +156,6 @@ class Checks:
                 return kept
             kept /= 2
         return 0.0
-
-
-def holds(pepper: PepperModel, q: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether the joints can hold q, shape (m, n), still, with some to spare, by Pinocchio; shape (m,)."""
-    return np.asarray(
-        np.all(np.abs(gravity_torque(pepper, q)) <= TORQUE_SHARE * pepper.effort_limits, axis=-1)
-    )
 
 
 @functools.cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
+from pepper_kin.motion.static_limits import static_limits
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,8 @@ def plan_constrained(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 10.0,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> Plan:
     """Plan a collision-free path along which IK tasks stay met.
 
@@ -63,6 +66,8 @@ def plan_constrained(
             nearer than that.
         seed: Seed of all random choices.
         timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
+        balance: As of `plan`.
+        payload: As of `plan`.
 
     Returns:
         The plan.  Its `constraint_errors` are the largest errors along the spline that `retime` draws.
@@ -75,7 +80,7 @@ def plan_constrained(
     tasks = as_constraints(pepper, constraints)
     priced = None if costs is None else PathCosts.of(pepper, costs)
     q_start = checked_start(pepper, start, margin, timeout)
-    checks = Checks(pepper, scene)
+    checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER)
     fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start)

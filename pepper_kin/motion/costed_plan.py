@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
+from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import _is_clear, waypoints_of
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -48,6 +49,8 @@ def plan_costed(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 5.0,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> Plan:
     """Plan a collision-free path on which its length and soft costs together are small.
 
@@ -69,6 +72,8 @@ def plan_costed(
             nearer than that.
         seed: Seed of all random choices.
         timeout: Time budget [s].
+        balance: As of `plan`.
+        payload: As of `plan`.
 
     Returns:
         The plan.  Its `costs` tell the integrals along its curve, and along that of the plan without costs.
@@ -80,7 +85,7 @@ def plan_costed(
     """
     priced = PathCosts.of(pepper, costs)
     q_start = checked_start(pepper, start, margin, timeout)
-    checks = Checks(pepper, scene)
+    checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER)
     fault = fault_of_start(checks, q_start)

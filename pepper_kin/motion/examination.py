@@ -74,7 +74,7 @@ class Examiner:
         kept = self._test(margins, False)
         for step, shorter in zip(STEPS, (*STEPS[1:], None), strict=True):
             states = middles(coefficients, parts)
-            if held and step == STEPS[0] and not self._checks.holds(states).all():
+            if held and step == STEPS[0] and not self._held(breaks, coefficients, reach, states):
                 return False
             if shorter is None:
                 return bool(kept(states).all())
@@ -89,6 +89,13 @@ class Examiner:
             begin = np.repeat(parts.begin[near], count) + width * (np.arange(width.size) % count)
             parts = Intervals(np.repeat(parts.piece[near], count), begin, width)
         return False
+
+    def _held(self, breaks: Array, coefficients: Array, reach: Array, states: Array) -> bool:
+        """Whether a curve, of which states every 8 mm are given, can be held still all along."""
+        statics = self._checks.statics
+        if statics.step < STEPS[0]:
+            states = middles(coefficients, cut(breaks, coefficients, reach, statics.step))
+        return bool(statics.hold_along(states).all())
 
     def _test(self, margins: tuple[float, float], surely: bool) -> Callable[[Array], NDArray[np.bool_]]:
         """Return the test of states at margins, see `Checks.along`."""

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import CollisionChecker
-from pepper_kin.dynamics import gravity_torque
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Status, Task, TaskGroup, solve
 from pepper_kin.ik.certificate import CertificateInputs
@@ -24,8 +23,9 @@ from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.model.shapes import read_only
-from pepper_kin.motion.checks import Checks, holds
+from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.plan_result import PlanStatus
+from pepper_kin.motion.static_limits import StaticLimits
 
 Array = NDArray[np.float64]
 
@@ -62,8 +62,17 @@ STAYS = "Start and goal are the same."
 _SAME = 1e-9  # [rad or m]
 
 
-def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tuple[PlanStatus, str] | None:
-    """Return why a configuration cannot be an end of the path, or None."""
+def fault_of(
+    checker: CollisionChecker, q: NDArray[np.float64], what: str, statics: StaticLimits | None = None
+) -> tuple[PlanStatus, str] | None:
+    """Return why a configuration cannot be an end of the path, or None.
+
+    Args:
+        checker: Coal's, without margins.
+        q: The configuration, shape (n,).
+        what: Its name, such as "start".
+        statics: What can be held; None: the robot's own weight by its joints.
+    """
     pepper, start = checker.pepper, what == "start"
     if checker.in_collision(q):
         pair = checker.closest_pair(q)
@@ -71,14 +80,13 @@ def fault_of(checker: CollisionChecker, q: NDArray[np.float64], what: str) -> tu
         depth = f", {-pair.distance * 1000:.1f} mm deep" if pair is not None and pair.distance < 0 else ""
         status = PlanStatus.START_IN_COLLISION if start else PlanStatus.GOAL_IN_COLLISION
         return status, f"The {what} is in collision: {' and '.join(names[0])} overlap{depth}."
-    if not holds(pepper, q[None])[0]:
-        tau = gravity_torque(pepper, q)
-        joint = int(np.argmax(np.abs(tau) / pepper.effort_limits))
-        status = PlanStatus.START_TOO_HEAVY if start else PlanStatus.GOAL_TOO_HEAVY
-        limit = f"{pepper.effort_limits[joint]:.2f} N m it has"
-        name = pepper.joint_names[joint]
-        return status, f"The {what} takes {abs(tau[joint]):.2f} N m at {name}, near or over the {limit}."
-    return None
+    statics = StaticLimits(pepper) if statics is None else statics
+    heavy, said = statics.weakest(q) is not None, statics.said(q, what)
+    if not said:
+        return None
+    if heavy:
+        return PlanStatus.START_TOO_HEAVY if start else PlanStatus.GOAL_TOO_HEAVY, said
+    return PlanStatus.START_TIPS_OVER if start else PlanStatus.GOAL_TIPS_OVER, said
 
 
 def goals_of(
@@ -120,15 +128,18 @@ def _goals_of_tasks(
     pepper, checker = checks.pepper, checks.exact
     fast = _are_known_to_fast(tasks)
     if fast:
-        clear = clear_goals(checks, start, tasks, joints, margin, seed, timeout / 3)
-        if clear is not None:
-            return *clear, None
+        for sought in (tasks, (*tasks, *checks.statics.tasks())):
+            clear = clear_goals(checks, start, sought, joints, margin, seed, timeout / 3)
+            if clear is not None:
+                return *clear, None
+            if not checks.statics.tasks():
+                break
     for scene in (checker.scene,) if fast else (checker.scene.padded(margin), checker.scene):
         ik = solve(
             pepper, tasks, q0=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
             joints=joints, timeout=timeout / 3,
         )  # fmt: skip
-        if ik.success and fault_of(checker, ik.q, "goal") is None:
+        if ik.success and fault_of(checker, ik.q, "goal", checks.statics) is None:
             break
     if not ik.success:
         return np.empty((0, pepper.n)), ik, (PlanStatus.NO_IK, ik.report())
@@ -142,7 +153,7 @@ def _good_ones(
     good = candidates[checks.holds(candidates) & checks.free(candidates)]
     if len(good):
         return good, ik, None
-    fault = fault_of(checks.exact, candidates[0], "goal")
+    fault = fault_of(checks.exact, candidates[0], "goal", checks.statics)
     return candidates[: int(fault is None)], ik, fault
 
 
@@ -150,7 +161,7 @@ def fault_of_start(checks: Checks, q: NDArray[np.float64]) -> tuple[PlanStatus, 
     """Return why a path cannot start at q, shape (n,), or None."""
     if checks.holds(q[None])[0] and checks.free(q):
         return None
-    return fault_of(checks.exact, q, "start")
+    return fault_of(checks.exact, q, "start", checks.statics)
 
 
 def _are_known_to_fast(tasks: Sequence[Any]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -121,6 +121,8 @@ def plan_legs(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 10.0,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> PlanInLegs:
     """Plan through several goals, with constraints and soft costs of their own on the way to each.
 
@@ -138,6 +140,8 @@ def plan_legs(
         margin: Distance that is kept to the scene and to the robot itself [m].
         seed: Seed of all random choices.
         timeout: Time budget [s], shared by the legs.
+        balance: As of `plan`, for all legs.
+        payload: As of `plan`, for all legs.
 
     Returns:
         The plans of all legs up to the first that failed, of the attempt that got farthest.
@@ -164,12 +168,13 @@ def plan_legs(
                 joints=joints if leg.joints is None else leg.joints,
                 constraints=kept[k] or None, costs=leg.costs if len(leg.costs) else None,
                 margin=margin, seed=seed + _APART * attempt, timeout=max(left / (len(legs) - k), 0.01),
+                balance=balance, payload=payload,
             )  # fmt: skip
             found.append(one)
             if one.goal is None:
                 break
             q = one.goal
-        best = max(best, found, key=lambda plans: sum(one.success for one in plans))
+        best = max(best, found, key=lambda plans: (sum(one.success for one in plans), len(plans)))
         # Where the first leg fails, no other solution of a goal will help; nor is there always time for one.
         if found[-1].success or len(found) == 1 or time.perf_counter() - begin >= timeout:
             break

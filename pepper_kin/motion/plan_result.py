@@ -29,8 +29,10 @@ class PlanStatus(Enum):
     SOLVED = "solved"
     START_IN_COLLISION = "start_in_collision"
     START_TOO_HEAVY = "start_too_heavy"
+    START_TIPS_OVER = "start_tips_over"
     GOAL_IN_COLLISION = "goal_in_collision"
     GOAL_TOO_HEAVY = "goal_too_heavy"
+    GOAL_TIPS_OVER = "goal_tips_over"
     START_OFF_CONSTRAINT = "start_off_constraint"
     GOAL_OFF_CONSTRAINT = "goal_off_constraint"
     NO_IK = "no_ik"
@@ -49,8 +51,10 @@ _ADVICE = {
     PlanStatus.SOLVED: "Time the path with retime().",
     PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
     PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold against gravity.",
+    PlanStatus.START_TIPS_OVER: "Start from a posture that leans less, carry less, or ask for less balance.",
     PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
     PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
+    PlanStatus.GOAL_TIPS_OVER: "Give a goal that leans less, carry less, or ask for less balance.",
     PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
     PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
     PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",

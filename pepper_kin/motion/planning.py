@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
+from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import waypoints_of
 
 PLANNERS = ("rrt_connect", "aorrtc")
@@ -58,6 +59,8 @@ def plan(
     seed: int = 0,
     timeout: float = 5.0,
     gap: float | None = None,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -77,6 +80,10 @@ def plan(
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
         gap: Of "aorrtc": it stops where the path is at most ``1 + gap`` times the straight line to the
             nearest goal; None: at the straight line itself, or when the time is used up.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], as in
+            `retime`; None lets the base be held from below.
+        payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`: the joints can
+            hold them all along the path, and they count for balance.
 
     Returns:
         The plan; without a path, its status and message tell why, and what was most often in the way.
@@ -93,29 +100,42 @@ def plan(
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)
     _check_gap(planner, gap)
+    common: dict[str, Any] = {"joints": joints, "margin": margin, "seed": seed, "timeout": timeout}
+    common |= {"balance": balance, "payload": payload}
     if constraints is not None:
-        return plan_constrained(
-            pepper, start, goal, scene, constraints, costs=costs, joints=joints, margin=margin, seed=seed,
-            timeout=timeout,
-        )  # fmt: skip
+        return plan_constrained(pepper, start, goal, scene, constraints, costs=costs, **common)
     if costs is not None:
-        return plan_costed(
-            pepper, start, goal, scene, costs, joints=joints, margin=margin, seed=seed, timeout=timeout
-        )
+        return plan_costed(pepper, start, goal, scene, costs, **common)
+    statics = static_limits(pepper, balance, payload)
     q_start = checked_start(pepper, start, margin, timeout)
-    checks = Checks(pepper, scene)
+    return _planned(
+        Checks(pepper, scene, statics), q_start, goal, planner, gap, joints, (margin, seed, timeout)
+    )
+
+
+def _planned(
+    checks: Checks,
+    q_start: NDArray[np.float64],
+    goal: ArrayLike | Sequence[Any],
+    planner: str,
+    gap: float | None,
+    joints: str | Sequence[str] | None,
+    asked: tuple[float, int, float],
+) -> Plan:
+    """Return what `plan` does, without constraints and costs; `asked` are margin, seed and timeout."""
+    margin, seed, timeout = asked
     begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
-    ended = Ending(pepper, begin, seed, planner)
+    ended = Ending(checks.pepper, begin, seed, planner)
     fault = fault_of_start(checks, q_start)
     if fault is not None:
         return ended(*fault)
     goals, ik, fault = goals_of(checks, q_start, goal, joints, margin, seed, timeout)
     if fault is not None:
         return ended(*fault, ik=ik)
-    free = free_joints(pepper, joints, q_start, goals)
+    free = free_joints(checks.pepper, joints, q_start, goals)
     if is_there(q_start, goals):
         return ended.solved(checks.exact, q_start[None], STAYS, ik=ik)
-    if moves_base(pepper, free):
+    if moves_base(checks.pepper, free):
         made = plan_drive(ended, checks, q_start, goals, free, margin, begin + timeout)
         return made if ik is None else replace(made, ik=ik)
     coarse = planner == PLANNERS[0]

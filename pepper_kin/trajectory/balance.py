@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.model.wheels import BASE_JOINTS
@@ -31,6 +32,21 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     for joint in set(BASE_JOINTS) & set(pepper.joint_names):
         q[pepper.joint_index(joint)] = 0.0
     return read_only([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
+
+
+def checked_balance(pepper: PepperModel, balance: float | None) -> float | None:
+    """Return the distance that is kept from the edges of the support polygon [m]; None leaves balance out.
+
+    Raises:
+        InvalidValueError: for what is no finite distance of 0 or more, or a robot without a support polygon.
+    """
+    if balance is None:
+        return None
+    if isinstance(balance, bool) or not (np.isfinite(balance) and balance >= 0):
+        raise InvalidValueError("balance", balance, "a finite distance of 0 or more [m], or None")
+    if support_polygon(pepper) is None:
+        raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
+    return float(balance)
 
 
 def edge_moments(

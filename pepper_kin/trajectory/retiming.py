@@ -28,7 +28,7 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
-from pepper_kin.trajectory.balance import WHEELS, support_polygon
+from pepper_kin.trajectory.balance import checked_balance
 from pepper_kin.trajectory.editing import joined
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
@@ -140,7 +140,7 @@ def _limits(
         pepper.velocity_limits * _share("velocity_scale", velocity),
         greatest * _share("acceleration_scale", acceleration),
         None if torque is None else pepper.effort_limits * _share("torque_scale", torque),
-        _distance(pepper, balance),
+        checked_balance(pepper, balance),
         at_frames(pepper, "payload", payload, "kg"),
         _speeds(pepper, hand_speed) + wheel_speeds(pepper),
     )
@@ -217,16 +217,6 @@ def _share(quantity: str, value: float) -> float:
     if share > 1.0:
         raise InvalidValueError(quantity, value, "a number in (0, 1]")
     return share
-
-
-def _distance(pepper: PepperModel, balance: float | None) -> float | None:
-    if balance is None:
-        return None
-    if isinstance(balance, bool) or not (np.isfinite(balance) and balance >= 0):
-        raise InvalidValueError("balance", balance, "a finite distance of 0 or more [m], or None")
-    if support_polygon(pepper) is None:
-        raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
-    return float(balance)
 
 
 def _refuse_missing(pepper: PepperModel, moving: NDArray[np.bool_], given: LimitsLike | None) -> None:

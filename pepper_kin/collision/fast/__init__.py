@@ -11,10 +11,15 @@ from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin.collision.fast.checker import FastChecker, fast_checker_for
-    from pepper_kin.collision.fast.compiled import CompiledValidity
+    from pepper_kin.collision.fast.compiled import CompiledValidity, StaticLoads
 
-_MODULES = {"CompiledValidity": "compiled", "FastChecker": "checker", "fast_checker_for": "checker"}
+_MODULES = {
+    "CompiledValidity": "compiled",
+    "FastChecker": "checker",
+    "StaticLoads": "compiled",
+    "fast_checker_for": "checker",
+}
 
-__all__ = ["CompiledValidity", "FastChecker", "fast_checker_for"]
+__all__ = ["CompiledValidity", "FastChecker", "StaticLoads", "fast_checker_for"]
 
 __getattr__, __dir__ = lazily(__name__, _MODULES)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.checker import LEVER, checker_for
 from pepper_kin.collision.fast.certificate import certified
-from pepper_kin.collision.fast.compiled import CompiledValidity, compile_validity
+from pepper_kin.collision.fast.compiled import CompiledValidity, StaticLoads, compile_validity
 from pepper_kin.collision.fast.prepared import prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance
 from pepper_kin.collision.fast.solids import Array
@@ -220,7 +220,11 @@ class FastChecker:
         return certified(self._part_bounds, self.exact._ranges, angle, levers, margins, start, stop)
 
     def compiled(
-        self, frozen: ArrayLike, free: ArrayLike, effort_limits: ArrayLike | None = None
+        self,
+        frozen: ArrayLike,
+        free: ArrayLike,
+        effort_limits: ArrayLike | None = None,
+        loads: StaticLoads | None = None,
     ) -> CompiledValidity:
         """Return a function in machine code that tells how far an edge is valid; see `CompiledValidity`.
 
@@ -229,13 +233,15 @@ class FastChecker:
             free: Places of the k joints that move, shape (k,).
             effort_limits: If given, states are valid only where holding still takes no joint more than this,
                 shape (n,) [N m or N].
+            loads: With limits of effort, what is carried, and edges that the robot must not tip over; None
+                for the robot's own weight.
 
         Raises:
             InvalidValueError: for vectors of wrong length or with NaN, places that do not exist or repeat, or
                 a robot whose shapes the compiled check does not know.
         """
         self._refuse_unknown()
-        return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits)
+        return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads)
 
     def _refuse_unknown(self) -> None:
         if not self.supported:

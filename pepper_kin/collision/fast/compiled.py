@@ -16,7 +16,9 @@ from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import BODY_WORDS, GROUP_WORDS, LINK_WORDS
+from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 
@@ -25,6 +27,28 @@ MOST_LIMITED = 32
 _SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
 )
+
+
+@dataclass(frozen=True, eq=False)
+class StaticLoads:
+    """What a posture asks of the joints and of the floor, for compiled checks of edges.
+
+    Attributes:
+        kernel: From a configuration and the masses, one vector, to the torques that hold it still, shape
+            (n,), and, where there are edges, the floor's force along z and its moments about x and y.
+        masses: What is carried [kg], shape (m,).
+        edges: What these three are multiplied with, for each edge that the robot could tip over; none of the
+            products may be below zero.  Shape (k, 3).
+    """
+
+    kernel: Kernel
+    masses: Array = field(default_factory=lambda: np.empty(0))
+    edges: Array = field(default_factory=lambda: np.empty((0, EDGE_NUMBERS)))
+
+    def sections(self, effort_limits: Array) -> dict[int, Array]:
+        """Return the sections of a block that hold this, and limits of the torques, shape (n,)."""
+        room = np.zeros(effort_limits.size + EDGE_NUMBERS + self.kernel.work_size)
+        return {at.EFFORT: effort_limits, at.LOADS: self.masses, at.EDGES: self.edges, at.GRAVITY: room}
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +152,7 @@ def compile_validity(
     frozen: ArrayLike,
     free: ArrayLike,
     effort_limits: ArrayLike | None,
+    loads: StaticLoads | None = None,
 ) -> CompiledValidity:
     """Return the validity of edges of some joints; see `FastChecker.compiled`."""
     from pepper_kin.core.collision.check import place_frozen, valid_steps
@@ -136,18 +161,19 @@ def compile_validity(
     q0 = np.array(as_joint_vectors(pepper, frozen, "frozen").reshape(n))
     places = _places(free, n)
     still, moving, moves = _limited(pepper, prepared, places)
-    memory, kept = prepared.named(at.aligned_copy(moving)), [valid_steps]
-    at.section(memory, at.FROZEN)[:] = q0
-    place_frozen(memory)
-    at.section_bits(memory, at.BODIES).reshape(-1, BODY_WORDS)[:, 3] = moves
+    kept: list[Any] = [valid_steps]
+    memory = at.aligned_copy(moving)
     if effort_limits is not None:
         limits = np.asarray(effort_limits, dtype=float)
         if limits.shape != (n,) or np.isnan(limits).any():
             raise InvalidValueError("effort_limits", repr(limits)[:80], f"{n} numbers, one per joint")
-        gravity = kernel(pepper, "gravity_torque")
-        at.section(memory, at.NUMBERS)[at.GRAVITY_KERNEL] = gravity.single_address
-        at.section(memory, at.EFFORT)[:] = limits
-        kept.append(gravity)
+        asked = StaticLoads(kernel(pepper, "gravity_torque")) if loads is None else loads
+        memory = at.aligned_copy(at.extended(moving, asked.sections(limits)))
+        at.section(memory, at.NUMBERS)[at.GRAVITY_KERNEL] = asked.kernel.single_address
+        kept.append(asked)
+    at.section(prepared.named(memory), at.FROZEN)[:] = q0
+    place_frozen(memory)
+    at.section_bits(memory, at.BODIES).reshape(-1, BODY_WORDS)[:, 3] = moves
     address = int(cast("Any", valid_steps).address)
     memory.setflags(write=False)
     own = memory, at.aligned_copy(still), q0, prepared, tuple(kept)

@@ -10,7 +10,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.batch import kernel
 from pepper_kin.collision.checker import LEVER, CollisionChecker
 from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.ball_cover import ball_cover
@@ -403,7 +402,6 @@ def _constants(
         at.AXES: np.zeros(3 * min(axes, MOST_AXES)),
         at.FROZEN: np.zeros(pepper.n),
         at.FREE: np.arange(pepper.n, dtype=float),
-        at.EFFORT: np.full(pepper.n, np.inf),
     }
 
 
@@ -418,7 +416,6 @@ def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
 
 def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[int, Array]:
     n, joints, bodies = pepper.n, pepper.inner_model.njoints, len(tables.bodies)
-    gravity = kernel(pepper, "gravity_torque").work_size  # compiled validity asks it too
     identity = np.zeros((bodies + 1, POSE, LANES), np.float32)
     identity[[[0], [bodies]], [0, 4, 8]] = 1.0
     centers = np.zeros((len(tables.balls), 3, LANES), np.float32)
@@ -445,5 +442,4 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
         at.Q_FULL: np.zeros(joints - 1),
         at.JOINT_POSES: np.zeros(POSE * joints),
         at.JOINT_AXES: np.zeros(3 * joints),
-        at.GRAVITY: np.zeros(n + gravity),
     }

@@ -9,7 +9,15 @@ from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import ALL, Tables, check_block, place_all, tables_of
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE
 from pepper_kin.core.collision.joint_ranges import violations
-from pepper_kin.core.collision.layout import ROOM, WIDEST, Array, section, section_bits, section_single
+from pepper_kin.core.collision.layout import (
+    EDGE_NUMBERS,
+    ROOM,
+    WIDEST,
+    Array,
+    section,
+    section_bits,
+    section_single,
+)
 from pepper_kin.core.collision.narrow_phase import settle
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel, floats_at
@@ -200,19 +208,27 @@ def _queue_doubts(memory: Array, t: Tables, a: Array, b: Array, waiting: int, k:
 
 
 @compiled
-def _held(memory: Array, row: int) -> bool:
-    """Whether the joints can hold a configuration against gravity; true where that is not asked for."""
-    numbers, effort, room = (
-        section(memory, at.NUMBERS),
-        section(memory, at.EFFORT),
-        section(memory, at.GRAVITY),
-    )
-    n = int(numbers[at.N])
-    q, torque = section(memory, at.ROWS)[n * row : n * row + n], room[:n]
-    call_kernel(int(numbers[at.GRAVITY_KERNEL]), q.ctypes.data, torque.ctypes.data, room[n:].ctypes.data)
-    held = True
+def _held(memory: Array) -> bool:
+    """Whether the first configuration in ROWS can be held still, with what is carried, without tipping over.
+
+    The kernel takes the configuration and the masses in LOADS, and returns the torques, and, where EDGES are
+    given, what these are multiplied with: a product below zero is a moment that nothing but a pull of the
+    floor could bear.
+    """
+    numbers, rows, room = section(memory, at.NUMBERS), section(memory, at.ROWS), section(memory, at.GRAVITY)
+    effort, loads = section(memory, at.EFFORT), section(memory, at.LOADS)
+    edges, n, held = section(memory, at.EDGES), int(numbers[at.N]), True
+    for i in range(loads.size):
+        rows[n + i] = loads[i]
+    work = room[n + EDGE_NUMBERS :]
+    call_kernel(int(numbers[at.GRAVITY_KERNEL]), rows.ctypes.data, room.ctypes.data, work.ctypes.data)
     for i in range(n):
-        held = held and abs(torque[i]) <= effort[i]
+        held = held and abs(room[i]) <= effort[i]
+    for k in range(0, edges.size, EDGE_NUMBERS):
+        moment = 0.0
+        for i in range(EDGE_NUMBERS):
+            moment += edges[k + i] * room[n + i]
+        held = held and moment >= 0.0
     return held
 
 
@@ -260,7 +276,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
     if numbers[at.GRAVITY_KERNEL] != 0:
         for k in range(LANES * blocks):
             _state(memory, 0, a, b, (k + 1) / (LANES * blocks))
-            if not _held(memory, 0):
+            if not _held(memory):
                 return False
     return True
 
@@ -278,7 +294,7 @@ def place_frozen(memory: Array) -> None:
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def valid_steps(a: int, b: int, steps: int, memory: int) -> int:
     """Return `steps` if `is_edge_valid`, and else 0, for those who have addresses only."""
-    spans = floats_at(memory, 2 * at.SECTIONS)
-    whole = floats_at(memory, int(spans[2 * at.SECTIONS - 1]))
+    spans = floats_at(memory, at.SIZE + 1)
+    whole = floats_at(memory, int(spans[at.SIZE]))
     count = int(spans[2 * at.FREE + 1] - spans[2 * at.FREE])
     return steps if is_edge_valid(whole, floats_at(a, count), floats_at(b, count), steps) else 0

@@ -85,9 +85,17 @@ ALIGNMENT = 8
     GAPS,
     GAP_STATES,
     PAIR_ROOM,
-) = range(60)
+    LOADS,
+    EDGES,
+) = range(62)
 """Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 60
+SECTIONS = 62
+SIZE = 2 * SECTIONS
+"""Place of the size of the block, after the beginnings and ends of its sections."""
+
+EDGE_NUMBERS = 3
+"""Of an edge that the robot could tip over: what the floor's force along z, and its moments about x and y,
+are multiplied with."""
 
 BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
@@ -145,15 +153,15 @@ def section_bits(memory: Array, which: int) -> NDArray[np.int64]:
 def pack(sections: dict[int, Array]) -> Array:
     """Return a block with these sections; the rest is empty.
 
-    Its first numbers are the beginning and end of each section.
+    Its first numbers are the beginning and end of each section, then its size.
     """
-    place, spans = _round_up(2 * SECTIONS), []
+    place, spans = _round_up(SIZE + 1), []
     for which in range(SECTIONS):
         size = sections[which].size if which in sections else 0
         spans += [place, place + size]
         place += _round_up(size)
     block = np.zeros(place)
-    block[: 2 * SECTIONS] = spans
+    block[: SIZE + 1] = *spans, place
     for which, values in sections.items():
         block[spans[2 * which] : spans[2 * which + 1]] = values.ravel()
     return block
@@ -164,6 +172,19 @@ def shorten(memory: Array, which: int, size: int) -> int:
     begin, end = int(memory[2 * which]), int(memory[2 * which + 1])
     memory[2 * which + 1] = begin + size
     return end - begin
+
+
+def extended(block: Array, sections: dict[int, Array]) -> Array:
+    """Return a copy of a block with other sections in place of some, which are added to its end."""
+    place, added = block.size, []
+    spans = block[: 2 * SECTIONS].copy()
+    for which, values in sections.items():
+        spans[2 * which : 2 * which + 2] = place, place + values.size
+        added.append(np.concatenate([values.ravel(), np.zeros(_round_up(values.size) - values.size)]))
+        place += added[-1].size
+    longer = np.concatenate([block, *added])
+    longer[: SIZE + 1] = *spans, place
+    return longer
 
 
 def aligned(size: int) -> Array:

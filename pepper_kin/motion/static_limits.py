@@ -1,0 +1,250 @@
+"""What a posture may ask of the joints and of the floor, so that it can be held with what is carried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.batch import kernel
+from pepper_kin.collision.fast import StaticLoads
+from pepper_kin.core.collision.layout import EDGE_NUMBERS
+from pepper_kin.core.kernel_batch import evaluate
+from pepper_kin.dynamics import gravity_torque, total_mass
+from pepper_kin.ik import CenterOfMassOverWheels, Task
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.trajectory.balance import (
+    balance_margin,
+    checked_balance,
+    moment_matrix,
+    moves_base,
+    support_polygon,
+)
+from pepper_kin.trajectory.payload import AtFrames, at_frames, payload_torque
+
+if TYPE_CHECKING:
+    import casadi
+
+Array = NDArray[np.float64]
+
+TORQUE_SHARE = 0.95
+"""Share of each joint's effort that holding still may take; the rest is left to move with."""
+
+ROOM_TO_MOVE = 0.004
+"""What a path keeps beyond the distance asked for from the edges that the robot could tip over [m]: curves,
+which round its corners, keep half of it, and accelerations use what is left."""
+
+LONGEST_ARM = 0.5
+"""How far from the center of mass inverse kinematics takes a load to be [m]."""
+
+STEP, LEAST_STEP = 0.008, 0.0005
+"""Distances that any point of the body moves between states of a curve that are looked at [m]."""
+
+_WRENCH = [2, 3, 4]  # of the floor's wrench: the force along z, and the moments about x and y
+_GRAVITY = 9.81  # [m/s^2]
+_UNITS = {"rad": "N m", "m": "N"}
+
+_kept: RobotMemory[tuple[tuple[str, ...], bool], Kernel] = RobotMemory()
+
+
+@dataclass(frozen=True, eq=False)
+class StaticLimits:
+    """Limits of postures at rest, the same as `retime` asks for of a motion that is ever so slow.
+
+    Attributes:
+        pepper: The robot.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; None lets
+            the base be held from below.
+        payload: Masses held, by frame [kg].
+    """
+
+    pepper: PepperModel
+    balance: float | None = None
+    payload: AtFrames = ()
+
+    def __post_init__(self) -> None:
+        """Load, or compile, the kernel before any clock starts."""
+        assert self.kernel
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """From a configuration and the masses, one vector, to what `StaticLoads` says."""
+        frames, balanced = tuple(frame for frame, _ in self.payload), self.balance is not None
+        if not frames and not balanced:
+            return kernel(self.pepper, "gravity_torque")
+        known = _kept.of(self.pepper)
+        found = known.get((frames, balanced))
+        if found is None:
+            sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", __name__)
+            key = f"static load {frames} {balanced} of {robot_digest(self.pepper)} by {sources}"
+            found = known[frames, balanced] = compile_function(
+                lambda: _static_load(self.pepper, frames, balanced), key=key
+            )
+        return found
+
+    @cached_property
+    def effort_limits(self) -> Array:
+        """What holding still may ask of the joints [N m or N], shape (n,)."""
+        return TORQUE_SHARE * self.pepper.effort_limits
+
+    def loads(self) -> StaticLoads | None:
+        """Return what compiled checks of edges take; None where it is the robot's own weight."""
+        if self.balance is None and not self.payload:
+            return None
+        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(ROOM_TO_MOVE)))
+
+    def tasks(self) -> tuple[Task, ...]:
+        """Return tasks that lead inverse kinematics to balanced postures, whatever a hand carries."""
+        if self.balance is None:
+            return ()
+        shift = LONGEST_ARM * float(self._masses.sum()) / total_mass(self.pepper)
+        return (CenterOfMassOverWheels(self.balance + ROOM_TO_MOVE + shift),)
+
+    def hold(self, q: Array) -> NDArray[np.bool_]:
+        """Whether postures, shape (m, n), may be states of a path; shape (m,)."""
+        return self._kept(q, ROOM_TO_MOVE)
+
+    def hold_along(self, q: Array) -> NDArray[np.bool_]:
+        """Whether postures, shape (m, n), may be states of a curve, `step` apart at most; shape (m,)."""
+        return self._kept(q, ROOM_TO_MOVE / 2)
+
+    @cached_property
+    def step(self) -> float:
+        """How far any point of the body may move between states of a curve [m].
+
+        Where no mass moves farther than d, the torque of a joint that turns changes by at most g m d, with m
+        the mass that it carries, and the center of mass by at most d.  Half a step from a state to the next
+        thus uses up no more than the share of the effort, and of the distance, that is kept unused.
+        """
+        if self.balance is None and not self.payload:
+            return STEP
+        spare = (1.0 - TORQUE_SHARE) * self.pepper.effort_limits
+        carried = _GRAVITY * np.maximum(self._carried_masses(), 1e-9)
+        most = 2.0 * float((spare / carried).min(initial=np.inf))
+        if self.balance is not None:
+            most = min(most, ROOM_TO_MOVE)
+        return min(max(most, LEAST_STEP), STEP)
+
+    def torque(self, q: Array) -> Array:
+        """Return what holds a posture, shape (n,), still, by Pinocchio [N m or N], shape (n,)."""
+        none = np.zeros_like(q)
+        torque = gravity_torque(self.pepper, q)
+        return torque + payload_torque(self.pepper, self.payload, q, none, none) if self.payload else torque
+
+    def weakest(self, q: Array) -> int | None:
+        """Return the joint that a posture, shape (n,), asks most too much of; None where all can hold it."""
+        use = np.abs(self.torque(q)) / np.maximum(self.pepper.effort_limits, 1e-12)
+        joint = int(np.argmax(use))
+        return joint if use[joint] > TORQUE_SHARE else None
+
+    def distance_inside(self, q: Array) -> float:
+        """Return how far inside the wheels' triangle the center of mass is at a posture, shape (n,) [m]."""
+        polygon, none = support_polygon(self.pepper), np.zeros((1, q.size))
+        if polygon is None:
+            return float("inf")
+        return float(balance_margin(self.pepper, polygon, q[None], none, none, self.payload)[0])
+
+    def tips(self, q: Array) -> bool:
+        """Whether a posture, shape (n,), is nearer to tipping over than what a path keeps."""
+        return self.balance is not None and self.distance_inside(q) < self.balance + ROOM_TO_MOVE
+
+    def said(self, q: Array, what: str) -> str:
+        """Return a sentence on what a posture, shape (n,), asks too much of; empty where it can be held.
+
+        Args:
+            q: The posture.
+            what: Its name, such as "start".
+        """
+        joint = self.weakest(q)
+        carried = "".join(f" with {kg:.4g} kg at {frame}" for frame, kg in self.payload)
+        if joint is not None:
+            name, unit = self.pepper.joint_names[joint], _UNITS[self.pepper.joint_units[joint]]
+            asked, limit = abs(self.torque(q)[joint]), self.pepper.effort_limits[joint]
+            most = f"near or over the {limit:.2f} {unit} it has"
+            return f"The {what} takes {asked:.2f} {unit} at {name}{carried}, {most}."
+        if not self.tips(q):
+            return ""
+        inside, asked = 1000 * self.distance_inside(q), 1000 * float(self.balance or 0.0)
+        where = f"{inside:.1f} mm inside" if inside >= 0 else f"{-inside:.1f} mm outside"
+        return (
+            f"The {what} has the center of mass{carried} {where} the edge of the wheels' triangle, "
+            f"and balance asks for {asked:.1f} mm and {1000 * ROOM_TO_MOVE:.0f} mm to move with."
+        )
+
+    def _kept(self, q: Array, room: float) -> NDArray[np.bool_]:
+        n, given = self.pepper.n, np.ascontiguousarray(q)
+        if self._masses.size:
+            given = np.empty((len(q), n + self._masses.size))
+            given[:, :n], given[:, n:] = q, self._masses
+        found = evaluate(self.kernel, given)
+        held = (np.abs(found[:, :n]) <= self.effort_limits).all(axis=1)
+        if self.balance is not None:
+            held &= (found[:, n:] @ self._edges(room).T >= 0.0).all(axis=1)
+        return np.asarray(held)
+
+    @cached_property
+    def _masses(self) -> Array:
+        return np.array([mass for _, mass in self.payload])
+
+    def _edges(self, room: float) -> Array:
+        """Return what the floor's force and moments are multiplied with, shape (k, 3)."""
+        polygon = support_polygon(self.pepper)
+        if self.balance is None or polygon is None:
+            return np.empty((0, EDGE_NUMBERS))
+        return np.asarray(moment_matrix(polygon, self.balance + room)[_WRENCH].T)
+
+    def _carried_masses(self) -> Array:
+        """Return the mass that each joint carries [kg], shape (n,)."""
+        model, masses = self.pepper.inner_model, np.zeros(self.pepper.inner_model.njoints)
+        for i in range(1, model.njoints):
+            masses[i] = model.inertias[i].mass
+        for frame, mass in self.payload:
+            masses[model.frames[self.pepper.frame_id(frame)].parentJoint] += mass
+        for i in range(model.njoints - 1, 0, -1):
+            masses[model.parents[i]] += masses[i]
+        moved = np.asarray(self.pepper.full_map) != 0.0
+        return np.asarray((moved * masses[1:, None]).sum(axis=0))
+
+
+def static_limits(
+    pepper: PepperModel, balance: float | None, payload: Mapping[str, float] | None
+) -> StaticLimits:
+    """Return the limits that a user asks for, in the words of `retime`.
+
+    Raises:
+        InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    return StaticLimits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
+
+
+def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> casadi.Function:
+    """Return the function from a configuration and masses to torques and, if asked for, the floor's wrench.
+
+    The wrench is that of the robot with its base where the world begins: on a level floor, a robot at rest
+    stands as well wherever its base is.
+    """
+    import casadi
+
+    from pepper_kin import symbolic
+
+    given = casadi.SX.sym("given", pepper.n + len(frames))
+    q, masses = given[: pepper.n], given[pepper.n :]
+    pull, rest = casadi.DM(pepper.inner_model.gravity.linear), casadi.DM.zeros(pepper.n)
+    torque, settled = symbolic.gravity_torque(pepper)(q), casadi.SX(q)
+    for joint in BASE_JOINTS if moves_base(pepper) else ():
+        settled[pepper.joint_index(joint)] = 0.0
+    wrench = symbolic.base_wrench(pepper)(settled, rest, rest) if balanced else casadi.SX.zeros(6)
+    for k, frame in enumerate(frames):
+        weight = -masses[k] * pull
+        torque += symbolic.frame_jacobian(pepper, frame)(q)[:3, :].T @ weight
+        place = symbolic.frame_pose(pepper, frame)(settled)[:3, 3]
+        wrench += casadi.vertcat(weight, casadi.cross(place, weight))
+    found = casadi.vertcat(torque, wrench[_WRENCH]) if balanced else torque
+    return casadi.Function("static_load", [given], [casadi.cse(casadi.densify(found))])
