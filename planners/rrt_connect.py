@@ -16,20 +16,20 @@ from .motion_validator import CompiledMotionValidator, machine_code_of
 from .path import Path
 from .problem import BETWEEN_DRAWS, GoalSource, Problem
 from .result import Result, Status
-from .sampling import random_state, stream_key, uniform, within_ellipsoid
+from .sampling import luby, random_state, stream_key, uniform, within_ellipsoid
 from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, space_of, step_count
 from .tree import LANES, grown, nearest, nearest_within, set_lane, whole_blocks
 from .vectors import FloatArray, positive_number, read_only, whole_number
 
-_STEP = 0.1  # of the diagonal: longest extension
+LONGEST_STEP = 0.1  # of the diagonal: longest extension
 _UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
-_ROUND = 16_384  # samples of the shortest round
+ROUND = 16_384  # samples of the shortest round
 _FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's domain, in diagonals
-_FIRST_CAPACITY = 128
+_FIRST_CAPACITY, _MOST_SAMPLES = 128, 100_000_000
 _CLOCK_EVERY = 64  # goals or samples
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
 _FRONTIER = 64  # nodes of a stuck tree that are returned
-_WIDTH, _NEAR_ROUND, _SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
+WIDTH, _NEAR_ROUND, SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
 _TRIES = 8  # to draw a sample that is of use inside the box
 
 # How a call ends.
@@ -79,7 +79,7 @@ def rrt_connect(
     *,
     seed: int = 0,
     timeout: float = 5.0,
-    max_iterations: int = 100_000_000,
+    max_iterations: int = _MOST_SAMPLES,
     step: float | None = None,
 ) -> Result:
     """Search a path with two trees that grow towards samples and towards each other.
@@ -136,10 +136,7 @@ def rrt_connect(
     with machine_code_of(problem, deadline, counters=counters) as code:
         search = Search(problem, code, counters, seed, step)
         status = search.run(GoalSource(problem, seed), deadline, max_iterations)
-    if status is not Status.SOLVED:
-        return search.result(status, deadline, seed)
-    points, goal = search.path()
-    return search.result(status, deadline, seed, Path.trusted(points, problem.metric), goal)
+    return search.ended(status, deadline, seed)
 
 
 def new_counters() -> Ints1:
@@ -147,11 +144,14 @@ def new_counters() -> Ints1:
     return np.zeros(_COUNTERS, dtype=np.int64)
 
 
-def luby(k: int) -> int:
-    """Return the k-th number, from 1, of the sequence 1, 1, 2, 1, 1, 2, 4, ..."""
-    while (k + 1) & k:
-        k -= (1 << (k.bit_length() - 1)) - 1
-    return (k + 1) >> 1
+def new_trees(capacity: int, n: int, counters: Ints1 | None = None) -> Trees:
+    """Return empty trees with room for as many nodes, a multiple of eight, of n coordinates."""
+    return Trees(
+        np.empty((2, capacity, n)), np.empty((2, capacity // LANES, n, LANES)),
+        np.empty((2, capacity), dtype=np.int64), np.empty((2, capacity)), np.empty((2, capacity)),
+        np.empty((_ROWS, n)), np.empty(LANES), new_counters() if counters is None else counters,
+        bound=math.inf, within=math.inf,
+    )  # fmt: skip
 
 
 class Search:
@@ -160,44 +160,38 @@ class Search:
     def __init__(
         self, problem: Problem, code: CompiledMotionValidator, counters: Ints1, seed: int, step: float | None
     ) -> None:
-        n = problem.n
         self._problem, self._key = problem, stream_key(seed, 0)
-        self._round, self._round_end, self._width, self._step = 0, 0, _WIDTH, step
+        self._round, self._round_end, self._width, self._step = 0, 0, WIDTH, step
         self._sizes, self._extents = [0, 0], [0.0, 0.0]  # the largest of the trees of all rounds
         self._space = space_of(
-            problem, code, problem.spacing, _STEP * problem.diagonal if step is None else step
+            problem, code, problem.spacing, LONGEST_STEP * problem.diagonal if step is None else step
         )
-        self._trees = Trees(
-            states=np.empty((2, 0, n)),
-            lanes=np.empty((2, 0, n, LANES)),
-            parents=np.empty((2, 0), dtype=np.int64),
-            radii=np.empty((2, 0)),
-            costs=np.empty((2, 0)),
-            rows=np.empty((_ROWS, n)),
-            room=np.empty(LANES),
-            counters=counters,
-            bound=math.inf,
-            within=math.inf,
-        )
-        self._reserve(_FIRST_CAPACITY)
+        self._trees = new_trees(_FIRST_CAPACITY, problem.n, counters)
 
     def run(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> Status:
         """Search until there is a path, or samples or time run out."""
-        counters = self._trees.counters
         ended = self.plant(self._problem.goals.copy(), 0, deadline)
         if ended == GOING_ON and source.endless:
             self._width = math.inf  # goals may be drawn anywhere
             ended = self._grow_while_drawing(source, deadline, max_iterations)
-        elif ended == GOING_ON and counters[GOAL_SIZE] == 0:
-            return Status.GOAL_INVALID
         elif ended == GOING_ON:
+            if self._trees.counters[GOAL_SIZE] == 0:
+                return Status.GOAL_INVALID
             ended = self.grow(max_iterations, deadline)
+        return self._status(ended, source.endless)
+
+    def resumed(self, trees: Trees, deadline: Deadline) -> Status:
+        """Go on with trees that `plant` and `grow` have made, in the first round of all of the box."""
+        self._trees, self._round, self._round_end, self._width = trees, 1, ROUND, math.inf
+        return self._status(self.grow(_MOST_SAMPLES, deadline), False)
+
+    def _status(self, ended: int, endless: bool) -> Status:
         if ended == FOUND:
             return Status.SOLVED
         if ended == START_INVALID:
             return Status.START_INVALID
-        if counters[GOAL_SIZE] == 0:
-            return Status.NO_GOAL if source.endless else Status.NO_PATH_IN_TIME
+        if self._trees.counters[GOAL_SIZE] == 0:
+            return Status.NO_GOAL if endless else Status.NO_PATH_IN_TIME
         if self._is_shut_in():
             return Status.GOAL_SHUT_IN if self._stuck_side() else Status.START_SHUT_IN
         return Status.NO_PATH_IN_TIME if ended == TIME_UP else Status.OUT_OF_ITERATIONS
@@ -264,15 +258,15 @@ class Search:
         if trees.counters[ITERATIONS]:
             self._forget_nodes()
         near = self._width < math.inf and narrow(self._space, trees, self._width, 0.0, region)
-        if near and self._problem.metric.distance(*region) < _SMALL * self._problem.diagonal:
+        if near and self._problem.metric.distance(*region) < SMALL * self._problem.diagonal:
             self._draw_from(region)
-            self._round_end = self.samples + _NEAR_ROUND * int(self._width / _WIDTH)
+            self._round_end = self.samples + _NEAR_ROUND * int(self._width / WIDTH)
             self._width *= 2.0
             return
-        if self._width not in (math.inf, _WIDTH):
+        if self._width not in (math.inf, WIDTH):
             self._draw_from(np.array([self._problem.lower, self._problem.upper]))
         self._width, self._round = math.inf, self._round + 1
-        self._round_end = self.samples + _ROUND * luby(self._round)
+        self._round_end = self.samples + ROUND * luby(self._round)
 
     def is_valid(self, points: FloatArray) -> bool:
         """Whether all edges of a path are valid, each by itself."""
@@ -326,6 +320,13 @@ class Search:
             **more,
         )
 
+    def ended(self, status: Status, deadline: Deadline, seed: int) -> Result:
+        """Return the result of a run that is over."""
+        if status is not Status.SOLVED:
+            return self.result(status, deadline, seed)
+        points, goal = self.path()
+        return self.result(status, deadline, seed, Path.trusted(points, self._problem.metric), goal)
+
     def _stuck_side(self) -> int:
         """Return the tree that its samples extended less often: 0 of the start, 1 of the goals."""
         tried, grew = (self._trees.counters[place : place + 2] for place in (TRIED, GREW))
@@ -367,7 +368,7 @@ class Search:
         """Draw samples from a part of the box, given by its lower and upper bounds, shape (2, n)."""
         reach = self._step
         if reach is None:
-            reach = _STEP * float(self._problem.metric.distance(region[0], region[1]))
+            reach = LONGEST_STEP * float(self._problem.metric.distance(region[0], region[1]))
         self._space = self._space._replace(lower=region[0], extent=region[1] - region[0], reach=reach)
 
     def _is_smaller_than_box(self, bound: float) -> bool:
@@ -387,8 +388,7 @@ class Search:
         counters, states = self._trees.counters.tolist(), self._trees.states
         to_start, _ = self._branch(0, counters[START_NODE])
         to_goal, goal = self._branch(1, counters[GOAL_NODE])
-        if not counters[DIRECT]:  # the state where the trees meet is in both
-            to_goal = to_goal[1:]
+        to_goal = to_goal if counters[DIRECT] else to_goal[1:]  # the state where the trees meet is in both
         return np.concatenate((states[0, to_start[::-1]], states[1, to_goal])), goal
 
     def _grow_while_drawing(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> int:

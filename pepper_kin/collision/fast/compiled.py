@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import kernel
-from pepper_kin.collision.fast.prepared import Prepared
+from pepper_kin.collision.fast.prepared import Limited, Prepared
 from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import BODY_WORDS, GROUP_WORDS, LINK_WORDS
+from pepper_kin.core.collision.ball_check import GROUP_WORDS, LINK_WORDS
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+
+if TYPE_CHECKING:
+    from pepper_kin.kernels import Kernel
 
 MOST_LIMITED = 32
 """Choices of free joints of which a robot's blocks are kept."""
@@ -40,38 +44,51 @@ class CompiledValidity:
 
     Attributes:
         address: Address of the function, valid while this object lives.
-        memory_size: Doubles in a block of memory.
         free: Places of the free joints, shape (k,).
+        frozen: Where the others stand, a whole configuration, shape (n,).
+        effort: What holding still may take of each joint, shape (n,) [N m or N].
+        margins: Kept to the scene and between two parts of the robot [m].
+        gravity: The kernel of the torques that hold still; None where that is not asked for.
     """
 
     address: int
-    memory_size: int
     free: NDArray[np.int64]
-    _block: Array = field(repr=False)
-    _still: Array = field(repr=False)
-    _frozen: Array = field(repr=False)
+    frozen: Array
+    effort: Array
+    margins: tuple[float, float]
+    gravity: Kernel | None
+    _limited: Limited = field(repr=False)
     _prepared: Prepared = field(repr=False)
-    _kept: tuple[Any, ...] = field(repr=False)
-    _blocked: bool = field(default=False, repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
+
+    @property
+    def memory_size(self) -> int:
+        """Doubles in a block of memory."""
+        return self._limited.moving.size
 
     def new_memory(self) -> Array:
         """Return a block of memory for one thread, shape (memory_size,), at a multiple of 64 bytes."""
-        return self._named(at.aligned_copy(self._block))
+        memory = at.aligned_copy(self._limited.moving)
+        self._begin(memory)
+        return self._named(memory)
 
     def at(self, margin: float, self_margin: float) -> CompiledValidity:
         """Return the validity at other margins, to the scene and between two parts of the robot [m]."""
+        made = object.__new__(CompiledValidity)
+        made.__dict__.update(self.__dict__, margins=(margin, self_margin))
+        made.__dict__.pop("blocked", None)
+        return made
+
+    @cached_property
+    def blocked(self) -> bool:
+        """Whether something that the free joints do not move is nearer than the margins."""
         from pepper_kin.core.collision.check import check_rows
 
-        prepared = replace(self._prepared, margins=(margin, self_margin))
-        blocked = resting_contact(prepared)
-        if not blocked:
-            with self._lock:
-                blocked = check_rows(prepared.named(self._still), self._frozen, 1) >= 0 and bool(
-                    at.section_bits(self._still, at.STATUS)[0]
-                )
-        return replace(self, _prepared=prepared, _blocked=blocked)
+        if resting_contact(self._prepared, self.margins[0]):
+            return True
+        still = self._prepared.named(self.blocks()[0], self.margins)
+        check_rows(still, self.frozen, 1)
+        return bool(at.section_bits(still, at.STATUS)[0])
 
     def verdicts(self, q: Array) -> NDArray[np.uint8]:
         """Return for configurations in which only free joints differ: 0 free, 1 contact, 2 too near to tell.
@@ -82,24 +99,48 @@ class CompiledValidity:
         from pepper_kin.core.collision.check import check_many
 
         found = np.ones(len(q), np.uint8)
-        if not self._blocked:
-            check_many(self.memory(), q, found, 0, len(q))
+        if not self.blocked:
+            check_many(self._named(self.blocks()[1]), q, found, 0, len(q))
         return found
 
     def memory(self) -> Array:
         """Return the block of this thread, which all margins share: it keeps these until others are asked."""
         local = self._local
         try:
-            if local.named is self:
-                return np.asarray(local.memory)
+            return self._named(local.memory)
         except AttributeError:
-            local.memory = at.aligned_copy(self._block)
-        local.named = self
-        return self._named(local.memory)
+            local.memory = self.new_memory()
+        return np.asarray(local.memory)
+
+    def blocks(self) -> tuple[Array, Array]:
+        """Return this thread's blocks of what stands and of what moves, at any margins.
+
+        All motions of the same joints share them, so that nothing is copied: they are ready for this one
+        until another is asked for.  For calls of machine code that ask nothing of Python's.
+        """
+        local = self._limited.local
+        try:
+            blocks: tuple[Array, Array] = local.blocks
+        except AttributeError:
+            limited = self._limited
+            blocks = at.aligned_copy(limited.still), at.aligned_copy(limited.moving)
+            local.blocks, local.motion = blocks, None
+        if local.motion is not self._local:
+            self._prepared.named(blocks[0], self.margins)
+            self._begin(blocks[1])
+            local.motion = self._local
+        return blocks
+
+    def _begin(self, memory: Array) -> None:
+        from pepper_kin.core.collision.check import begin_motion
+
+        self._prepared.named(memory, self.margins)
+        gravity = 0 if self.gravity is None else self.gravity.single_address
+        begin_motion(memory, self.frozen, self.effort, gravity, self._limited.moves)
 
     def _named(self, memory: Array) -> Array:
-        at.section(memory, at.NUMBERS)[at.BLOCKED] = self._blocked
-        return self._prepared.named(memory)
+        at.section(memory, at.NUMBERS)[at.BLOCKED] = self.blocked
+        return self._prepared.named(memory, self.margins)
 
     def valid_steps(self, a: ArrayLike, b: ArrayLike, steps: int, memory: Array | None = None) -> int:
         """Call the function from Python.
@@ -130,34 +171,24 @@ def compile_validity(
     effort_limits: ArrayLike | None,
 ) -> CompiledValidity:
     """Return the validity of edges of some joints; see `FastChecker.compiled`."""
-    from pepper_kin.core.collision.check import place_frozen, valid_steps
+    from pepper_kin.core.collision.check import valid_steps
 
-    n = pepper.n
+    n, gravity = pepper.n, None
     q0 = np.array(as_joint_vectors(pepper, frozen, "frozen").reshape(n))
     places = _places(free, n)
-    still, moving, moves = _limited(pepper, prepared, places)
-    memory, kept = prepared.named(at.aligned_copy(moving)), [valid_steps]
-    at.section(memory, at.FROZEN)[:] = q0
-    place_frozen(memory)
-    at.section_bits(memory, at.BODIES).reshape(-1, BODY_WORDS)[:, 3] = moves
+    limits = np.full(n, np.inf)
     if effort_limits is not None:
-        limits = np.asarray(effort_limits, dtype=float)
+        limits = np.array(effort_limits, dtype=float)
         if limits.shape != (n,) or np.isnan(limits).any():
             raise InvalidValueError("effort_limits", repr(limits)[:80], f"{n} numbers, one per joint")
         gravity = kernel(pepper, "gravity_torque")
-        at.section(memory, at.NUMBERS)[at.GRAVITY_KERNEL] = gravity.single_address
-        at.section(memory, at.EFFORT)[:] = limits
-        kept.append(gravity)
-    address = int(cast("Any", valid_steps).address)
-    memory.setflags(write=False)
-    own = memory, at.aligned_copy(still), q0, prepared, tuple(kept)
-    return CompiledValidity(address, memory.size, places, *own).at(*prepared.margins)
+    address, margins = int(cast("Any", valid_steps).address), prepared.margins
+    limited = _limited(pepper, prepared, places)
+    return CompiledValidity(address, places, q0, limits, margins, gravity, limited, prepared)
 
 
-def _limited(
-    pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return blocks that compare only what some joints do not move, or do, and which bodies they move."""
+def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]) -> Limited:
+    """Return the blocks for motions of some joints."""
     key = places.tobytes()
     found = prepared.limited.get(key)
     if found is None:
@@ -166,10 +197,10 @@ def _limited(
         at.shorten(block, at.FREE, places.size)
         moving = (np.asarray(pepper.full_map) != 0.0)[:, places].any(axis=1)
         carried = prepared.carried & moving
-        moves: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
         still = _comparing(block, prepared, carried, moving=False)
         at.shorten(still, at.TABLE_HEADS, 0)  # the ranges of joints are left to each state
-        found = still, _comparing(block, prepared, carried, moving=True), moves
+        moves = carried.any(axis=1).astype(np.int64)
+        found = Limited(still, _comparing(block, prepared, carried, moving=True), moves)
         if len(prepared.limited) >= MOST_LIMITED:
             prepared.limited.clear()
         prepared.limited[key] = found
