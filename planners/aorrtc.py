@@ -20,7 +20,8 @@ from .motion_validator import machine_code_of
 from .path import Path
 from .problem import FINEST_RESOLUTION, GoalSource, Problem
 from .result import Improvement, Result, Status, StopReason
-from .rrt_connect import Search, luby
+from .rrt_connect import Search
+from .sampling import luby
 from .shortcut import shortcut, shorten
 from .tree_growth import grow, new_counters, plant
 from .vectors import positive_number, whole_number

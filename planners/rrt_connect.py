@@ -14,7 +14,7 @@ from .motion_validator import CompiledMotionValidator, machine_code_of
 from .path import Path
 from .problem import BETWEEN_DRAWS, GoalSource, Problem
 from .result import Result, Status
-from .sampling import stream_key
+from .sampling import luby, stream_key
 from .search_space import STOP, last_valid_step, space_of
 from .tree import LANES
 from .tree_growth import (
@@ -29,6 +29,7 @@ from .tree_growth import (
     START_SIZE,
     TIME_UP,
     TRIED,
+    Trees,
     diagonal_of,
     grow,
     leave_trees,
@@ -42,11 +43,12 @@ from .tree_growth import (
 )
 from .vectors import FloatArray, positive_number, read_only, whole_number
 
-_STEP = 0.1  # of the diagonal: longest extension
-_ROUND = 16_384  # samples of the shortest round
+LONGEST_STEP = 0.1  # of the diagonal: longest extension
+ROUND = 16_384  # samples of the shortest round
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
+_MOST_SAMPLES = 100_000_000
 _FRONTIER = 64  # nodes of a stuck tree that are returned
-_WIDTH, _NEAR_ROUND, _SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
+WIDTH, _NEAR_ROUND, SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
 
 
 def rrt_connect(
@@ -54,7 +56,7 @@ def rrt_connect(
     *,
     seed: int = 0,
     timeout: float = 5.0,
-    max_iterations: int = 100_000_000,
+    max_iterations: int = _MOST_SAMPLES,
     step: float | None = None,
 ) -> Result:
     """Search a path with two trees that grow towards samples and towards each other.
@@ -111,17 +113,9 @@ def rrt_connect(
     with machine_code_of(problem, deadline, counters=counters) as code:
         search = Search(problem, code, counters, seed, step)
         status = search.run(GoalSource(problem, seed), deadline, max_iterations)
-    found = search.path() if status is Status.SOLVED else ()
-    result = search.result(status, deadline, seed, *found)
+    result = search.ended(status, deadline, seed)
     search.end()
     return result
-
-
-def luby(k: int) -> int:
-    """Return the k-th number, from 1, of the sequence 1, 1, 2, 1, 1, 2, 4, ..."""
-    while (k + 1) & k:
-        k -= (1 << (k.bit_length() - 1)) - 1
-    return (k + 1) >> 1
 
 
 class Search:
@@ -132,30 +126,37 @@ class Search:
     ) -> None:
         n = problem.n
         self._problem, self._key = problem, stream_key(seed, 0)
-        self._round, self._round_end, self._width, self._step = 0, 0, _WIDTH, step
+        self._round, self._round_end, self._width, self._step = 0, 0, WIDTH, step
         self._sizes, self._extents = [0, 0], [0.0, 0.0]  # the largest of the trees of all rounds
         self._space = space_of(
-            problem, code, problem.spacing, _STEP * problem.diagonal if step is None else step
+            problem, code, problem.spacing, LONGEST_STEP * problem.diagonal if step is None else step
         )
         self._trees = take_trees(n, counters)
 
     def run(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> Status:
         """Search until there is a path, or samples or time run out."""
-        counters = self._trees.counters
         ended = self.plant(self._problem.goals, 0, deadline)
         if ended == GOING_ON and source.endless:
             self._width = math.inf  # goals may be drawn anywhere
             ended = self._grow_while_drawing(source, deadline, max_iterations)
-        elif ended == GOING_ON and counters[GOAL_SIZE] == 0:
-            return Status.GOAL_INVALID
         elif ended == GOING_ON:
+            if self._trees.counters[GOAL_SIZE] == 0:
+                return Status.GOAL_INVALID
             ended = self.grow(max_iterations, deadline)
+        return self._status(ended, source.endless)
+
+    def resumed(self, trees: Trees, deadline: Deadline) -> Status:
+        """Go on with trees that `plant` and `grow` have made, in the first round of all of the box."""
+        self._trees, self._round, self._round_end, self._width = trees, 1, ROUND, math.inf
+        return self._status(self.grow(_MOST_SAMPLES, deadline), False)
+
+    def _status(self, ended: int, endless: bool) -> Status:
         if ended == FOUND:
             return Status.SOLVED
         if ended == START_INVALID:
             return Status.START_INVALID
-        if counters[GOAL_SIZE] == 0:
-            return Status.NO_GOAL if source.endless else Status.NO_PATH_IN_TIME
+        if self._trees.counters[GOAL_SIZE] == 0:
+            return Status.NO_GOAL if endless else Status.NO_PATH_IN_TIME
         if self._is_shut_in():
             return Status.GOAL_SHUT_IN if self._stuck_side() else Status.START_SHUT_IN
         return Status.NO_PATH_IN_TIME if ended == TIME_UP else Status.OUT_OF_ITERATIONS
@@ -221,15 +222,15 @@ class Search:
         if trees.counters[ITERATIONS]:
             self._forget_nodes()
         near = self._width < math.inf and narrow(self._space, trees, self._width, 0.0, region)
-        if near and diagonal_of(region, self._space.weights) < _SMALL * self._problem.diagonal:
+        if near and diagonal_of(region, self._space.weights) < SMALL * self._problem.diagonal:
             self._draw_from(region)
-            self._round_end = self.samples + _NEAR_ROUND * int(self._width / _WIDTH)
+            self._round_end = self.samples + _NEAR_ROUND * int(self._width / WIDTH)
             self._width *= 2.0
             return
-        if self._width not in (math.inf, _WIDTH):
+        if self._width not in (math.inf, WIDTH):
             self._draw_from(np.array([self._problem.lower, self._problem.upper]))
         self._width, self._round = math.inf, self._round + 1
-        self._round_end = self.samples + _ROUND * luby(self._round)
+        self._round_end = self.samples + ROUND * luby(self._round)
 
     def is_valid(self, points: FloatArray) -> bool:
         """Whether all edges of a path are valid, each by itself."""
@@ -283,6 +284,11 @@ class Search:
             **more,
         )
 
+    def ended(self, status: Status, deadline: Deadline, seed: int) -> Result:
+        """Return the result of a run that is over."""
+        found = self.path() if status is Status.SOLVED else ()
+        return self.result(status, deadline, seed, *found)
+
     def _stuck_side(self) -> int:
         """Return the tree that its samples extended less often: 0 of the start, 1 of the goals."""
         tried, grew = (self._trees.counters[place : place + 2] for place in (TRIED, GREW))
@@ -324,7 +330,7 @@ class Search:
         """Draw samples from a part of the box, given by its lower and upper bounds, shape (2, n)."""
         reach = self._step
         if reach is None:
-            reach = _STEP * diagonal_of(region, self._space.weights)
+            reach = LONGEST_STEP * diagonal_of(region, self._space.weights)
         self._space = self._space._replace(lower=region[0], extent=region[1] - region[0], reach=reach)
 
     def _is_smaller_than_box(self, bound: float) -> bool:

@@ -52,6 +52,13 @@ def _mixed(value: int) -> int:
     return value ^ (value >> 31)
 
 
+def luby(k: int) -> int:
+    """Return the k-th number, from 1, of the sequence 1, 1, 2, 1, 1, 2, 4, ..."""
+    while (k + 1) & k:
+        k -= (1 << (k.bit_length() - 1)) - 1
+    return (k + 1) >> 1
+
+
 @compiled(lean=True)
 def _normal(key: np.uint64, place: int) -> float:
     """Return a normally distributed number made of two of the stream.

@@ -24,9 +24,9 @@ from .vectors import FloatArray, whole_number
 LEAST_GAIN = 1e-5
 """Of the length: less is not worth asking for validity."""
 
-_FLAT = 1e-9  # of the length: a way-point this near to the chord of its neighbors is dropped
+FLAT = 1e-9  # of the length: a way-point this near to the chord of its neighbors is dropped
 _FINER = 8  # an accepted edge hugs obstacles, so it is checked more closely than an edge of a search
-_STREAM = 1
+STREAM = 1
 _SPARE = 32
 _DRAWS = 4  # random numbers of one iteration
 _MOST_NEW = 3  # way-points that one iteration may add
@@ -115,30 +115,33 @@ def shortcut(
     if resolution is None:
         resolution = max(problem.spacing / _FINER, FINEST_RESOLUTION * problem.diagonal)
     resolution = problem.validator(resolution=resolution).resolution
-    counters, key = np.zeros(_COUNTERS, dtype=np.int64), stream_key(seed, _STREAM)
+    counters, key = np.zeros(_COUNTERS, dtype=np.int64), stream_key(seed, STREAM)
     points = np.array(path.points)
-    counters[SIZE] = drop_flat(points, len(points), problem.metric.weights, _FLAT * path.length)
+    counters[SIZE] = drop_flat(points, len(points), problem.metric.weights, FLAT * path.length)
     with machine_code_of(problem, deadline, resolution, counters) as code:
         space = space_of(problem, code, resolution)
-        line, ended = _polyline(points, counters), FULL
+        line, ended = new_polyline(points, counters), FULL
         while ended == FULL or (ended == TIME_UP and not (deadline.expired or counters[STOP])):
             if ended == FULL:
                 size = int(counters[SIZE])
-                line = _polyline(grown(line.points[:size], size + max(size, _SPARE)), counters)
+                line = new_polyline(grown(line.points[:size], size + max(size, _SPARE)), counters)
             ended = shorten(
                 space, line, deadline.time_slice, float(least_gain), key, iterations, 3 if detours else 2
             )
     return Path.trusted(line.points[: counters[SIZE]].copy(), problem.metric)
 
 
-def _polyline(points: FloatArray, counters: Ints1) -> Polyline:
+def new_polyline(points: FloatArray, counters: Ints1 | None = None) -> Polyline:
+    """Return a polyline of these points, of which no more than counters[SIZE] count."""
+    if counters is None:
+        counters = np.zeros(_COUNTERS, dtype=np.int64)
     return Polyline(
         points, np.empty_like(points), np.empty((2, len(points))), np.empty((2, points.shape[1])), counters
     )
 
 
 @compiled
-def _measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatArray) -> None:
+def measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatArray) -> None:
     """Write the length from the first to each point."""
     lengths[0] = 0.0
     for k in range(1, size):
@@ -231,7 +234,7 @@ def _straighten(
     piece: FloatArray, count: int, lengths: FloatArray, coordinate: int, weights: FloatArray
 ) -> None:
     """Let one coordinate of a polyline run straight from its first to its last point."""
-    _measure(piece, count, weights, lengths)
+    measure(piece, count, weights, lengths)
     change, whole = piece[count - 1, coordinate] - piece[0, coordinate], lengths[count - 1]
     for k in range(1, count - 1):
         piece[k, coordinate] = piece[0, coordinate] + lengths[k] / whole * change
@@ -293,7 +296,7 @@ def shorten(
         draws = _DRAWS + (2 * n + 2 if kinds == 3 else 0)
         number, single, via = counters[ITERATIONS] * draws, kind == 1 and n > 1, kind == 2
         counters[ITERATIONS] += 1
-        _measure(points, size, weights, along)
+        measure(points, size, weights, along)
         if not _choose(key, number, along, size, places):
             continue
         low, high = places[0], places[1]
@@ -311,11 +314,11 @@ def shorten(
                 space, key, number + 4, piece[0], piece[2], within, line.rows[0], piece[1]
             ):
                 continue
-        _measure(piece, count, weights, lengths[1])
+        measure(piece, count, weights, lengths[1])
         gain = high - low - lengths[1, count - 1]
         if gain > least_gain * along[size - 1] and _valid(space, line, count):
             before, after = _below(along, size, low), _up_to(along, size, high)
             size = _replace(points, size, before, after, piece, count)
-            _measure(points, size, weights, along)
-            counters[SIZE] = drop_flat(points, size, weights, _FLAT * along[size - 1])
+            measure(points, size, weights, along)
+            counters[SIZE] = drop_flat(points, size, weights, FLAT * along[size - 1])
     return DONE

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
+import threading
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
+from pepper_kin.collision.checker import LEVER
 from pepper_kin.collision.fast import CompiledValidity, fast_checker_for
-from pepper_kin.collision.fast.checker import TIE
+from pepper_kin.core.collision.check import row_verdicts, valid_steps
+from pepper_kin.core.collision.curve_check import MotionCheck, kept_margins
+from pepper_kin.core.collision.gjk import CONTACT, TIE
+from pepper_kin.core.collision.layout import EDGE_NUMBERS, ROOM
+from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.static_limits import StaticLimits
 
@@ -43,8 +51,8 @@ class Checks:
         self.statics = StaticLimits(pepper) if statics is None else statics
         _load_code()
         self.exact: CollisionChecker = checker_for(pepper, scene)
-        fast = fast_checker_for(pepper, scene)
-        self.compiled, self.quick = fast.supported, fast.alone
+        self._fast = fast_checker_for(pepper, scene)
+        self.compiled, self.quick = self._fast.supported, self._fast.alone
         self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
@@ -58,38 +66,101 @@ class Checks:
         """
         return fast_checker_for(self.pepper, self.scene, margin, self_margin).surely_free(q)
 
-    def along(
-        self,
-        standing: Array,
-        moving: NDArray[np.int64],
-        margins: tuple[float, float],
-        *,
-        surely: bool = False,
-    ) -> Callable[[Array], NDArray[np.bool_]]:
-        """Return what tells of states of one motion, shape (m, n), what `free`, or `surely_free`, does.
+    @property
+    def edges(self) -> int:
+        """Address of the compiled check of edges, which takes a block of `of_motion`; 0 without."""
+        return int(valid_steps.address) if self.compiled else 0
 
-        What stands is looked at once, here.
+    def along(
+        self, standing: Array, moving: NDArray[np.int64], margins: tuple[float, float]
+    ) -> Callable[[Array], NDArray[np.bool_]]:
+        """Return what tells of states of one motion, shape (m, n), what `free` does.
+
+        What stands is looked at once.
 
         Args:
             standing: A configuration in which the joints stand that do not move, shape (n,).
             moving: Places of the joints that move, shape (k,).
             margins: To the scene and to the robot itself [m].
-            surely: Whether what machine code cannot tell counts as near, so that coal is never asked.
         """
-        if not self.compiled or (surely and not self.quick):
+        if not self.compiled:
             checker = fast_checker_for(self.pepper, self.scene, *margins)
-            return checker.surely_free if surely else lambda states: ~checker.in_collision(states)
+            return lambda states: ~checker.in_collision(states)
         code = self._moving(standing, moving).at(*margins)
 
         def test(states: Array) -> NDArray[np.bool_]:
             verdicts = code.verdicts(states)
-            if not surely and (verdicts == TIE).any():
+            if (verdicts == TIE).any():
                 ties = np.flatnonzero(verdicts == TIE)
                 exact = checker_for(self.pepper, self.scene, *margins)
                 verdicts[ties] = exact.in_collision(states[ties])
             return np.asarray(verdicts == 0)
 
         return test
+
+    def of_motion(self, standing: Array, moving: NDArray[np.int64]) -> MotionCheck:
+        """Return what compiled functions take that check states of one motion, called by `run`.
+
+        It is of use in this thread until a check of another motion is asked for.
+
+        Args:
+            standing: A configuration in which the joints stand that do not move, shape (n,).
+            moving: Places of the joints that move, shape (k,).
+        """
+        n, none = self.pepper.n, np.empty(0)
+        loads = self.statics.loads_along
+        still, moves, least, address = none, none, np.inf, 0
+        if self.compiled:
+            still, moves = self._moving(standing, moving).blocks()
+            least, address = self._fast.resting_margin, int(row_verdicts.address)
+        return MotionCheck(
+            verdicts=address,
+            ask=_ASK_ADDRESS,
+            load=loads.kernel.batch_address,
+            quick=self.quick,
+            least=least,
+            lever=LEVER,
+            still=still,
+            moving=moves,
+            standing=standing,
+            effort=self.statics.effort_limits,
+            masses=loads.masses,
+            edges=loads.edges,
+            held_step=self.statics.step,
+            states=np.empty((ROOM, n)),
+            given=np.empty((ROOM, n + loads.masses.size)),
+            asked=np.empty((ROOM, n + (EDGE_NUMBERS if len(loads.edges) else 0))),
+            answers=np.empty(ROOM, np.int64),
+            margins=np.empty(2),
+            work=np.empty(loads.kernel.work_size + 8),
+            words=np.empty(8, np.int64),
+        )
+
+    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a compiled function that takes an `of_motion`; coal answers what it cannot tell.
+
+        Raises:
+            BaseException: what coal, or an interrupt meanwhile, has raised.
+        """
+        outer = getattr(_asking, "checks", None)
+        _asking.checks, _asking.error = self, None
+        try:
+            result = function(*arguments)
+        finally:
+            _asking.checks = outer
+        if _asking.error is not None:
+            raise _asking.error
+        return result
+
+    def answer(self, states: Array, verdicts: NDArray[np.int64], margins: tuple[float, float]) -> None:
+        """Write coal's verdicts on those of some states, shape (m, n), that have a tie."""
+        ties = np.flatnonzero(verdicts == TIE)
+        exact = checker_for(self.pepper, self.scene, *margins)
+        verdicts[ties] = exact.in_collision(states[ties])
+
+    def rests_near(self, margin: float) -> bool:
+        """Whether what never moves against the world is nearer to it than a margin [m]."""
+        return self._fast.rests_near(margin)
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether q, shape (m, n), can be held still, with a little to spare; shape (m,)."""
@@ -128,34 +199,49 @@ class Checks:
         found = self._made.get(key)
         if found is None:
             effort, loads = self.statics.effort_limits, self.statics.loads()
-            found = fast_checker_for(self.pepper, self.scene).compiled(frozen, free, effort, loads)
+            found = self._fast.compiled(frozen, free, effort, loads)
             self._made = {key: found}
         return found
 
-    def margins(self, start: Array, goals: Array, margin: float) -> tuple[float, float]:
+    def margins(
+        self, start: Array, goals: Array, free: NDArray[np.int64], margin: float
+    ) -> tuple[float, float]:
         """Return the margins kept to the scene and to the robot itself [m], as far as the ends allow.
-
-        Each is halved until the start and a goal keep it; to itself the robot gives up half of what it could
-        keep, since joints near one another must have room to move.
 
         Args:
             start: Start configuration, shape (n,).
             goals: Goals, shape (m, n); one that keeps the margins will do.
+            free: Places of the joints in which they may differ, shape (k,).
             margin: The margin wished [m].
         """
-        ends = np.vstack([start, goals])
-        kept_self = self._halved(ends, margin, lambda m: (0.0, m))
-        kept_self = kept_self if kept_self == margin else kept_self / 2
-        return self._halved(ends, margin, lambda m: (m, kept_self)), kept_self
+        ends, kept = np.concatenate([start[None], goals]), np.empty(2)
+        self.run(kept_margins, self.of_motion(start, free), ends, margin, LEAST_MARGIN, kept)
+        return float(kept[0]), float(kept[1])
 
-    def _halved(self, ends: Array, margin: float, margins: Callable[[float], tuple[float, float]]) -> float:
-        kept = margin
-        while kept > LEAST_MARGIN:
-            free = self.free(ends, *margins(kept))
-            if free[0] and free[1:].any():
-                return kept
-            kept /= 2
-        return 0.0
+
+_asking = threading.local()
+"""The checks, of each thread, that a compiled function runs for, and what was raised meanwhile."""
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
+def _ask(states: int, count: int, verdicts: int, margins: int) -> int:
+    """Answer what compiled checks ask; see `MotionCheck`."""
+    checks: Checks = _asking.checks
+    found = words_at(verdicts, max(count, 1))
+    try:
+        margin, self_margin = floats_at(margins, 2).tolist()
+        if count == 0:
+            return int(checks.rests_near(margin))
+        n = checks.pepper.n
+        checks.answer(floats_at(states, n * count).reshape(count, n), found, (margin, self_margin))
+    except BaseException as error:  # also an interrupt from the keyboard
+        _asking.error = error
+        found[:] = CONTACT
+        return 1
+    return 0
+
+
+_ASK_ADDRESS = int(ctypes.cast(_ask, ctypes.c_void_p).value or 0)
 
 
 @functools.cache
@@ -163,11 +249,7 @@ def _load_code() -> None:
     """Load, or compile, what planning needs, before any clock starts."""
     from pepper_kin.core.collision.check import check_many
     from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
-    from pepper_kin.motion.examination import count_intervals
+    from pepper_kin.motion.course import run
     from pepper_kin.planners.deadline import load_code
-    from pepper_kin.planners.rejoin import shortest_end
-    from pepper_kin.planners.rrt_connect import grow
-    from pepper_kin.planners.shortcut import shorten
-    from pepper_kin.planners.smooth import schoenberg_spline
 
-    load_code(check_many, solve_rows, count_intervals, shortest_end, grow, shorten, schoenberg_spline)
+    load_code(check_many, kept_margins, solve_rows, run)

@@ -14,12 +14,14 @@ from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.driving import refuse_what_cannot_drive
+from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
+from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
 from pepper_kin.motion.static_limits import static_limits
-from pepper_kin.motion.waypoints import _is_clear, waypoints_of
+from pepper_kin.motion.waypoints import way_through
 from pepper_kin.trajectory.path import as_cubic_path
 
 Array = NDArray[np.float64]
@@ -84,20 +86,15 @@ def plan_costed(
         UnknownNameError: for an unknown joint, frame or group.
     """
     priced = PathCosts.of(pepper, costs)
+    refuse_what_cannot_drive(pepper, joints, PLANNER, True)
     q_start = checked_start(pepper, start, margin, timeout)
     checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER)
-    fault = fault_of_start(checks, q_start)
-    if fault is not None:
-        return ended(*fault)
-    goals, ik, fault = goals_of(checks, q_start, goal, joints, margin, seed, timeout)
-    if fault is not None:
-        return ended(*fault, ik=ik)
-    free = free_joints(pepper, joints, q_start, goals)
-    if is_there(q_start, goals):
-        return ended.solved(checks.exact, q_start[None], STAYS, ik=ik)
-    room = path_problem(checks, q_start, goals, free, margin)
+    ends = ends_of(ended, checks, q_start, goal, joints, margin, timeout)
+    if isinstance(ends, Plan):
+        return ends
+    ik, room = ends.ik, path_problem(checks, q_start, ends.goals, ends.free, margin)
     found = _Search(room, priced, seed, begin + timeout)
     said: dict[str, Any] = {"ik": ik, "states_checked": found.states_checked}
     if found.first is None:
@@ -143,7 +140,8 @@ class _Search:
         """
         room, first = self._room, self.first
         assert first is not None
-        plain = waypoints_of(room, first, seed=self._seed, timeout=self._left)
+        way = way_along(room, first, seed=self._seed, timeout=self._left)
+        plain = None if way is None else way.points
         before = None if plain is None else self._figures(plain)
         lowered = [self._descended(path, _FIRST_STEPS) for path in self._paths(first)]
         candidates = sorted(lowered, key=self._price.along)
@@ -190,7 +188,7 @@ class _Search:
         allowed, best = _CLOSE * self._price.along(path), None
         for pieces in _PIECES:
             points = self._room.embed(path(np.linspace(0.0, path.length, pieces + 1)))
-            if _is_clear(self._room, points, self._room.relaxed_margins):
+            if way_through(self._room, points, self._room.relaxed_margins) is not None:
                 best = points
                 if self._figures(points).total <= allowed:
                     break
@@ -203,5 +201,5 @@ class _Search:
 def figures_of(room: PathProblem, costs: PathCosts, points: Array) -> Figures:
     """Return length and costs of the spline through way-points, shape (m, n)."""
     weights = np.zeros(room.start.size)
-    weights[room.free] = room.problem.metric.weights
+    weights[room.free] = room.metric.weights
     return costs.figures(as_cubic_path(room.checks.pepper, points), weights)

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
-from pepper_kin.motion.examination import STEPS, cut, hull_of
+from pepper_kin.motion.examination import cut, hull_of
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
 
@@ -86,7 +87,7 @@ def reach_along(pepper: PepperModel, scene: Scene | None, curve: CubicPath) -> A
 
 
 def dense_states(
-    pepper: PepperModel, scene: Scene | None, path: Array | CubicPath | Trajectory, step: float = STEPS[-1]
+    pepper: PepperModel, scene: Scene | None, path: Array | CubicPath | Trajectory, step: float = SHORTEST
 ) -> DenseStates:
     """Return states, ends included, between which no point of the body moves more than a step [m]."""
     if isinstance(path, Trajectory):

@@ -15,11 +15,11 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS, Wheels
 from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, path_problem
-from pepper_kin.motion.waypoints import waypoints_of
 from pepper_kin.planners.smooth import power_basis
-from pepper_kin.trajectory.path import CubicPath, as_cubic_path
+from pepper_kin.trajectory.path import CubicPath
 
 Array = NDArray[np.float64]
 
@@ -137,8 +137,8 @@ def _leg(
         moving = np.setdiff1d(free, base)
         room = path_problem(checks, begin, end[None], moving, margin)
         result = planners.rrt_connect(room.problem, seed=seed, timeout=timeout)
-        points = None if result.path is None else waypoints_of(room, result.path, seed=seed, timeout=timeout)
-        return (None if points is None else as_cubic_path(checks.pepper, points)), result.states_checked
+        way = None if result.path is None else way_along(room, result.path, seed=seed, timeout=timeout)
+        return (None if way is None else way.curve), result.states_checked
     wheels, checked = checks.pepper.wheels, 0
     assert wheels is not None
     for resolution in (COARSE, RESOLUTION):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.plan_result import PlanStatus
+from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.static_limits import StaticLimits
 
 Array = NDArray[np.float64]
@@ -87,6 +87,52 @@ def fault_of(
     if heavy:
         return PlanStatus.START_TOO_HEAVY if start else PlanStatus.GOAL_TOO_HEAVY, said
     return PlanStatus.START_TIPS_OVER if start else PlanStatus.GOAL_TIPS_OVER, said
+
+
+class Ends(NamedTuple):
+    """Between what a path leads.
+
+    Attributes:
+        goals: Goals that it can end at, shape (m, n).
+        free: Places of the joints that move, rising, shape (k,).
+        ik: The result of inverse kinematics where the goal was given as tasks.
+    """
+
+    goals: Array
+    free: NDArray[np.int64]
+    ik: IKResult | None
+
+
+def ends_of(
+    ended: Ending,
+    checks: Checks,
+    start: Array,
+    goal: ArrayLike | Sequence[Any],
+    joints: str | Sequence[str] | None,
+    margin: float,
+    timeout: float,
+) -> Ends | Plan:
+    """Return the ends of a path; a plan where there can be none, or the start is a goal.
+
+    Args:
+        ended: Makes the plan.
+        checks: The robot in its scene.
+        start: Start configuration within the limits, shape (n,).
+        goal: See `plan`.
+        joints: Joints that may move, see `plan`.
+        margin: Distance kept where the ends allow it [m].
+        timeout: Time budget [s], of which inverse kinematics takes a third at most.
+    """
+    fault = fault_of_start(checks, start)
+    if fault is not None:
+        return ended(*fault)
+    goals, ik, fault = goals_of(checks, start, goal, joints, margin, ended.seed, timeout)
+    if fault is not None:
+        return ended(*fault, ik=ik)
+    free = free_joints(checks.pepper, joints, start, goals)
+    if is_there(start, goals):
+        return ended.solved(checks.exact, start[None], STAYS, ik=ik)
+    return Ends(goals, free, ik)
 
 
 def goals_of(

@@ -17,10 +17,10 @@ from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.dense_states import AnyPath, dense_states, given_path, polyline
 from pepper_kin.motion.driving import moves_base
 from pepper_kin.motion.goals import STAYS, free_joints
+from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import RESOLUTION, path_problem
 from pepper_kin.motion.validation import validate
-from pepper_kin.motion.waypoints import waypoints_of
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
 
@@ -78,23 +78,23 @@ def simplify_path(
     free = free_joints(pepper, None, points[0], points[1:])
     if moves_base(pepper, free):
         raise InvalidValueError("path", "a drive of a differential base", "a path on which the base stands")
-    kept = _margin_of(checks, points, dense_states(pepper, scene, points, RESOLUTION).positions, margin)
+    kept = _margin_of(checks, points, dense_states(pepper, scene, points, RESOLUTION).positions, free, margin)
     room = path_problem(checks, points[0], points[1:], free, kept)
-    line = planners.Path(points[:, free], room.problem.weights)
-    way = waypoints_of(room, line, seed=seed, timeout=timeout)
+    line = planners.Path(points[:, free], room.metric.weights)
+    way = way_along(room, line, seed=seed, timeout=timeout)
     if way is None:
         message = "The path is valid, but no spline along it was found that is: it grazes something."
         return ended(PlanStatus.PATH_INVALID, message, states_checked=found.states_checked)
     before = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    after = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-    message = f"Path of {len(way)} way-points, {after / before:.2f} times as long as the one given."
-    return ended.solved(checks.exact, way, message, states_checked=found.states_checked)
+    after = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())
+    message = f"Path of {len(way.points)} way-points, {after / before:.2f} times as long as the one given."
+    return ended.solved(checks.exact, way.points, message, way.curve, states_checked=found.states_checked)
 
 
-def _margin_of(checks: Checks, points: Array, states: Array, margin: float) -> float:
+def _margin_of(checks: Checks, points: Array, states: Array, free: NDArray[np.int64], margin: float) -> float:
     """Return a margin that all states between way-points keep, halved until they do [m]."""
     while margin > LEAST_MARGIN:
-        kept = checks.margins(points[0], points[1:], margin)
+        kept = checks.margins(points[0], points[1:], free, margin)
         if checks.free(states, *kept).all():
             return margin
         margin /= 2

@@ -19,24 +19,16 @@ from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
-from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
+from pepper_kin.motion.pipeline import Pipeline, compared, way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
 from pepper_kin.motion.static_limits import static_limits
-from pepper_kin.motion.waypoints import waypoints_of
+from pepper_kin.motion.waypoints import Way
 
 PLANNERS = ("rrt_connect", "aorrtc")
-
-SHORTCUTS_TO_COMPARE = 40
-"""Short-cuts tried before other goals are."""
-
-GAIN_TO_COMPARE = 0.02
-"""Part of the length that each short-cut has to save."""
-
-SHARE_OF_TIME = 0.02
-"""Part of the time budget that they may take."""
 
 BASE_JOINTS = frozenset(("BaseX", "BaseY"))
 SAMPLES_OF_BASE, GAP_OF_BASE = 1000, 0.05
@@ -126,27 +118,23 @@ def _planned(
     margin, seed, timeout = asked
     begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
     ended = Ending(checks.pepper, begin, seed, planner)
-    fault = fault_of_start(checks, q_start)
-    if fault is not None:
-        return ended(*fault)
-    goals, ik, fault = goals_of(checks, q_start, goal, joints, margin, seed, timeout)
-    if fault is not None:
-        return ended(*fault, ik=ik)
-    free = free_joints(checks.pepper, joints, q_start, goals)
-    if is_there(q_start, goals):
-        return ended.solved(checks.exact, q_start[None], STAYS, ik=ik)
+    ends = ends_of(ended, checks, q_start, goal, joints, margin, timeout)
+    if isinstance(ends, Plan):
+        return ends
+    ik, goals, free = ends.ik, ends.goals, ends.free
     if moves_base(checks.pepper, free):
         made = plan_drive(ended, checks, q_start, goals, free, margin, begin + timeout)
         return made if ik is None else replace(made, ik=ik)
     coarse = planner == PLANNERS[0]
     room = path_problem(checks, q_start, goals, free, margin, COARSE if coarse else RESOLUTION)
-    result, path = _searched(room, planner, seed, begin, timeout, ik is not None, coarse, gap)
+    result, way = _searched(room, planner, seed, begin, timeout, ik is not None, coarse, gap)
     said: dict[str, Any] = {"ik": ik, "states_checked": result.states_checked, "search": result}
     if result.path is None:
         return ended(*why_no_path(room, result, seed), **said)
-    if path is None:
+    if way is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
-    return ended.solved(checks.exact, path, f"Path of {len(path)} way-points.{_how_short(result)}", **said)
+    message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
+    return ended.solved(checks.exact, way.points, message, way.curve, **said)
 
 
 def _how_short(result: planners.Result) -> str:
@@ -169,20 +157,26 @@ def _searched(
     compare: bool,
     coarse: bool,
     gap: float | None,
-) -> tuple[planners.Result, NDArray[np.float64] | None]:
-    """Return what a search found, and way-points of it, shape (m, n); None where no spline is clear.
+) -> tuple[planners.Result, Way | None]:
+    """Return what a search found, and the way along it; None where no spline is clear.
 
     What was searched coarsely is searched again, closely, where its spline turns out to touch something.
     """
     left = _left(begin, timeout)
-    result = find_path(room.problem, planner, seed=seed, timeout=left, compare=compare, gap=gap)
-    if result.path is None:
-        return result, None
-    time_left = max(_left(begin, timeout), timeout / 20)
-    path = waypoints_of(room, result.path, seed=seed, timeout=time_left)
-    if path is None and coarse:
+    if planner == PLANNERS[0] and room.checks.compiled and not _drives(room):
+        result, way = Pipeline(room, seed, left).searched(compare)
+    else:
+        result = find_path(room.problem, planner, seed=seed, timeout=left, compare=compare, gap=gap)
+        time_left = max(_left(begin, timeout), timeout / 20)
+        way = None if result.path is None else way_along(room, result.path, seed=seed, timeout=time_left)
+    if way is None and result.path is not None and coarse:
         return _searched(room.finer(), planner, seed, begin, timeout, compare, False, gap)
-    return result, path
+    return result, way
+
+
+def _drives(room: PathProblem) -> bool:
+    names = room.checks.pepper.joint_names
+    return any(names[j] in BASE_JOINTS for j in room.free.tolist())
 
 
 def _left(begin: float, timeout: float) -> float:
@@ -259,16 +253,4 @@ def find_path(
         )  # fmt: skip
         goal = first.goal_index if better.goal_index is None else better.goal_index
         return replace(first, path=better.path, cost=better.cost, goal_index=goal)
-    if first.path is None or not compare or len(problem.goals) == 1:
-        return first
-    shortest = _shortened(problem, first.path, seed, timeout)
-    path, goal = planners.rejoin(problem, shortest, int(first.goal_index or 0))
-    return replace(first, path=path, cost=path.length, goal_index=goal)
-
-
-def _shortened(problem: planners.Problem, path: planners.Path, seed: int, timeout: float) -> planners.Path:
-    """Return a path after a few short-cuts, checked as closely as the search itself checks."""
-    return planners.shortcut(
-        problem, path, seed=seed, iterations=SHORTCUTS_TO_COMPARE, resolution=problem.spacing,
-        least_gain=GAIN_TO_COMPARE, timeout=SHARE_OF_TIME * timeout,
-    )  # fmt: skip
+    return compared(problem, first, seed, timeout) if compare else first

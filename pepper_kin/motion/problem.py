@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,21 +31,29 @@ class PathProblem:
 
     Attributes:
         checks: The robot in its scene.
-        problem: The joints that move, with the margins kept.
         start: Start configuration, shape (n,).
+        goals: Goal configurations, shape (m, n).
         free: Places of the joints that move, shape (k,).
         margins: Kept to the scene and to the robot itself [m].
+        box: Lower and upper bounds of the joints that move, shape (2, k).
+        limits: Those of all joints, infinite where there are none, shape (2, n).
+        metric: Of the joints that move, with bounds of how far they move a point of the body.
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`; infinite where a
             joint that is carried slides without limits.
+        resolution: Greatest distance between states that are looked at [m], in the metric.
         held: What hangs on the robot, see `motion_bounds`.
     """
 
     checks: Checks
-    problem: planners.Problem
     start: Array
+    goals: Array
     free: NDArray[np.int64]
     margins: tuple[float, float]
+    box: Array
+    limits: Array
+    metric: planners.Metric
     reach: Array
+    resolution: float
     held: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -55,30 +63,51 @@ class PathProblem:
 
     def finer(self) -> PathProblem:
         """Return the problem at the resolution that paths have where nothing examines them more closely."""
-        return replace(self, problem=self.problem.resolved(RESOLUTION))
+        return replace(self, resolution=RESOLUTION)
+
+    @cached_property
+    def moving_start(self) -> Array:
+        """The start of the joints that move, within the box, shape (k,)."""
+        return np.clip(self.start[self.free], *self.box)
+
+    @cached_property
+    def moving_goals(self) -> Array:
+        """The goals of the joints that move, within the box, shape (m, k)."""
+        return np.ascontiguousarray(np.clip(self.goals[:, self.free], *self.box))
+
+    @cached_property
+    def problem(self) -> planners.Problem:
+        """The problem as planners take it."""
+        names = self.checks.pepper.joint_names
+        return planners.Problem(
+            lower=self.box[0],
+            upper=self.box[1],
+            start=self.moving_start,
+            goals=self.moving_goals,
+            validity=self.checks.validity(self.start, self.free, self.margins),
+            weights=self.metric.weights,
+            resolution=self.resolution,
+            labels=tuple(names[j] for j in self.free.tolist()),
+        )
 
     @cached_property
     def relaxed(self) -> planners.Problem:
         """The problem with half the margins."""
         return self.problem.with_validity(self.checks.validity(self.start, self.free, self.relaxed_margins))
 
-    @cached_property
-    def examiner(self) -> Examiner:
-        """What examines curves of the joints that move."""
-        return Examiner(self.checks, self.start, self.free)
-
     def is_clear(self, curve: CubicPath, margins: tuple[float, float]) -> bool:
         """Whether margins are kept all along a curve of the joints that move; see `Examiner.is_clear`."""
         reach = self.reach
         if not np.isfinite(reach).all():
             reach = motion_bounds(self.checks.pepper, *hull_of(curve.breaks, curve.coefficients), self.held)
-        return self.examiner.is_clear(curve.breaks, curve.coefficients, reach, margins)
+        examiner = Examiner(self.checks, self.start, self.free)
+        return examiner.is_clear(curve.breaks, curve.coefficients, reach, margins)
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""
         q = np.empty((len(states), self.start.size))
         q[:] = self.start
-        q[:, self.free] = np.clip(states, self.problem.lower, self.problem.upper)
+        q[:, self.free] = np.clip(states, *self.box)
         return q
 
 
@@ -100,26 +129,36 @@ def path_problem(
         margin: Distance to keep where the ends allow it [m].
         resolution: Greatest distance between states that are looked at [m], in the metric.
     """
-    pepper = checks.pepper
-    kept, kept_self = checks.margins(start, goals, margin)
-    held = tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
-    ends = np.vstack([start, goals])
-    spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
-    lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, ends.min(axis=0) - spare)
-    upper = np.where(np.isfinite(pepper.upper_limits), pepper.upper_limits, ends.max(axis=0) + spare)
-    reach = motion_bounds(pepper, held=held)
-    weights = reach if np.isfinite(reach).all() else motion_bounds(pepper, lower, upper, held)
-    problem = planners.Problem(
-        lower=lower[free],
-        upper=upper[free],
-        start=np.clip(start, lower, upper)[free],
-        goals=np.clip(goals, lower, upper)[:, free],
-        validity=checks.validity(start, free, (kept, kept_self)),
-        weights=weights[free],
+    pepper, attached = checks.pepper, checks.exact.scene.attached
+    held = tuple((item.frame, item.extent) for item in attached.values()) if attached else ()
+    limits, bounded, reach = _limits(pepper, held)
+    box = limits
+    if not bounded:
+        ends = np.vstack([start, goals])
+        spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
+        around = np.stack([ends.min(axis=0) - spare, ends.max(axis=0) + spare])
+        box = np.where(np.isfinite(limits), limits, around)
+    weights = reach if np.isfinite(reach).all() else motion_bounds(pepper, box[0], box[1], held)
+    return PathProblem(
+        checks=checks,
+        start=start,
+        goals=goals,
+        free=free,
+        margins=checks.margins(start, goals, free, margin),
+        box=np.ascontiguousarray(box[:, free]),
+        limits=limits,
+        metric=planners.Metric(weights[free]),
+        reach=reach,
         resolution=resolution,
-        labels=tuple(pepper.joint_names[j] for j in free),
+        held=held,
     )
-    return PathProblem(checks, problem, start, free, (kept, kept_self), reach, held)
+
+
+@lru_cache(maxsize=32)
+def _limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> tuple[Array, bool, Array]:
+    """Return the limits of all joints, shape (2, n), whether all have some, and `motion_bounds`."""
+    limits = np.stack([pepper.lower_limits, pepper.upper_limits])
+    return limits, bool(np.isfinite(limits).all()), motion_bounds(pepper, held=held)
 
 
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:

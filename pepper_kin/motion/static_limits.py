@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
 from pepper_kin.collision.fast import StaticLoads
+from pepper_kin.core.collision.curve_check import LONGEST
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import gravity_torque, total_mass
@@ -43,8 +44,8 @@ which round its corners, keep half of it, and accelerations use what is left."""
 LONGEST_ARM = 0.5
 """How far from the center of mass inverse kinematics takes a load to be [m]."""
 
-STEP, LEAST_STEP = 0.008, 0.0005
-"""Distances that any point of the body moves between states of a curve that are looked at [m]."""
+LEAST_STEP = 0.0005
+"""Shortest distance that a point of the body moves between states of a curve that are looked at [m]."""
 
 _WRENCH = [2, 3, 4]  # of the floor's wrench: the force along z, and the moments about x and y
 _GRAVITY = 9.81  # [m/s^2]
@@ -99,6 +100,11 @@ class StaticLimits:
             return None
         return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(ROOM_TO_MOVE)))
 
+    @cached_property
+    def loads_along(self) -> StaticLoads:
+        """What compiled checks of curves take, of which states are `step` apart at most."""
+        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(ROOM_TO_MOVE / 2)))
+
     def tasks(self) -> tuple[Task, ...]:
         """Return tasks that lead inverse kinematics to balanced postures, whatever a hand carries."""
         if self.balance is None:
@@ -108,11 +114,15 @@ class StaticLimits:
 
     def hold(self, q: Array) -> NDArray[np.bool_]:
         """Whether postures, shape (m, n), may be states of a path; shape (m,)."""
-        return self._kept(q, ROOM_TO_MOVE)
-
-    def hold_along(self, q: Array) -> NDArray[np.bool_]:
-        """Whether postures, shape (m, n), may be states of a curve, `step` apart at most; shape (m,)."""
-        return self._kept(q, ROOM_TO_MOVE / 2)
+        n, given = self.pepper.n, np.ascontiguousarray(q)
+        if self._masses.size:
+            given = np.empty((len(q), n + self._masses.size))
+            given[:, :n], given[:, n:] = q, self._masses
+        found = evaluate(self.kernel, given)
+        held = (np.abs(found[:, :n]) <= self.effort_limits).all(axis=1)
+        if self.balance is not None:
+            held &= (found[:, n:] @ self._edges(ROOM_TO_MOVE).T >= 0.0).all(axis=1)
+        return np.asarray(held)
 
     @cached_property
     def step(self) -> float:
@@ -123,13 +133,13 @@ class StaticLimits:
         thus uses up no more than the share of the effort, and of the distance, that is kept unused.
         """
         if self.balance is None and not self.payload:
-            return STEP
+            return LONGEST
         spare = (1.0 - TORQUE_SHARE) * self.pepper.effort_limits
         carried = _GRAVITY * np.maximum(self._carried_masses(), 1e-9)
         most = 2.0 * float((spare / carried).min(initial=np.inf))
         if self.balance is not None:
             most = min(most, ROOM_TO_MOVE)
-        return min(max(most, LEAST_STEP), STEP)
+        return min(max(most, LEAST_STEP), LONGEST)
 
     def torque(self, q: Array) -> Array:
         """Return what holds a posture, shape (n,), still, by Pinocchio [N m or N], shape (n,)."""
@@ -176,17 +186,6 @@ class StaticLimits:
             f"The {what} has the center of mass{carried} {where} the edge of the wheels' triangle, "
             f"and balance asks for {asked:.1f} mm and {1000 * ROOM_TO_MOVE:.0f} mm to move with."
         )
-
-    def _kept(self, q: Array, room: float) -> NDArray[np.bool_]:
-        n, given = self.pepper.n, np.ascontiguousarray(q)
-        if self._masses.size:
-            given = np.empty((len(q), n + self._masses.size))
-            given[:, :n], given[:, n:] = q, self._masses
-        found = evaluate(self.kernel, given)
-        held = (np.abs(found[:, :n]) <= self.effort_limits).all(axis=1)
-        if self.balance is not None:
-            held &= (found[:, n:] @ self._edges(room).T >= 0.0).all(axis=1)
-        return np.asarray(held)
 
     @cached_property
     def _masses(self) -> Array:

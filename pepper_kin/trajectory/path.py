@@ -209,10 +209,10 @@ def _quick_spline(pepper: PepperModel, path: Any) -> CubicPath | None:
     breaks, coefficients = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
     bounds = pepper.lower_limits, pepper.upper_limits
     excess = bounded_cubic_spline(points, *bounds, SAME, breaks, coefficients)
-    return _known_path(breaks, coefficients) if excess <= LIMIT_TOLERANCE else None
+    return known_path(breaks, coefficients) if excess <= LIMIT_TOLERANCE else None
 
 
-def _known_path(breaks: Array, coefficients: Array) -> CubicPath:
+def known_path(breaks: Array, coefficients: Array) -> CubicPath:
     """Return the path of new arrays that are known to be right, without copies and checks."""
     path = object.__new__(CubicPath)
     for name, value in (("breaks", breaks), ("coefficients", coefficients)):

@@ -13,7 +13,7 @@ from pepper_kin.collision.checker import LEVER, checker_for
 from pepper_kin.collision.fast.certificate import certified
 from pepper_kin.collision.fast.compiled import CompiledValidity, StaticLoads, compile_validity
 from pepper_kin.collision.fast.prepared import prepare
-from pepper_kin.collision.fast.resting import resting_contact, resting_distance
+from pepper_kin.collision.fast.resting import resting_contact, resting_distance, resting_margin
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision import layout as at
@@ -58,7 +58,7 @@ class FastChecker:
         self._prepared = prepare(self.exact)
         self._supported = self._prepared.structure.moving.supported
         self._decided = self._supported and self._prepared.structure.decided
-        self._resting = self._supported and resting_contact(self._prepared)
+        self._resting = self._supported and resting_contact(self._prepared, float(margin))
         self._one = (pepper.n,) if self._supported and not self._resting else None
         self._local = threading.local()
         self._lock = threading.Lock()
@@ -73,6 +73,15 @@ class FastChecker:
     def alone(self) -> bool:
         """Whether nothing but ties is left to coal: all shapes are convex solids."""
         return self._decided
+
+    @property
+    def resting_margin(self) -> float:
+        """A margin below which nothing is that never moves against the world [m]; inf where nothing is."""
+        return resting_margin(self._prepared.structure)
+
+    def rests_near(self, margin: float) -> bool:
+        """Whether anything that never moves against the world is nearer to it than a margin [m]."""
+        return resting_contact(self._prepared, margin)
 
     def in_collision(self, q: ArrayLike, *, threads: int = 1) -> NDArray[np.bool_]:
         """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m].

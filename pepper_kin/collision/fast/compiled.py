@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import kernel
-from pepper_kin.collision.fast.prepared import Prepared
+from pepper_kin.collision.fast.prepared import Limited, Prepared
 from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import BODY_WORDS, GROUP_WORDS, LINK_WORDS
+from pepper_kin.core.collision.ball_check import GROUP_WORDS, LINK_WORDS
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels import Kernel
@@ -45,6 +46,11 @@ class StaticLoads:
     masses: Array = field(default_factory=lambda: np.empty(0))
     edges: Array = field(default_factory=lambda: np.empty((0, EDGE_NUMBERS)))
 
+    @property
+    def kind(self) -> tuple[int, int, int]:
+        """What blocks for this and for other loads have in common: the kernel and the lengths."""
+        return self.kernel.single_address, self.masses.size, len(self.edges)
+
     def sections(self, effort_limits: Array) -> dict[int, Array]:
         """Return the sections of a block that hold this, and limits of the torques, shape (n,)."""
         room = np.zeros(effort_limits.size + EDGE_NUMBERS + self.kernel.work_size)
@@ -64,38 +70,51 @@ class CompiledValidity:
 
     Attributes:
         address: Address of the function, valid while this object lives.
-        memory_size: Doubles in a block of memory.
         free: Places of the free joints, shape (k,).
+        frozen: Where the others stand, a whole configuration, shape (n,).
+        effort: What holding still may take of each joint, shape (n,) [N m or N].
+        margins: Kept to the scene and between two parts of the robot [m].
+        loads: What is held, and balanced; None where that is not asked for.
     """
 
     address: int
-    memory_size: int
     free: NDArray[np.int64]
-    _block: Array = field(repr=False)
-    _still: Array = field(repr=False)
-    _frozen: Array = field(repr=False)
+    frozen: Array
+    effort: Array
+    margins: tuple[float, float]
+    loads: StaticLoads | None
+    _limited: Limited = field(repr=False)
     _prepared: Prepared = field(repr=False)
-    _kept: tuple[Any, ...] = field(repr=False)
-    _blocked: bool = field(default=False, repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
+
+    @property
+    def memory_size(self) -> int:
+        """Doubles in a block of memory."""
+        return self._whole().size
 
     def new_memory(self) -> Array:
         """Return a block of memory for one thread, shape (memory_size,), at a multiple of 64 bytes."""
-        return self._named(at.aligned_copy(self._block))
+        memory = at.aligned_copy(self._whole())
+        self._begin(memory)
+        return self._named(memory)
 
     def at(self, margin: float, self_margin: float) -> CompiledValidity:
         """Return the validity at other margins, to the scene and between two parts of the robot [m]."""
+        made = object.__new__(CompiledValidity)
+        made.__dict__.update(self.__dict__, margins=(margin, self_margin))
+        made.__dict__.pop("blocked", None)
+        return made
+
+    @cached_property
+    def blocked(self) -> bool:
+        """Whether something that the free joints do not move is nearer than the margins."""
         from pepper_kin.core.collision.check import check_rows
 
-        prepared = replace(self._prepared, margins=(margin, self_margin))
-        blocked = resting_contact(prepared)
-        if not blocked:
-            with self._lock:
-                blocked = check_rows(prepared.named(self._still), self._frozen, 1) >= 0 and bool(
-                    at.section_bits(self._still, at.STATUS)[0]
-                )
-        return replace(self, _prepared=prepared, _blocked=blocked)
+        if resting_contact(self._prepared, self.margins[0]):
+            return True
+        still = self._prepared.named(self.blocks()[0], self.margins)
+        check_rows(still, self.frozen, 1)
+        return bool(at.section_bits(still, at.STATUS)[0])
 
     def verdicts(self, q: Array) -> NDArray[np.uint8]:
         """Return for configurations in which only free joints differ: 0 free, 1 contact, 2 too near to tell.
@@ -106,24 +125,59 @@ class CompiledValidity:
         from pepper_kin.core.collision.check import check_many
 
         found = np.ones(len(q), np.uint8)
-        if not self._blocked:
-            check_many(self.memory(), q, found, 0, len(q))
+        if not self.blocked:
+            check_many(self._named(self.blocks()[1]), q, found, 0, len(q))
         return found
 
     def memory(self) -> Array:
         """Return the block of this thread, which all margins share: it keeps these until others are asked."""
         local = self._local
         try:
-            if local.named is self:
-                return np.asarray(local.memory)
+            return self._named(local.memory)
         except AttributeError:
-            local.memory = at.aligned_copy(self._block)
-        local.named = self
-        return self._named(local.memory)
+            local.memory = self.new_memory()
+        return np.asarray(local.memory)
+
+    def blocks(self) -> tuple[Array, Array]:
+        """Return this thread's blocks of what stands and of what moves, at any margins.
+
+        All motions of the same joints share them, so that nothing is copied: they are ready for this one
+        until another is asked for.  For calls of machine code that ask nothing of Python's.
+        """
+        local, kind = self._limited.local, None if self.loads is None else self.loads.kind
+        try:
+            ready: bool = local.kind == kind
+        except AttributeError:
+            ready = False
+        if not ready:
+            local.blocks = at.aligned_copy(self._limited.still), at.aligned_copy(self._whole())
+            local.kind, local.motion = kind, None
+        blocks: tuple[Array, Array] = local.blocks
+        if local.motion is not self._local:
+            self._prepared.named(blocks[0], self.margins)
+            self._begin(blocks[1])
+            local.motion = self._local
+        return blocks
+
+    def _whole(self) -> Array:
+        """Return a block with sections for what is held."""
+        moving = self._limited.moving
+        return moving if self.loads is None else at.extended(moving, self.loads.sections(self.effort))
+
+    def _begin(self, memory: Array) -> None:
+        from pepper_kin.core.collision.check import begin_motion
+
+        self._prepared.named(memory, self.margins)
+        gravity = 0
+        if self.loads is not None:
+            gravity = self.loads.kernel.single_address
+            at.section(memory, at.LOADS)[:] = self.loads.masses
+            at.section(memory, at.EDGES)[:] = self.loads.edges.ravel()
+        begin_motion(memory, self.frozen, self.effort, gravity, self._limited.moves)
 
     def _named(self, memory: Array) -> Array:
-        at.section(memory, at.NUMBERS)[at.BLOCKED] = self._blocked
-        return self._prepared.named(memory)
+        at.section(memory, at.NUMBERS)[at.BLOCKED] = self.blocked
+        return self._prepared.named(memory, self.margins)
 
     def valid_steps(self, a: ArrayLike, b: ArrayLike, steps: int, memory: Array | None = None) -> int:
         """Call the function from Python.
@@ -155,35 +209,24 @@ def compile_validity(
     loads: StaticLoads | None = None,
 ) -> CompiledValidity:
     """Return the validity of edges of some joints; see `FastChecker.compiled`."""
-    from pepper_kin.core.collision.check import place_frozen, valid_steps
+    from pepper_kin.core.collision.check import valid_steps
 
     n = pepper.n
     q0 = np.array(as_joint_vectors(pepper, frozen, "frozen").reshape(n))
     places = _places(free, n)
-    still, moving, moves = _limited(pepper, prepared, places)
-    kept: list[Any] = [valid_steps]
-    memory = at.aligned_copy(moving)
+    limits, asked = np.full(n, np.inf), None
     if effort_limits is not None:
-        limits = np.asarray(effort_limits, dtype=float)
+        limits = np.array(effort_limits, dtype=float)
         if limits.shape != (n,) or np.isnan(limits).any():
             raise InvalidValueError("effort_limits", repr(limits)[:80], f"{n} numbers, one per joint")
         asked = StaticLoads(kernel(pepper, "gravity_torque")) if loads is None else loads
-        memory = at.aligned_copy(at.extended(moving, asked.sections(limits)))
-        at.section(memory, at.NUMBERS)[at.GRAVITY_KERNEL] = asked.kernel.single_address
-        kept.append(asked)
-    at.section(prepared.named(memory), at.FROZEN)[:] = q0
-    place_frozen(memory)
-    at.section_bits(memory, at.BODIES).reshape(-1, BODY_WORDS)[:, 3] = moves
-    address = int(cast("Any", valid_steps).address)
-    memory.setflags(write=False)
-    own = memory, at.aligned_copy(still), q0, prepared, tuple(kept)
-    return CompiledValidity(address, memory.size, places, *own).at(*prepared.margins)
+    address, margins = int(cast("Any", valid_steps).address), prepared.margins
+    limited = _limited(pepper, prepared, places)
+    return CompiledValidity(address, places, q0, limits, margins, asked, limited, prepared)
 
 
-def _limited(
-    pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return blocks that compare only what some joints do not move, or do, and which bodies they move."""
+def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]) -> Limited:
+    """Return the blocks for motions of some joints."""
     key = places.tobytes()
     found = prepared.limited.get(key)
     if found is None:
@@ -192,10 +235,10 @@ def _limited(
         at.shorten(block, at.FREE, places.size)
         moving = (np.asarray(pepper.full_map) != 0.0)[:, places].any(axis=1)
         carried = prepared.carried & moving
-        moves: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
         still = _comparing(block, prepared, carried, moving=False)
         at.shorten(still, at.TABLE_HEADS, 0)  # the ranges of joints are left to each state
-        found = still, _comparing(block, prepared, carried, moving=True), moves
+        moves = carried.any(axis=1).astype(np.int64)
+        found = Limited(still, _comparing(block, prepared, carried, moving=True), moves)
         if len(prepared.limited) >= MOST_LIMITED:
             prepared.limited.clear()
         prepared.limited[key] = found

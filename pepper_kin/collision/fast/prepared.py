@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -25,7 +25,7 @@ from pepper_kin.collision.fast.scene_block import (
     solid_sections,
     words,
 )
-from pepper_kin.collision.fast.solids import ROW, Array, Solid
+from pepper_kin.collision.fast.solids import Array, Solid
 from pepper_kin.collision.fast.structure import (
     MovingParts,
     Structure,
@@ -51,8 +51,10 @@ from pepper_kin.core.collision.ball_check import (
     SEGMENT,
     SIDE_WORDS,
 )
+from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.clouds import POINT_ROOM
 from pepper_kin.core.collision.layout import CYLINDER, HULL, ROOM
+from pepper_kin.core.collision.simple_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.symbolic.tree import read_tree
@@ -66,6 +68,23 @@ MOST_BALLS = 8
 """Balls in a part of a body that has several, unless they are of one solid."""
 POSE = 12
 """Numbers of a pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class Limited:
+    """A robot's blocks for motions of some of its joints; not to be written to.
+
+    Attributes:
+        still: Compares only what does not move, without tables of joint ranges.
+        moving: Compares only what moves.
+        moves: For each body 1 if it moves, the world last.
+        local: The blocks of each thread, which all motions share, and whose motion they are ready for.
+    """
+
+    still: Array
+    moving: Array
+    moves: NDArray[np.int64]
+    local: threading.local = field(default_factory=threading.local)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +107,7 @@ class Prepared:
     block: Array
     scene: SceneBlock
     margins: tuple[float, float]
-    limited: dict[bytes, Any]
+    limited: dict[bytes, Limited]
     local: threading.local
     levers: Array
     carried: NDArray[np.bool_]
@@ -103,14 +122,13 @@ class Prepared:
         except AttributeError:
             local.memory = at.aligned_copy(self.block)
         local.named = self
-        return self.named(local.memory)
+        return self.named(local.memory, self.margins)
 
-    def named(self, memory: Array) -> Array:
-        """Write the scene and the margins into a block; return it."""
+    def named(self, memory: Array, margins: tuple[float, float]) -> Array:
+        """Write the scene and margins into a block; return it."""
+        set_margins(memory, *margins, LEVER)
         numbers = at.section(memory, at.NUMBERS)
-        numbers[at.MARGIN], numbers[at.SELF_MARGIN] = self.margins
-        numbers[at.RANGE_MARGIN] = self.margins[1] / LEVER
-        numbers[at.SCENE], numbers[at.SCENE_SIZE] = self.scene.block.ctypes.data, self.scene.block.size
+        numbers[at.SCENE], numbers[at.SCENE_SIZE] = self.scene.address, self.scene.block.size
         return memory
 
 
@@ -306,7 +324,7 @@ class _Robot:
             }
         )
         self.block.setflags(write=False)
-        self.limited: dict[bytes, Any] = {}
+        self.limited: dict[bytes, Limited] = {}
         self.local = threading.local()
         joints = np.array([solid.joint for solid in structure.solids], np.int64)
         self.carried = _carried(pepper)

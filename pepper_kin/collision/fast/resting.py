@@ -9,29 +9,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision.bodies import world_body
+from pepper_kin.collision.checker import LEVER
 from pepper_kin.collision.fast.prepared import Prepared
 from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.collision.solids import PointCloud
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.gjk import CONTACT, TIE
 
 SURE = 1e-4
 """What bounds of distances are not relied on by [m]."""
 
 
-def resting_contact(prepared: Prepared) -> bool:
-    """Return whether any pair that never moves against one another is nearer than its margin."""
-    structure, margin, gaps = prepared.structure, prepared.margins[0], _gaps(prepared.structure)
-    if not gaps.size or gaps.min() > margin + SURE:
+def resting_contact(prepared: Prepared, margin: float) -> bool:
+    """Return whether any pair that never moves against one another is nearer than a margin [m]."""
+    if margin < resting_margin(prepared.structure):
         return False
     from pepper_kin.core.collision.narrow_phase import pair_verdict
 
-    memory = prepared.memory()
+    structure, gaps = prepared.structure, _gaps(prepared.structure)
+    memory = at.aligned_copy(prepared.memory())
+    set_margins(memory, margin, 0.0, LEVER)
     for i, o in structure.resting[gaps <= margin + SURE].tolist():
         verdict = pair_verdict(memory, i, int(prepared.scene.places[o]))
         if verdict == CONTACT or (verdict == TIE and _collides(structure, i, o, margin)):
             return True
     return False
+
+
+def resting_margin(structure: Structure) -> float:
+    """Return a margin below which no pair is that never moves against one another [m]; inf without any."""
+    return float(_gaps(structure).min(initial=np.inf)) - SURE
 
 
 def resting_distance(structure: Structure) -> float:

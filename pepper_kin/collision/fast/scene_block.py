@@ -33,19 +33,20 @@ class SceneBlock(NamedTuple):
 
     Attributes:
         block: At a multiple of 64 bytes, not to be written to.
+        address: Of the block.
         places: The place of each object of the structure in the block, shape (k,).
         kept: Blocks of clouds, of which it has the addresses.
     """
 
     block: Array
+    address: int
     places: NDArray[np.intp]
     kept: tuple[Array, ...]
 
 
 def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
     """Return the block of a scene as one robot sees it."""
-    solids = structure.objects
-    rows = structure.object_rows
+    rows, special = structure.object_rows, structure.special
     kinds, radii, corners, halves = rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 5:8]
     slack = rounding.comparing(corners + radii)
     outer = radii + slack
@@ -64,11 +65,12 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
             order.append(part[own])
             trees.append((nodes, groups))
     chosen = np.concatenate([np.zeros(0, np.intp), *order])
-    items = np.empty((len(solids), OBJECT_SINGLES), np.float32)
+    items = np.empty((len(rows), OBJECT_SINGLES), np.float32)
     items[:, 0], items[:, 1] = kinds, outer
     items[:, 2] = np.where(np.isin(kinds, (BOX, CYLINDER, CLOUD)), radii - slack, NO_INNER)
     items[:, 3:6], items[:, 6:18] = bounded, rows[:, 8:]
     items[:, 18] = np.where(kinds == OTHER, VAST, corners) + outer
+    placed_in = chosen.tolist()
     first = np.cumsum([0, *(len(nodes) for nodes, _ in trees)])
     lists = [[r for r, (_, met) in enumerate(trees) if g in met] for g in range(len(structure.groups))]
     nodes = np.concatenate([np.zeros((0, NODE_SINGLES)), *(nodes for nodes, _ in trees)])
@@ -76,19 +78,22 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
         at.OBJECTS: singles(items[chosen]),
         at.BOXES: singles(_side_by_side(lows[chosen], highs[chosen])),
         at.NODES: singles(nodes),
-        at.CLOUDS: words(np.array([_address(solids[o]) for o in chosen.tolist()], np.int64)),
+        at.CLOUDS: words(np.array([_address(special.get(o)) for o in placed_in], np.int64)),
         **_root_lists(first, lists),
-        **solid_sections(rows[chosen], [solids[o].vertices for o in chosen.tolist()]),
+        **solid_sections(rows[chosen], [special[o].vertices if o in special else _NONE for o in placed_in]),
     }
     block = at.aligned_copy(at.pack(sections))
     block.setflags(write=False)
-    kept = tuple(solid.cloud for solid in solids if solid.cloud is not None)
-    return SceneBlock(block, np.argsort(chosen), kept)
+    kept = tuple(solid.cloud for solid in special.values() if solid.cloud is not None)
+    return SceneBlock(block, block.ctypes.data, np.argsort(chosen), kept)
 
 
-def _address(solid: Solid) -> int:
+_NONE = np.zeros((0, 3))
+
+
+def _address(solid: Solid | None) -> int:
     """Return the address of the block of a cloud, which the solid keeps; 0 of anything else."""
-    return 0 if solid.cloud is None else int(solid.cloud.ctypes.data)
+    return 0 if solid is None or solid.cloud is None else int(solid.cloud.ctypes.data)
 
 
 def _root_lists(first: NDArray[np.int64], lists: list[list[int]]) -> dict[int, Array]:
@@ -189,7 +194,9 @@ def _padded(corners: Array) -> Array:
 
 def firsts(parts: Sequence[Sized]) -> NDArray[np.int64]:
     """Return where each of some lists begins when they stand one after the other, and the end."""
-    return np.cumsum([0, *map(len, parts)]).astype(np.int64)
+    found = np.zeros(len(parts) + 1, np.int64)
+    np.cumsum([len(part) for part in parts], out=found[1:])
+    return found
 
 
 def words(values: NDArray[np.int64]) -> Array:

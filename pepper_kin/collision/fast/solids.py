@@ -19,6 +19,7 @@ from pepper_kin.collision.solids import (
     padding,
 )
 from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, HULL, OTHER, Array
+from pepper_kin.core.collision.simple_rows import BALL, BAR, BLOCK, ROUND
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.shapes import read_only
 
@@ -69,15 +70,23 @@ class Solid:
 
     @cached_property
     def row(self) -> Array:
-        """Its numbers, shape (ROW,)."""
+        """Its numbers, shape (ROW,), see `core.collision.simple_rows`."""
         corner = math.sqrt(sum([half * half for half in self.half.tolist() if math.isfinite(half)]))
         numbers = [self.kind, self.radius, self.bounding_radius, self.filled, corner, *self.half.tolist()]
         return np.array([*numbers, *self.position.tolist(), *self.rotation.T.ravel().tolist()])
 
 
-ROW = 20
-"""Numbers of `Solid.row`: kind, radius, bounding radius, whether it is filled, the distance of the core's
-farthest corner, half lengths, center, x, y and z axis."""
+def simple_shape(geometry: SceneGeometry) -> tuple[float, float, float, float] | None:
+    """Return a shape as `write_simple_rows` takes it; None for others."""
+    if type(geometry) is Box:
+        return (BLOCK, *geometry.size)
+    if type(geometry) is Sphere:
+        return BALL, geometry.radius, 0.0, 0.0
+    if type(geometry) is Capsule:
+        return BAR, geometry.radius, geometry.length, 0.0
+    if type(geometry) is Cylinder:
+        return ROUND, geometry.radius, geometry.length, 0.0
+    return None
 
 
 def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array, *, stands: bool = False) -> Solid:

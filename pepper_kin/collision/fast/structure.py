@@ -18,9 +18,10 @@ from pepper_kin.collision.bodies import (
 )
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
-from pepper_kin.collision.fast.solids import HULL, OTHER, ROW, Array, Solid, solid_of
+from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, simple_shape, solid_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
+from pepper_kin.core.collision.simple_rows import ROW, write_simple_rows
 from pepper_kin.model import PepperModel
 
 
@@ -39,6 +40,15 @@ class MovingParts:
     classes: tuple[tuple[tuple[int, int], ...], ...]
 
     @cached_property
+    def by_joint(self) -> tuple[tuple[tuple[int, ...], ...], NDArray[np.intp]]:
+        """The solids of each joint that moves, and those of none, where all are compared with the same."""
+        found: dict[int, list[int]] = {}
+        for i, solid in enumerate(self.solids):
+            found.setdefault(solid.joint, []).append(i)
+        resting = np.array(found.pop(0, []), np.intp)
+        return tuple(tuple(found[joint]) for joint in sorted(found)), resting
+
+    @cached_property
     def supported(self) -> bool:
         """Whether all solids of the robot have bounds."""
         return all(solid.kind != OTHER for solid in self.solids)
@@ -53,28 +63,49 @@ class Structure:
         groups: Places in `moving.solids` of what moves against the scene: solids of one joint that are
             compared with the same objects, joint by joint.
         items: The scene's objects.
-        objects: The same as compiled code sees them.
-        sets: Places in `objects`, shape (k,), and the groups that they are compared with: each object once.
-        resting: Places in `moving.solids` and `objects` of pairs that never move against one another, shape
+        sets: Places in `items`, shape (k,), and the groups that they are compared with: each object once.
+        resting: Places in `moving.solids` and `items` of pairs that never move against one another, shape
             (k, 2).
     """
 
     moving: MovingParts
     groups: tuple[tuple[int, ...], ...]
     items: tuple[SceneObject, ...]
-    objects: tuple[Solid, ...]
     sets: tuple[tuple[NDArray[np.intp], frozenset[int]], ...]
     resting: NDArray[np.intp]
 
     @cached_property
     def decided(self) -> bool:
         """Whether all shapes are convex solids."""
-        return all(solid.filled and solid.kind != OTHER for solid in (*self.solids, *self.objects))
+        others = (*self.solids, *self.special.values())
+        return all(solid.filled and solid.kind != OTHER for solid in others)
+
+    @cached_property
+    def objects(self) -> tuple[Solid, ...]:
+        """The scene's objects as compiled code sees them."""
+        return tuple(map(_solid_of_object, self.items))
+
+    @cached_property
+    def _simple(self) -> list[tuple[float, float, float, float] | None]:
+        return [simple_shape(item.geometry) for item in self.items]
+
+    @cached_property
+    def special(self) -> dict[int, Solid]:
+        """Places of the objects that are no simple shapes, and the same as compiled code sees them."""
+        return {o: _solid_of_object(self.items[o]) for o, shape in enumerate(self._simple) if shape is None}
 
     @cached_property
     def object_rows(self) -> Array:
-        """Numbers of the objects, see `Solid.row`, shape (k, ROW)."""
-        return np.concatenate([np.zeros(0), *(solid.row for solid in self.objects)]).reshape(-1, ROW)
+        """Numbers of the objects, see `core.collision.simple_rows`, shape (k, ROW)."""
+        rows = np.empty((len(self.items), ROW))
+        none = (0.0, 0.0, 0.0, 0.0)
+        if self.items:
+            shapes = np.array([none if shape is None else shape for shape in self._simple])
+            poses = np.array([item.transform_object_to_world for item in self.items])
+            write_simple_rows(shapes, poses, rows)
+        for o, solid in self.special.items():
+            rows[o] = solid.row
+        return rows
 
     @property
     def solids(self) -> tuple[Solid, ...]:
@@ -98,6 +129,12 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     held = frozenset(pair for pair in scene.allowed if attached and not scene.objects.keys() & set(pair))
     moving, items = _moving(pepper, attached, held), tuple(solid_objects(scene))
     allowed, none = may_touch_in_world(scene), frozenset[str]()
+    if not allowed:
+        plain, based = moving.by_joint
+        places = np.arange(len(items))
+        pairs = np.stack([np.repeat(based, len(items)), np.tile(places, len(based))], axis=1)
+        sets_of_all = ((places, frozenset(range(len(plain)))),) if items else ()
+        return Structure(moving, plain, items, sets_of_all, pairs)
     together: dict[tuple[int, frozenset[str]], list[int]] = {}
     for i, solid in enumerate(moving.solids):
         together.setdefault((solid.joint, allowed.get(solid.owner, none)), []).append(i)
@@ -119,7 +156,6 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
         moving,
         tuple(tuple(together[key]) for key in in_order),
         items,
-        tuple(map(_solid_of_object, items)),
         tuple((np.array(objects, np.intp), groups) for groups, objects in sets.items()),
         np.concatenate(resting),
     )

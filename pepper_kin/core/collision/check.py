@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import ALL, Tables, check_block, place_all, tables_of
+from pepper_kin.core.collision.ball_check import (
+    ALL,
+    BODY_WORDS,
+    Tables,
+    check_block,
+    place_all,
+    tables_of,
+)
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE
 from pepper_kin.core.collision.joint_ranges import violations
 from pepper_kin.core.collision.layout import (
@@ -20,7 +27,7 @@ from pepper_kin.core.collision.layout import (
 )
 from pepper_kin.core.collision.narrow_phase import settle
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_kernel, floats_at
+from pepper_kin.kernels.intrinsics import call_kernel, floats_at, words_at
 from pepper_kin.kernels.lanes import (
     LANE_BYTES,
     LANES,
@@ -30,6 +37,7 @@ from pepper_kin.kernels.lanes import (
     store_single,
     word_at,
 )
+from pepper_kin.kernels.signatures import Ints1
 
 MOST_BITS = 61
 """Classes of pairs and groups from here on share a bit."""
@@ -289,6 +297,68 @@ def place_frozen(memory: Array) -> None:
         for i in range(LANES):
             coordinates[LANES * k + i] = frozen[k]
     place_all(tables_of(memory))
+
+
+@compiled("void(float64[::1], float64[::1], float64[::1], int64, int64[::1])")
+def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, moves: Ints1) -> None:
+    """Make a block ready for a motion.
+
+    Args:
+        memory: The block.
+        frozen: Where the joints stand that do not move, shape (n,).
+        effort: What holding still may take of each joint, shape (n,).
+        gravity: Address of the kernel of the torques that hold still; 0: holding is not asked for.
+        moves: For each body 1 if the motion moves it, the world last.
+    """
+    stands, limits, gaps = section(memory, at.FROZEN), section(memory, at.EFFORT), section(memory, at.GAPS)
+    for k in range(frozen.size):
+        stands[k] = frozen[k]
+    for k in range(limits.size):
+        limits[k] = effort[k]
+    for c in range(gaps.size):
+        gaps[c] = -np.inf
+    section(memory, at.NUMBERS)[at.GRAVITY_KERNEL] = gravity
+    bodies, last = section_bits(memory, at.BODIES), moves.size - 1
+    for b in range(last):
+        bodies[BODY_WORDS * b + 3] = 1
+    place_frozen(memory)
+    for b in range(last + 1):
+        bodies[BODY_WORDS * b + 3] = moves[b]
+
+
+@compiled("void(float64[::1], float64, float64, float64)")
+def set_margins(memory: Array, margin: float, self_margin: float, lever: float) -> None:
+    """Write the margins into a block.
+
+    Args:
+        memory: The block.
+        margin: To the scene [m].
+        self_margin: Between two parts of the robot [m].
+        lever: About how far from their joint neighboring bodies meet: turns that into an angle [m].
+    """
+    numbers = section(memory, at.NUMBERS)
+    numbers[at.MARGIN], numbers[at.SELF_MARGIN] = margin, self_margin
+    numbers[at.RANGE_MARGIN] = self_margin / lever
+
+
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def row_verdicts(memory: int, rows: int, count: int, answers: int) -> int:
+    """Write the verdicts on configurations, for those who have addresses only; see `check_rows`.
+
+    Args:
+        memory: The block.
+        rows: Configurations, one after the other.
+        count: How many, ROOM at most.
+        answers: Receives FREE, CONTACT or TIE of each as an integer.
+    """
+    spans = floats_at(memory, at.SIZE + 1)
+    whole, found = floats_at(memory, int(spans[at.SIZE])), words_at(answers, count)
+    n = int(section(whole, at.NUMBERS)[at.N])
+    doubts = check_rows(whole, floats_at(rows, n * count), count)
+    status = section_bits(whole, at.STATUS)
+    for i in range(count):
+        found[i] = status[i]
+    return doubts
 
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)

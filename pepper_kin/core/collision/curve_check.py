@@ -1,0 +1,379 @@
+"""Whether states and whole curves of one motion are free, with steps as long as the distance kept allows."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.core.collision.check import set_margins
+from pepper_kin.core.collision.gjk import FREE, TIE
+from pepper_kin.core.collision.layout import ROOM, Array
+from pepper_kin.core.kernel_batch import evaluate_batch
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+
+LONGEST, SHORTER = 0.008, 4
+"""Greatest distance that a point of the body moves between states of a curve [m], and by how much each of the
+next two is shorter than the one before."""
+SHORTEST = LONGEST / SHORTER**2
+
+
+class MotionCheck(NamedTuple):
+    """What tells of states of one motion whether they are free and can be held.
+
+    Attributes:
+        verdicts: Address of `check.row_verdicts`; 0: all states are left to `ask`.
+        ask: Address of `int64 ask(const double* states, int64 count, int64* verdicts, const double*
+            margins)`, which gives a verdict on each state that has a tie, FREE or CONTACT, and returns 0.
+            Without states it returns whether what never moves against the world is nearer than the margins.
+        load: Address of `batch` of the kernel from a configuration and the masses to the torques that hold
+            it still and, where there are edges, the floor's force along z and its moments about x and y.
+        quick: Whether ties count as near where only a distance is asked for that lets steps be longer.
+        least: Margins to the scene below this are kept by what never moves against the world [m].
+        lever: See `check.set_margins` [m].
+        still: Block that compares what stands.
+        moving: Block that compares what moves.
+        standing: Where the joints stand that do not move, shape (n,).
+        effort: What holding still may take of each joint, shape (n,).
+        masses: What is carried [kg], shape (m,).
+        edges: What the floor's force and moments are multiplied with, for each edge that the robot could tip
+            over; none of the products may be below zero.  Shape (k, 3).
+        held_step: Greatest distance that a point of the body moves between states that are to be held [m].
+        states: Room, shape (ROOM, n).
+        given: Room, shape (ROOM, n + m).
+        asked: Room, shape (ROOM, n), or (ROOM, n + 3) where there are edges.
+        answers: Room, shape (ROOM,).
+        margins: Room, shape (2,).
+        work: As large as the kernel asks.
+        words: Room for 8 numbers.
+    """
+
+    verdicts: int
+    ask: int
+    load: int
+    quick: bool
+    least: float
+    lever: float
+    still: Floats1
+    moving: Floats1
+    standing: Floats1
+    effort: Floats1
+    masses: Floats1
+    edges: Floats2
+    held_step: float
+    states: Floats2
+    given: Floats2
+    asked: Floats2
+    answers: Ints1
+    margins: Floats1
+    work: Floats1
+    words: Ints1
+
+
+class Intervals(NamedTuple):
+    """Parts of a piecewise polynomial curve.
+
+    Attributes:
+        piece: The piece of each, shape (N,).
+        begin: The parameter at its start, counted from the piece's first break, shape (N,).
+        width: Its width, shape (N,).
+    """
+
+    piece: Ints1
+    begin: Floats1
+    width: Floats1
+
+
+@compiled
+def _ask(check: MotionCheck, states: Array, count: int, verdicts: np.ndarray) -> None:
+    """Have ties among verdicts settled, if there are any."""
+    for i in range(count):
+        if verdicts[i] == TIE:
+            margins = check.margins.ctypes.data
+            call_four(check.ask, states.ctypes.data, count, verdicts.ctypes.data, margins)
+            return
+
+
+@compiled
+def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
+    """Return whether something that does not move is nearer than margins [m], which are noted."""
+    check.margins[0], check.margins[1] = margin, self_margin
+    if check.verdicts == 0:
+        return False
+    set_margins(check.still, margin, self_margin, check.lever)
+    set_margins(check.moving, margin, self_margin, check.lever)
+    answers = check.answers.ctypes.data
+    if margin >= check.least and call_four(check.ask, 0, 0, answers, check.margins.ctypes.data) != 0:
+        return True
+    call_four(check.verdicts, check.still.ctypes.data, check.standing.ctypes.data, 1, answers)
+    return check.answers[0] != FREE
+
+
+@compiled
+def _look(check: MotionCheck, states: Array, count: int, margins: tuple[float, float], surely: bool) -> None:
+    """Write the verdicts on states, shape (>= count, n), at margins into `answers`.
+
+    Args:
+        check: Tells of states.
+        states: The states.
+        count: Number of states, ROOM at most.
+        margins: To the scene and to the robot itself [m].
+        surely: Whether ties may count as contacts.
+    """
+    answers = check.answers
+    check.margins[0], check.margins[1] = margins
+    if check.verdicts != 0:
+        set_margins(check.moving, margins[0], margins[1], check.lever)
+        call_four(check.verdicts, check.moving.ctypes.data, states.ctypes.data, count, answers.ctypes.data)
+    else:
+        for i in range(count):
+            answers[i] = TIE
+    if not surely or not check.quick:
+        _ask(check, states, count, answers)
+
+
+@compiled
+def _held(check: MotionCheck, count: int) -> bool:
+    """Return whether the first configurations in `states` can be held still, without tipping over."""
+    states, given, asked, effort, n = check.states, check.given, check.asked, check.effort, check.effort.size
+    for k in range(count):
+        for j in range(n):
+            given[k, j] = states[k, j]
+        for j in range(check.masses.size):
+            given[k, n + j] = check.masses[j]
+    evaluate_batch(check.load, given[:count], given, given, asked[:count], check.work, check.words)
+    for k in range(count):
+        for j in range(n):
+            if not abs(asked[k, j]) <= effort[j]:
+                return False
+        for e in range(check.edges.shape[0]):
+            moment = 0.0
+            for j in range(check.edges.shape[1]):
+                moment += check.edges[e, j] * asked[k, n + j]
+            if not moment >= 0.0:
+                return False
+    return True
+
+
+@compiled
+def _end_kept(check: MotionCheck, ends: Array, margin: float, self_margin: float) -> bool:
+    """Return whether the first of some states and another one keep margins [m]."""
+    if blocked(check, margin, self_margin):
+        return False
+    for first in range(0, ends.shape[0], ROOM):
+        count = min(ROOM, ends.shape[0] - first)
+        _look(check, ends[first:], count, (margin, self_margin), False)
+        for i in range(count):
+            free = check.answers[i] == FREE
+            if first + i == 0 and not free:
+                return False
+            if first + i > 0 and free:
+                return True
+    return False
+
+
+@compiled("void(MotionCheck, float64[:, ::1], float64, float64, float64[::1])")
+def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float, kept: Floats1) -> None:
+    """Write the margins that the ends of a motion allow, to the scene and to the robot itself [m].
+
+    Each is halved until the start and a goal keep it; to itself the robot gives up half of what it could
+    keep, since joints near one another must have room to move.
+
+    Args:
+        check: Tells of states.
+        ends: The start, then goals, shape (1 + m, n).
+        margin: The margin wished [m].
+        least: A smaller one counts as none [m].
+        kept: Receives the margins, shape (2,).
+    """
+    own = scene = margin
+    while own > least and not _end_kept(check, ends, 0.0, own):
+        own /= 2.0
+    own = 0.0 if own <= least else own if own == margin else own / 2.0
+    while scene > least and not _end_kept(check, ends, scene, own):
+        scene /= 2.0
+    kept[0], kept[1] = 0.0 if scene <= least else scene, own
+
+
+@compiled("int64(float64[::1], float64[:, :, ::1], float64[::1], float64, int64[::1])")
+def count_intervals(
+    breaks: Floats1, coefficients: Floats3, reach: Floats1, step: float, counts: Ints1
+) -> int:
+    """Write the number of intervals of each piece; return their sum.
+
+    On none of them any point of the body moves farther than the step: a point moves at most
+    sum_j reach_j |dq_j|, and |dq_j/ds| on a piece is at most the greatest of the control values of that
+    quadratic, since it is a Bezier curve.
+
+    Args:
+        breaks: Ends of the pieces, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n).
+        reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
+        step: [m].
+        counts: Receives the numbers, shape (m,).
+    """
+    total = 0
+    for i in range(coefficients.shape[0]):
+        h, speed = breaks[i + 1] - breaks[i], 0.0
+        for j in range(reach.size):
+            first, second, third = coefficients[i, 1, j], coefficients[i, 2, j], coefficients[i, 3, j]
+            middle = first + second * h
+            last = middle + (second + 3.0 * third * h) * h
+            speed += reach[j] * max(abs(first), abs(middle), abs(last))
+        counts[i] = max(1, math.ceil(h * speed / step))
+        total += counts[i]
+    return total
+
+
+@compiled("void(float64[::1], int64[::1], Intervals)")
+def write_intervals(breaks: Floats1, counts: Ints1, parts: Intervals) -> None:
+    """Write as many equal intervals of each piece as counted."""
+    place = 0
+    for i in range(counts.size):
+        h = (breaks[i + 1] - breaks[i]) / counts[i]
+        for k in range(counts[i]):
+            parts.piece[place], parts.begin[place], parts.width[place] = i, k * h, h
+            place += 1
+
+
+@compiled
+def _write_middle(coefficients: Array, i: int, x: float, state: Array) -> None:
+    """Write the state of a curve on a piece."""
+    for j in range(state.size):
+        value = coefficients[i, 2, j] + x * coefficients[i, 3, j]
+        state[j] = coefficients[i, 0, j] + x * (coefficients[i, 1, j] + x * value)
+
+
+@compiled
+def _near_ones(
+    check: MotionCheck,
+    coefficients: Array,
+    parts: Intervals,
+    kept: tuple[float, float],
+    step: float,
+    held: bool,
+) -> int:
+    """Move the intervals that have to be cut to the front; return how many, or -1 for a curve not clear.
+
+    Args:
+        check: Tells of states.
+        coefficients: Of the curve, shape (m, 4, n).
+        parts: The intervals.
+        kept: Margins that all middles have to keep [m].
+        step: What no point of the body moves farther than in an interval [m].
+        held: Whether joints have to hold the middles.
+    """
+    far = max(kept[0], 0.5 * step), max(kept[1], 0.5 * step)
+    states, answers, near, all_near = check.states, check.answers, 0, False
+    alike = far[0] == kept[0] and far[1] == kept[1]
+    if not alike and step > SHORTEST:
+        all_near = blocked(check, far[0], far[1])
+    for first in range(0, parts.piece.size, ROOM):
+        count = min(ROOM, parts.piece.size - first)
+        for k in range(count):
+            place = first + k
+            middle = parts.begin[place] + 0.5 * parts.width[place]
+            _write_middle(coefficients, parts.piece[place], middle, states[k])
+        if held and not _held(check, count):
+            return -1
+        if step > SHORTEST and not alike and not all_near:
+            _look(check, states, count, far, True)
+            left = 0
+            for k in range(count):
+                if answers[k] != FREE:
+                    for j in range(states.shape[1]):
+                        states[left, j] = states[k, j]
+                    _keep(parts, first + k, near + left)
+                    left += 1
+        else:
+            left = count
+            for k in range(count):
+                _keep(parts, first + k, near + k)
+        if left > 0:
+            _look(check, states, left, kept, False)
+            for k in range(left):
+                if answers[k] != FREE:
+                    return -1
+        if not alike and step > SHORTEST:
+            near += left
+    return near
+
+
+@compiled
+def _keep(parts: Intervals, source: int, place: int) -> None:
+    """Copy an interval to another place."""
+    parts.piece[place], parts.begin[place] = parts.piece[source], parts.begin[source]
+    parts.width[place] = parts.width[source]
+
+
+@compiled
+def _held_along(check: MotionCheck, breaks: Array, coefficients: Array, reach: Array) -> bool:
+    """Return whether a curve can be held still, without tipping over, all along."""
+    counts = np.empty(coefficients.shape[0], np.int64)
+    count_intervals(breaks, coefficients, reach, check.held_step, counts)
+    waiting = 0
+    for i in range(counts.size):
+        h = (breaks[i + 1] - breaks[i]) / counts[i]
+        for k in range(counts[i]):
+            _write_middle(coefficients, i, (k + 0.5) * h, check.states[waiting])
+            waiting += 1
+            if waiting == ROOM:
+                if not _held(check, waiting):
+                    return False
+                waiting = 0
+    return waiting == 0 or _held(check, waiting)
+
+
+@compiled("boolean(MotionCheck, float64[::1], float64[:, :, ::1], float64[::1], float64, float64, boolean)")
+def is_clear(
+    check: MotionCheck,
+    breaks: Floats1,
+    coefficients: Floats3,
+    reach: Floats1,
+    margin: float,
+    self_margin: float,
+    held: bool,
+) -> bool:
+    """Return whether margins are kept, and gravity is held, along a piecewise cubic curve.
+
+    The curve is cut into intervals on which no point of the body moves farther than LONGEST.  Where the
+    state in the middle of one keeps a distance of half that, nothing touches in all of the interval.
+    Others are cut into shorter intervals, and those again, down to SHORTEST, whose middles need only keep the
+    margins asked for.
+
+    Args:
+        check: Tells of states.
+        breaks: Ends of the pieces, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n) [rad or m].
+        reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
+        margin: To the scene [m].
+        self_margin: To the robot itself [m].
+        held: Whether the joints have to hold still along the curve.
+    """
+    if blocked(check, margin, self_margin):
+        return False
+    closer = held and check.held_step < LONGEST
+    if closer and not _held_along(check, breaks, coefficients, reach):
+        return False
+    counts, step = np.empty(coefficients.shape[0], np.int64), LONGEST
+    total = count_intervals(breaks, coefficients, reach, step, counts)
+    parts = Intervals(np.empty(total, np.int64), np.empty(total), np.empty(total))
+    write_intervals(breaks, counts, parts)
+    while True:
+        here = held and not closer and step == LONGEST
+        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, here)
+        if near <= 0:
+            return near == 0
+        step /= SHORTER
+        cut = Intervals(
+            np.empty(SHORTER * near, np.int64), np.empty(SHORTER * near), np.empty(SHORTER * near)
+        )
+        for k in range(SHORTER * near):
+            source = k // SHORTER
+            width = parts.width[source] / SHORTER
+            cut.piece[k], cut.width[k] = parts.piece[source], width
+            cut.begin[k] = parts.begin[source] + width * (k % SHORTER)
+        parts = cut
