@@ -286,8 +286,8 @@ class _Judge:
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
         )
         free = self.wanted is None and self.cost.clearance == 0 and self.jerk is None
-        judged_by_cost = free and self._before_is_clear()
-        if judged_by_cost and not new.cost(self.cost) < old.cost(self.cost):
+        dearer = free and not new.cost(self.cost) < old.cost(self.cost)
+        if dearer and self._before_is_clear():
             return refused(OptimisedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
         message = f"Went from {gain} in {descent.iterations} steps."
         return Optimised(
