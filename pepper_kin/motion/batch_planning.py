@@ -47,6 +47,7 @@ class PlanProblem:
         margin: Distance kept to all things [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
+        smooth: Whether to make the motion to execute, too.
     """
 
     pepper: PepperModel
@@ -59,6 +60,7 @@ class PlanProblem:
     margin: float = field(default=0.01, kw_only=True)
     seed: int = field(default=0, kw_only=True)
     timeout: float = field(default=5.0, kw_only=True)
+    smooth: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         """Copy arrays; whether they are right is asked by `plan`."""
@@ -72,6 +74,7 @@ class PlanProblem:
         return plan(
             self.pepper, self.start, self.goal, self.scene, planner=self.planner, joints=self.joints,
             constraints=self.constraints, margin=self.margin, seed=self.seed, timeout=self.timeout,
+            smooth=self.smooth,
         )  # fmt: skip
 
 

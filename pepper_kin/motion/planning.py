@@ -24,6 +24,7 @@ from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
+from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
 from pepper_kin.motion.waypoints import waypoints_of
 
 PLANNERS = ("rrt_connect", "aorrtc")
@@ -58,6 +59,7 @@ def plan(
     seed: int = 0,
     timeout: float = 5.0,
     gap: float | None = None,
+    smooth: bool = False,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -77,18 +79,48 @@ def plan(
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
         gap: Of "aorrtc": it stops where the path is at most ``1 + gap`` times the straight line to the
             nearest goal; None: at the straight line itself, or when the time is used up.
+        smooth: Whether to make the motion to execute, too: `optimise` changes path and timing together,
+            within the limits of velocity, acceleration and torque.  Where that gains nothing over `retime`,
+            the retimed plan stays, and the message says so.
 
     Returns:
-        The plan; without a path, its status and message tell why, and what was most often in the way.
+        The plan, with `smooth` its trajectory; without a path, its status and message tell why, and what was
+        most often in the way.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints or
             costs; for any of these that do not go with a differential base; for a gap that is below 0 or for
-            another planner.
+            another planner; for soft costs with `smooth`; there also for a joint without limit of
+            acceleration.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
+    if smooth:
+        refuse_costs(costs)
+    found = _planned(
+        pepper, start, goal, scene, planner=planner, joints=joints, constraints=constraints, costs=costs,
+        margin=margin, seed=seed, timeout=timeout, gap=gap,
+    )  # fmt: skip
+    return smoothed(pepper, found, scene, constraints, margin=margin, timeout=timeout) if smooth else found
+
+
+def _planned(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike | Sequence[Any],
+    scene: Scene | None,
+    *,
+    planner: str,
+    joints: str | Sequence[str] | None,
+    constraints: Sequence[Task | TaskGroup] | None,
+    costs: Sequence[PathCost | Task | TaskGroup] | None,
+    margin: float,
+    seed: int,
+    timeout: float,
+    gap: float | None,
+) -> Plan:
+    """Return a plan without its timing; see `plan`."""
     guided = constraints is not None or costs is not None
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)

@@ -108,6 +108,8 @@ class ClearanceTerm(FlooredTerm):
 
         Those of `INFLUENCE` and more count as `INFLUENCE`.
         """
+        if not self.rows_count:
+            return np.full(len(q), INFLUENCE)
         found = np.empty(len(q))
         self.reserve(len(q))
         least_distances(self.memory, np.ascontiguousarray(q), found)

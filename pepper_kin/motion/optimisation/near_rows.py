@@ -59,7 +59,8 @@ class NearRoom(NamedTuple):
 
     Attributes:
         frames: Poses of F frames with states side by side: origin, x, y and z axis, shape (F, 12, K).
-        cores: Those of the bodies' cores, shape (B, 12, K); axes only where the core has an extent along them.
+        cores: Those of the bodies' cores, shape (B, 12, K); without axes x and y of those that are
+            points or segments.
         square: Squared distances of two bodies' centers, and of each one's center to the other's core, shape
             (3, K).
         pair: The two cores that are compared at a state, shape (2, 16).

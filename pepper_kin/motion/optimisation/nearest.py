@@ -107,8 +107,8 @@ def nearest_points(a: Floats1, b: Floats1, guess: Floats1) -> tuple[Point, Point
     Args:
         a: A core in the world, shape (16,).
         b: Another.
-        guess: 1 and the nearest point of the first, in its axes, when these two were asked about last, nearby;
-            0 if they were not.  Written, shape (4,).
+        guess: 1 and the nearest point of the first, in its axes, when these two were asked about last, at a
+            state nearby; 0 if they were not.  Written, shape (4,).
     """
     if _is_segment(a) and b[KIND] == BOX:
         return _from_segment(a, b)
