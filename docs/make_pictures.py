@@ -31,6 +31,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_16": motions.draw_16_live_target,
     "example_17": motions.draw_17_jerk_limits,
     "example_18": motions.draw_18_soft_costs,
+    "example_19": motions.draw_19_smooth_plan,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
     "looks": pages.draw_looks,

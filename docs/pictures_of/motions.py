@@ -1,4 +1,4 @@
-"""Pictures of the examples about motions: 10, 11, 12, 16, 17."""
+"""Pictures of the examples about motions: 10, 11, 12, 16 to 19."""
 
 from __future__ import annotations
 
@@ -199,3 +199,28 @@ def draw_18_soft_costs() -> None:
     plot.set(xlabel="% of the path", ylabel="price", title="what the heat costs", ylim=(0, 9.5))
     plot.legend(fontsize=9, loc="upper left")
     sheet.save("example_18.png")
+
+
+def draw_19_smooth_plan() -> None:
+    """Speed and acceleration of two joints, along the retimed plan and the optimised one."""
+    told = variables_of("19")
+    pepper, timings = told["pepper"], (("retimed", told["retimed"]), ("optimised", told["motion"]))
+    sheet = Sheet()
+    longest = max(trajectory.duration for _, trajectory in timings)
+    for row, name in enumerate(("HipPitch", "LShoulderPitch")):
+        joint = pepper.joint_index(name)
+        limits = pepper.velocity_limits[joint], pepper.acceleration_limits[joint]
+        for column, quantity in enumerate(("speed", "acceleration")):
+            plot = sheet.axes(72 + 400 * column, 42 + 220 * row, 310, 165)
+            for (label, trajectory), color in zip(timings, ("orange", "blue"), strict=True):
+                times = np.linspace(0.0, trajectory.duration, 2000)
+                state = trajectory(times)
+                share = (state.velocity, state.acceleration)[column][:, joint] / limits[column]
+                plot.plot(times, share, color=COLORS[color], label=label)
+            plot.set(xlim=(0, 1.02 * longest), ylim=(-1.1, 1.1), yticks=(-1, 0, 1))
+            plot.set_title(f"{name}: share of the limit of {quantity}", fontsize=10)
+            if row == 1:
+                plot.set_xlabel("s", labelpad=0)
+            elif column == 0:
+                plot.legend(frameon=False, loc="lower left")
+    sheet.save("example_19.png")

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
+from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
 
@@ -44,11 +45,14 @@ class PlanProblem:
         planner: The planner's name.
         joints: Joints that may move.
         constraints: IK tasks kept along the whole path.
+        costs: Soft costs.
         margin: Distance kept to all things [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
+        gap: Of "aorrtc": where it stops.
         balance: Distance of the center of mass from the edges of the wheels' triangle [m].
         payload: Masses held [kg].
+        smooth: Whether to make the motion to execute, too.
     """
 
     pepper: PepperModel
@@ -58,11 +62,14 @@ class PlanProblem:
     planner: str = field(default="rrt_connect", kw_only=True)
     joints: str | Sequence[str] | None = field(default=None, kw_only=True)
     constraints: Sequence[Task | TaskGroup] | None = field(default=None, kw_only=True)
+    costs: Sequence[PathCost | Task | TaskGroup] | None = field(default=None, kw_only=True)
     margin: float = field(default=0.01, kw_only=True)
     seed: int = field(default=0, kw_only=True)
     timeout: float = field(default=5.0, kw_only=True)
+    gap: float | None = field(default=None, kw_only=True)
     balance: float | None = field(default=None, kw_only=True)
     payload: Mapping[str, float] | None = field(default=None, kw_only=True)
+    smooth: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         """Copy arrays; whether they are right is asked by `plan`."""
@@ -73,11 +80,8 @@ class PlanProblem:
 
     def solve(self) -> Plan:
         """Return what `plan` returns, and raise what it raises."""
-        return plan(
-            self.pepper, self.start, self.goal, self.scene, planner=self.planner, joints=self.joints,
-            constraints=self.constraints, margin=self.margin, seed=self.seed, timeout=self.timeout,
-            balance=self.balance, payload=self.payload,
-        )  # fmt: skip
+        asked = {one.name: getattr(self, one.name) for one in fields(self) if one.kw_only}
+        return plan(self.pepper, self.start, self.goal, self.scene, **asked)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,9 @@ from pepper_kin.planners import Result
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 if TYPE_CHECKING:
+    from pepper_kin.motion.optimisation import Optimised
     from pepper_kin.motion.path_costs import CostAlong
+    from pepper_kin.trajectory import Trajectory
 
 
 class PlanStatus(Enum):
@@ -70,6 +72,8 @@ _ADVICE = {
     PlanStatus.PATH_INVALID: "Plan between its ends with plan().",
 }
 
+TIMED = "Examine its trajectory with check()."
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -91,6 +95,10 @@ class Plan:
         constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio,
             groups taken apart [m or rad]; empty where there are none.
         costs: Soft costs along the curve, one after the other; empty where there are none.
+        trajectory: With `smooth=True` the motion to execute, from rest to rest: optimised, and then path and
+            curve are its own, or retimed where that is not better.  None otherwise, and where no timing is
+            within the limits: the message says why.
+        optimised: What the optimisation returned; None where there was none.
         states_checked: Number of configurations asked about.
         time: Wall time [s], without the loading or compiling of code.
         seed: Seed: the same problem and seed give the same plan.
@@ -111,6 +119,8 @@ class Plan:
     curve: CubicPath | None = None
     costs: tuple[CostAlong, ...] = ()
     search: Result | None = None
+    trajectory: Trajectory | None = None
+    optimised: Optimised | None = None
     evidence: Callable[[], float] | None = field(default=None, repr=False)
 
     @cached_property
@@ -130,7 +140,7 @@ class Plan:
     @property
     def advice(self) -> str:
         """What to try, in a sentence."""
-        return self.status.advice
+        return self.status.advice if self.trajectory is None else TIMED
 
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""
@@ -162,12 +172,29 @@ class Ending:
         """Return the plan of way-points, shape (k, n), whose spline (or another curve) has been examined."""
         if curve is None and len(path) > 1:
             curve = as_cubic_path(checker.pepper, path)
-        length = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
         return self(
-            PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]), length=length,
-            curve=curve, **more,
+            PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]),
+            length=length_of(path), curve=curve, **more,
             evidence=partial(_clearance_along, checker.pepper, checker.scene, path, curve),
         )  # fmt: skip
+
+
+def along_trajectory(
+    pepper: PepperModel, plan: Plan, trajectory: Trajectory, scene: Scene | None, message: str
+) -> Plan:
+    """Return a plan whose path and curve are those of a cubic motion with the same ends."""
+    curve = CubicPath(trajectory.breaks, trajectory.coefficients)
+    path = np.concatenate([trajectory.coefficients[:, 0], np.reshape(trajectory.end, (1, -1))])
+    world = Scene() if scene is None else scene
+    return replace(
+        plan, message=message, trajectory=trajectory, path=read_only(path), curve=curve,
+        length=length_of(path), evidence=partial(_clearance_along, pepper, world, path, curve),
+    )  # fmt: skip
+
+
+def length_of(path: NDArray[np.float64]) -> float:
+    """Return the length of a polyline in joint space, shape (k, n) [rad and m mixed]."""
+    return float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
 
 
 def _clearance_along(

@@ -25,6 +25,7 @@ from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.pipeline import Pipeline, compared, way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
+from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import Way
 
@@ -53,6 +54,7 @@ def plan(
     gap: float | None = None,
     balance: float | None = None,
     payload: Mapping[str, float] | None = None,
+    smooth: bool = False,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -76,18 +78,53 @@ def plan(
             `retime`; None lets the base be held from below.
         payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`: the joints can
             hold them all along the path, and they count for balance.
+        smooth: Whether to make the motion to execute, too: `optimise` changes path and timing together,
+            within the limits of velocity, acceleration and torque.  Where that gains nothing over `retime`,
+            the retimed plan stays, and the message says so.
 
     Returns:
-        The plan; without a path, its status and message tell why, and what was most often in the way.
+        The plan, with `smooth` its trajectory; without a path, its status and message tell why, and what was
+        most often in the way.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints or
             costs; for any of these that do not go with a differential base; for a gap that is below 0 or for
-            another planner.
+            another planner; for soft costs with `smooth`; there also for a joint without limit of
+            acceleration.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
+    if smooth:
+        refuse_costs(costs)
+    found = _planned(
+        pepper, start, goal, scene, planner=planner, joints=joints, constraints=constraints, costs=costs,
+        margin=margin, seed=seed, timeout=timeout, gap=gap, balance=balance, payload=payload,
+    )  # fmt: skip
+    if not smooth:
+        return found
+    asked: dict[str, Any] = {"margin": margin, "timeout": timeout, "balance": balance, "payload": payload}
+    return smoothed(pepper, found, scene, constraints, **asked)
+
+
+def _planned(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike | Sequence[Any],
+    scene: Scene | None,
+    *,
+    planner: str,
+    joints: str | Sequence[str] | None,
+    constraints: Sequence[Task | TaskGroup] | None,
+    costs: Sequence[PathCost | Task | TaskGroup] | None,
+    margin: float,
+    seed: int,
+    timeout: float,
+    gap: float | None,
+    balance: float | None,
+    payload: Mapping[str, float] | None,
+) -> Plan:
+    """Return a plan without its timing; see `plan`."""
     guided = constraints is not None or costs is not None
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)
@@ -100,12 +137,12 @@ def plan(
         return plan_costed(pepper, start, goal, scene, costs, **common)
     statics = static_limits(pepper, balance, payload)
     q_start = checked_start(pepper, start, margin, timeout)
-    return _planned(
+    return _unguided(
         Checks(pepper, scene, statics), q_start, goal, planner, gap, joints, (margin, seed, timeout)
     )
 
 
-def _planned(
+def _unguided(
     checks: Checks,
     q_start: NDArray[np.float64],
     goal: ArrayLike | Sequence[Any],

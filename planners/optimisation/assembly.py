@@ -8,6 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from pepper_kin.kernels.tile_products import TILE_COLUMNS
+
 from ..vectors import FloatArray
 from .banded import PADDING
 from .compiled_term import CalledBack, CompiledTerm
@@ -217,7 +219,9 @@ class Objective:
         work = self.workspace
         self.check(fill_equations(self.tables, work, np.ascontiguousarray(control), duration, mu))
         corner, slope = float(work.numbers[CORNER]), float(work.numbers[SLOPE])
-        return NewtonSystem(work.band.copy(), work.right.copy(), work.border.copy(), corner, slope)
+        return NewtonSystem(
+            work.band[: work.right.size].copy(), work.right.copy(), work.border.copy(), corner, slope
+        )
 
     def solve(self, damping: float, free_duration: bool) -> tuple[FloatArray, float, float]:
         """Return the steps of inner control points and duration by the equations that `system` wrote last.
@@ -279,13 +283,15 @@ class Objective:
 
     def _make_workspace(self, terms: Sequence[CompiledTerm]) -> Workspace:
         spline, basis = self.spline, self.tables.basis
-        n, width, size = spline.n, (spline.degree + 1) * spline.n, spline.size * spline.n
-        count, most = spline.intervals + spline.degree, max((term.rows_count for term in terms), default=0)
+        n, points, size = spline.n, spline.degree + 1, spline.size * spline.n
+        count, rows = spline.intervals + spline.degree, sum(term.rows_count for term in terms)
+        block = -(-n // TILE_COLUMNS) * TILE_COLUMNS
         return Workspace(
             np.empty((len(basis), 3 * basis.shape[2] * n)), np.empty(max(self._results, 1)),
-            np.empty((2 + 2 * ORDERS, count, n)), np.empty((size, width + PADDING)), np.empty(size),
-            np.empty(size), np.empty((width, width)), np.empty((most + 4, width + 1)),
-            np.zeros((3, most + n + 4)),
-            np.empty((4 * n, n)), np.empty(size), np.empty(size), np.empty((count, n)), np.empty((count, n)),
+            np.empty((2 + 2 * ORDERS, count, n)), np.empty((size + block, points * n + PADDING)),
+            np.empty(size), np.empty(size), np.zeros((rows + 4, points * block)),
+            np.zeros((rows + 4, points * block)), np.zeros((3, rows + 4 + block)),
+            np.empty((4, block, block)), np.empty(size), np.empty(size), np.empty((count, n)),
+            np.empty((count, n)),
             np.zeros(NUMBERS), np.zeros(2, np.int64),
         )  # fmt: skip

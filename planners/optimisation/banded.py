@@ -1,6 +1,7 @@
-"""Banded Cholesky factorization, row by row.
+"""Banded Cholesky factorization, four rows at a time.
 
-Sums along rows are taken element by element, since a sum over one row would wait for each addition in turn.
+The band is stored row by row, A[r, c] at flat place r * (S - 1) + c where S is the length of a stored row: a
+matrix with that stride, of which tiles of rows and columns can be taken.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ import math
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.row_sums import add_rows
 from pepper_kin.kernels.signatures import Floats1, Floats2
+from pepper_kin.kernels.tile_products import TILE_COLUMNS, TILE_ROWS, add_tile
 
-PADDING = 4
-"""Zeros after the band in each row: four rows at a time are read as far as the last of them reaches."""
+PADDING = 2 * TILE_COLUMNS
+"""Numbers after the band in each row: as many zeros as a tile has columns, since tiles reach beyond the band,
+and room for what tiles on the diagonal write left of it, which is never read."""
 
 
 @compiled(lean=True, inline=True)
@@ -51,32 +54,31 @@ def factorize(band: Floats2) -> bool:
     """Replace a symmetric matrix A by U of A = U^T U; return whether A is positive definite.
 
     Args:
-        band: A[r, r + d] at band[r, d] for 0 <= d < w, shape (N, w + PADDING); the padding is zero.
+        band: A[r, r + d] at band[r, d] for 0 <= d < w, shape (N, w + PADDING); see `PADDING`.
     """
-    size, width = band.shape[0], band.shape[1] - PADDING
-    for r in range(size):
-        row = band[r]
-        k = max(0, r - width + 1)
-        while k + 3 < r:
-            # Row k reaches r + length - 1 after those three before, whose padding is zero there.
-            length, d = width + k + 3 - r, r - k
-            rows = (
-                band[k, d : d + length], band[k + 1, d - 1 : d - 1 + length],
-                band[k + 2, d - 2 : d - 2 + length], band[k + 3, d - 3 : d - 3 + length],
-            )  # fmt: skip
-            add_four_rows(
-                row[:length], rows, -band[k, d], -band[k + 1, d - 1], -band[k + 2, d - 2], -band[k + 3, d - 3]
-            )
-            k += 4
-        while k < r:
-            d = r - k
-            add_row(row[: width - d], -band[k, d], band[k, d:width])
-            k += 1
-        if not row[0] > 0.0:
-            return False
-        scale = 1.0 / math.sqrt(row[0])
-        for d in range(width):
-            row[d] *= scale
+    size, width, stride = band.shape[0], band.shape[1] - PADDING, band.shape[1] - 1
+    first = band.ctypes.data
+    for r in range(0, size, TILE_ROWS):
+        if r + TILE_ROWS <= size:
+            for c in range(r, min(r + TILE_ROWS - 1 + width, size), TILE_COLUMNS):
+                k = max(0, c - width + 1)  # the first row that reaches this far
+                target, left, right = r * stride + c, k * stride + r, k * stride + c
+                add_tile(first + 8 * target, stride, first + 8 * left, first + 8 * right, stride, r - k, -1.0)
+        else:
+            for k in range(max(0, r - width + 1), r):
+                for row in range(r, min(size, k + width)):
+                    d = row - k
+                    add_row(band[row, : width - d], -band[k, d], band[k, d:width])
+        for row in range(r, min(r + TILE_ROWS, size)):
+            own = band[row]
+            for k in range(max(r, row - width + 1), row):
+                d = row - k
+                add_row(own[: width - d], -band[k, d], band[k, d:width])
+            if not own[0] > 0.0:
+                return False
+            scale = 1.0 / math.sqrt(own[0])
+            for d in range(width):
+                own[d] *= scale
     return True
 
 

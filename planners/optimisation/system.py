@@ -6,7 +6,9 @@ The matrix is [[A, b], [b^T, c]]: A couples neighboring control points only, b i
 from __future__ import annotations
 
 from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.row_sums import add_rows
 from pepper_kin.kernels.signatures import Floats1, Floats2
+from pepper_kin.kernels.tile_products import TILE_COLUMNS, TILE_ROWS, add_tile
 
 from .banded import add_four_rows, add_row, dot, factorize, solve_factorized
 from .compiled_term import ROWS
@@ -48,25 +50,28 @@ def _slopes(value: float, wall: int) -> tuple[float, float]:
 
 
 @compiled(lean=True)
-def _add_products(window: Floats2, begin: int, rows: Floats2, count: int, size: int) -> None:
-    """Add sum_r curvature_r row_r row_r^T to the upper triangle of a window that begins at a row of an array.
+def _add_outer(
+    target: int, stride: int, rows: tuple[int, int, int], count: int, size: int, on_diagonal: bool
+) -> None:
+    """Add sum_r left_r^T right_r to a square block of a matrix.
 
-    Curvatures are in the last column of the rows, which are padded by zeros to a multiple of four.
+    Args:
+        target: Address of the block's first number.
+        stride: Numbers from one row of the matrix to the next.
+        rows: Addresses of the first left and of the first right row, and numbers from one row to the next.
+        count: Number of rows.
+        size: Rows and columns of the block, a multiple of a tile's.
+        on_diagonal: Whether the block is on the matrix's diagonal: only tiles that reach the upper triangle.
     """
-    last = rows.shape[1] - 1
-    for first in range(0, count, _FOUR):
-        one, two, three, four = rows[first], rows[first + 1], rows[first + 2], rows[first + 3]
-        for a in range(size):
-            p, q = one[last] * one[a], two[last] * two[a]
-            r, s = three[last] * three[a], four[last] * four[a]
-            if p != 0.0 or q != 0.0 or r != 0.0 or s != 0.0:
-                ends = one[a:size], two[a:size], three[a:size], four[a:size]
-                add_four_rows(window[begin + a, a:size], ends, p, q, r, s)
+    left, right, step = rows
+    for a in range(0, size, TILE_ROWS):
+        for b in range(a - a % TILE_COLUMNS if on_diagonal else 0, size, TILE_COLUMNS):
+            add_tile(target + 8 * (a * stride + b), stride, left + 8 * a, right + 8 * b, step, count, 1.0)
 
 
 @compiled(lean=True)
 def _add_slopes(target: Floats1, rows: Floats2, count: int, shares: Floats1) -> None:
-    """Add sum_r share_r row_r; rows are padded as in `_add_products`, and so are the shares."""
+    """Add sum_r share_r row_r; rows and shares are padded as by `_pad`."""
     size = target.size
     for r in range(0, count, _FOUR):
         ends = rows[r, :size], rows[r + 1, :size], rows[r + 2, :size], rows[r + 3, :size]
@@ -85,41 +90,21 @@ def _pad(rows: Floats2, shares: Floats2, count: int) -> int:
 
 
 @compiled(lean=True)
-def _flush(work: Workspace, first: int, n: int) -> None:
-    """Add the window of an interval, whose first control point is given, to the band."""
-    band, window = work.band, work.window
-    inner, width = band.shape[0] // n, window.shape[0]
-    for i in range(width // n):
-        row = first + i - FIXED
-        if row < 0 or row >= inner:
-            continue
-        for a in range(n):
-            own = i * n + a
-            count = min(width - own, (inner - row) * n - a)
-            add_row(band[row * n + a, :count], 1.0, window[own, own : own + count])
-
-
-@compiled(lean=True)
-def _clear(window: Floats2) -> None:
-    for a in range(window.shape[0]):
-        for b in range(a, window.shape[0]):
-            window[a, b] = 0.0
-
-
-@compiled(lean=True)
-def _spread(window: Floats2, basis: Floats2, first: int, count: int, sums: Floats2, n: int) -> None:
-    """Add matrices of up to four samples, times the weights of two control points there, to the window.
+def _spread(work: Workspace, basis: Floats2, place: int, samples: tuple[int, int], n: int) -> None:
+    """Add matrices of up to four samples, times the weights of two control points there, to the band.
 
     Args:
-        window: Of the interval; its upper triangle is added to.
+        work: Workspace with the matrices in `sums`, zero where there is none.
         basis: Weights of the control points at samples, shape (K, p + 1).
-        first: The first of the samples.
-        count: Their number.
-        sums: The matrices, one below the other, zero where there is none, shape (4 n, n).
+        place: Of the first of these control points among the free ones, below zero for fixed ones.
+        samples: The first of the samples, and their number.
         n: Number of coordinates.
     """
-    for i in range(basis.shape[1]):
-        for j in range(i, basis.shape[1]):
+    sums, (first, count) = work.sums, samples
+    size, stride, inner = sums.shape[1], work.band.shape[1] - 1, work.right.size // n
+    here, band = sums.ctypes.data, work.band.ctypes.data
+    for i in range(max(0, -place), min(basis.shape[1], inner - place)):
+        for j in range(i, min(basis.shape[1], inner - place)):
             p = basis[first, i] * basis[first, j]
             q = basis[first + 1, i] * basis[first + 1, j] if count > 1 else 0.0
             r = basis[first + 2, i] * basis[first + 2, j] if count > 2 else 0.0
@@ -127,20 +112,26 @@ def _spread(window: Floats2, basis: Floats2, first: int, count: int, sums: Float
             if p == 0.0 and q == 0.0 and r == 0.0 and s == 0.0:
                 continue
             for a in range(n):
-                begin = a if i == j else 0
-                ends = (
-                    sums[a, begin:n], sums[n + a, begin:n], sums[2 * n + a, begin:n],
-                    sums[3 * n + a, begin:n],
-                )  # fmt: skip
-                add_four_rows(window[i * n + a, j * n + begin : (j + 1) * n], ends, p, q, r, s)
+                begin = a - a % _FOUR if i == j else 0
+                target = ((place + i) * n + a) * stride + (place + j) * n + begin
+                own, matrix = here + 8 * (a * size + begin), 8 * size * size
+                places = own, own + matrix, own + 2 * matrix, own + 3 * matrix
+                add_rows(int(band + 8 * target), places, (p, q, r, s), size - begin)
 
 
 @compiled(lean=True)
-def _gather(tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float]) -> int:
-    """Copy the rows of a sample that act, with slopes and curvatures; return their number, padded."""
-    term, (mu, share), rows, shares = tables.terms[t], factors, work.rows, work.shares
+def _cost_factor(tables: Tables, t: int, duration: float) -> float:
+    """Return by what a term's squares are multiplied, twice; 0 for a constraint."""
+    share = tables.shares[t]
+    return 2.0 * share * duration / tables.counts[tables.terms[t, SAMPLING], 0] if share >= 0.0 else 0.0
+
+
+@compiled(lean=True)
+def _gather(tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float], used: int) -> int:
+    """Append the rows of a sample that act, with slopes and curvatures; return how many there are then."""
+    term, (mu, share), rows, scaled = tables.terms[t], factors, work.rows, work.scaled
     most, n, count = term[ROWS_COUNT], tables.jerk_weight.size, tables.counts[term[SAMPLING], 0]
-    used, value = 0, work.results[term[FIRST] :]
+    value = work.results[term[FIRST] :]
     for r in range(k * most, (k + 1) * most):
         first, second = share * value[r], share
         if share == 0.0:
@@ -150,47 +141,44 @@ def _gather(tables: Tables, work: Workspace, t: int, k: int, factors: tuple[floa
             begin = count * most + r * n
             for j in range(n):
                 rows[used, j] = value[begin + j]
-            rows[used, rows.shape[1] - 1], shares[0, used] = second, first
+                scaled[used, j] = second * value[begin + j]
+            work.shares[0, used] = first
             used += 1
-    return _pad(rows, shares, used)
+    return used
 
 
 @compiled(lean=True)
-def _add_by_position(tables: Tables, work: Workspace, t: int, factors: tuple[float, float], n: int) -> None:
-    """Add a term that depends on positions only; `factors` are those of the barrier and of the square."""
-    term, rows, sums, pull = tables.terms[t], work.rows, work.sums, work.shares[2, :n]
-    count, per = tables.counts[term[SAMPLING], 0], tables.counts[term[SAMPLING], 1]
-    basis, inner = tables.basis[term[SAMPLING], 0], work.right.size // n
+def _add_by_position(tables: Tables, work: Workspace, s: int, mu: float, duration: float) -> None:
+    """Add all terms of one sampling that depend on positions only."""
+    rows, scaled, sums, n = work.rows, work.scaled, work.sums, tables.jerk_weight.size
+    count, per, pull = tables.counts[s, 0], tables.counts[s, 1], work.shares[2, :n]
+    basis, inner, size = tables.basis[s, 0], work.right.size // n, sums.shape[1]
+    left_and_right = scaled.ctypes.data, rows.ctypes.data, rows.shape[1]
     for begin in range(0, count, per):
-        dirty = False
+        place = begin // per - FIXED
         for group in range(begin, begin + per, _FOUR):
-            size, acting = min(_FOUR, begin + per - group), False
-            for a in range(_FOUR * n):
-                for b in range(n):
-                    sums[a, b] = 0.0
-            for k in range(group, group + size):
-                used = _gather(tables, work, t, k, factors)
+            acting, last = False, min(group + _FOUR, begin + per)
+            for i in range(_FOUR):
+                for a in range(size):
+                    for b in range(size):
+                        sums[i, a, b] = 0.0
+            for k in range(group, last):
+                used = 0
+                for t in range(tables.shares.size):
+                    if tables.terms[t, SAMPLING] == s and tables.terms[t, PARTS] == 1:
+                        used = _gather(tables, work, t, k, (mu, _cost_factor(tables, t, duration)), used)
                 if used == 0:
                     continue
                 acting = True
-                _add_products(sums, (k - group) * n, rows, used, n)
+                _add_outer(sums[k - group].ctypes.data, size, left_and_right, used, size, False)
                 for j in range(n):
                     pull[j] = 0.0
-                _add_slopes(pull, rows, used, work.shares[0])
-                for i in range(basis.shape[1]):
-                    place = begin // per + i - FIXED
-                    if 0 <= place < inner and basis[k, i] != 0.0:
-                        add_row(work.right[place * n : (place + 1) * n], basis[k, i], pull)
+                _add_slopes(pull, rows, _pad(rows, work.shares, used), work.shares[0])
+                for i in range(max(0, -place), min(basis.shape[1], inner - place)):
+                    if basis[k, i] != 0.0:
+                        add_row(work.right[(place + i) * n : (place + i + 1) * n], basis[k, i], pull)
             if acting:
-                if not dirty:
-                    _clear(work.window)
-                    dirty = True
-                for a in range(_FOUR * n):
-                    for b in range(a % n):
-                        sums[a, b] = sums[a - a % n + b, a % n]
-                _spread(work.window, basis, group, size, sums, n)
-        if dirty:
-            _flush(work, begin // per, n)
+                _spread(work, basis, place, (group, last - group), n)
 
 
 @compiled(lean=True)
@@ -201,37 +189,29 @@ def _fill_motion_rows(
     term, (mu, share), rows, numbers = tables.terms[t], factors, work.rows, work.numbers
     s, most, shares, n = term[SAMPLING], term[ROWS_COUNT], work.shares, tables.jerk_weight.size
     count, width, states = tables.counts[s, 0], tables.basis.shape[3], work.states[s]
-    value = work.results[term[FIRST] :]
+    value, size, scaled = work.results[term[FIRST] :], work.sums.shape[1], work.scaled
     for r in range(most):
         row, first, second = k * most + r, share * value[k * most + r], share
         if share == 0.0:
             first, second = _slopes(value[row], term[WALL])
             first, second = mu * first, mu * second
         begin, step = count * most + row * n, count * most * n
-        by_duration = (
-            -1.0
-            / duration
-            * dot(value[begin + step : begin + step + n], states[(count + k) * n : (count + k + 1) * n])
-        )
-        by_duration -= (
-            2.0
-            / duration
-            * dot(
-                value[begin + 2 * step : begin + 2 * step + n],
-                states[(2 * count + k) * n : (2 * count + k + 1) * n],
-            )
-        )
+        velocity, acceleration = states[(count + k) * n :], states[(2 * count + k) * n :]
+        by_duration = -dot(value[begin + step : begin + step + n], velocity[:n]) / duration
+        by_duration -= 2.0 * dot(value[begin + 2 * step : begin + 2 * step + n], acceleration[:n]) / duration
         parts = (
             value[begin : begin + n], value[begin + step : begin + step + n],
             value[begin + 2 * step : begin + 2 * step + n], value[begin : begin + n],
         )  # fmt: skip
         for i in range(width):
-            own = rows[r, i * n : (i + 1) * n]
+            own = rows[r, i * size : i * size + n]
             for j in range(n):
                 own[j] = 0.0
             p, q = tables.basis[s, 0, k, i], tables.basis[s, 1, k, i] / duration
             add_four_rows(own, parts, p, q, tables.basis[s, 2, k, i] / duration**2, 0.0)
-        rows[r, rows.shape[1] - 1], shares[0, r], shares[1, r] = second, first, second * by_duration
+        for j in range(rows.shape[1]):
+            scaled[r, j] = second * rows[r, j]
+        shares[0, r], shares[1, r] = first, second * by_duration
         numbers[SLOPE] += first * by_duration
         numbers[CORNER] += second * by_duration * by_duration
 
@@ -241,34 +221,35 @@ def _add_by_motion(
     tables: Tables, work: Workspace, t: int, factors: tuple[float, float], duration: float
 ) -> None:
     """Add a term that depends on velocities and accelerations, too."""
-    term, rows, shares = tables.terms[t], work.rows, work.shares
+    term, rows, scaled, shares = tables.terms[t], work.rows, work.scaled, work.shares
     s, most, n = term[SAMPLING], term[ROWS_COUNT], tables.jerk_weight.size
     count, per, width = tables.counts[s, 0], tables.counts[s, 1], tables.basis.shape[3]
-    inner = work.right.size // n
+    inner, size, stride = work.right.size // n, work.sums.shape[1], work.band.shape[1] - 1
+    left, right, band = scaled.ctypes.data, rows.ctypes.data, work.band.ctypes.data
     for k in range(count):
-        if k % per == 0:
-            _clear(work.window)
         _fill_motion_rows(tables, work, t, k, factors, duration)
-        padded, size = _pad(rows, shares, most), width * n
+        padded, points = _pad(rows, shares, most), width
         if tables.basis[s, 0, k, width - 1] == 0.0 and tables.basis[s, 2, k, width - 1] == 0.0:
-            size -= n  # at a knot
-        _add_products(work.window, 0, rows, padded, size)
+            points -= 1  # at a knot
         place = k // per - FIXED
-        low, high = max(0, -place) * n, min(size, (inner - place) * n)
-        if low < high:
-            # Columns of those control points that are free.
+        for i in range(max(0, -place), min(points, inner - place)):
+            begin = (place + i) * n
+            for j in range(i, min(points, inner - place)):
+                target = band + 8 * (begin * stride + (place + j) * n)
+                here = left + 8 * i * size, right + 8 * j * size, rows.shape[1]
+                _add_outer(target, stride, here, most, size, i == j)
+            low, high = i * size, i * size + n
             for r in range(0, padded, _FOUR):
                 ends = (
                     rows[r, low:high], rows[r + 1, low:high], rows[r + 2, low:high], rows[r + 3, low:high],
                 )  # fmt: skip
-                right = work.right[place * n + low : place * n + high]
-                add_four_rows(right, ends, shares[0, r], shares[0, r + 1], shares[0, r + 2], shares[0, r + 3])
-                border = work.border[place * n + low : place * n + high]
+                first, mixed = shares[0], shares[1]
                 add_four_rows(
-                    border, ends, shares[1, r], shares[1, r + 1], shares[1, r + 2], shares[1, r + 3]
+                    work.right[begin : begin + n], ends, first[r], first[r + 1], first[r + 2], first[r + 3]
                 )
-        if k % per == per - 1:
-            _flush(work, k // per, n)
+                add_four_rows(
+                    work.border[begin : begin + n], ends, mixed[r], mixed[r + 1], mixed[r + 2], mixed[r + 3]
+                )
 
 
 @compiled(lean=True)
@@ -344,10 +325,11 @@ def _add_boxes(tables: Tables, work: Workspace, duration: float, mu: float) -> N
 @compiled(lean=True)
 def fill_system(tables: Tables, work: Workspace, control: Floats2, duration: float, mu: float) -> bool:
     """Write Newton's equations of cost + mu * barrier, and the two; return whether all terms answered."""
-    numbers, n = work.numbers, control.shape[1]
+    numbers = work.numbers
     numbers[SLOPE], numbers[CORNER], numbers[MU] = tables.time_weight[0], 0.0, mu
-    for i in range(work.band.shape[0]):
+    for i in range(work.right.size):
         work.right[i], work.border[i] = 0.0, 0.0
+    for i in range(work.band.shape[0]):
         for j in range(work.band.shape[1]):
             work.band[i, j] = 0.0
     fill_slacks(tables, work, control, duration)
@@ -358,19 +340,17 @@ def fill_system(tables: Tables, work: Workspace, control: Floats2, duration: flo
     for t in range(tables.shares.size):
         if not ask_term(tables, work, t, ROWS):
             return False
-        share, term = tables.shares[t], tables.terms[t]
-        factor = 0.0
-        if share >= 0.0:
+        factor = _cost_factor(tables, t, duration)
+        if tables.shares[t] >= 0.0:
             total = term_square(tables, work, t)
-            factor = 2.0 * share * duration / tables.counts[term[SAMPLING], 0]
             cost += 0.5 * factor * total
             numbers[SLOPE] += 0.5 * factor * total / duration
         else:
             walls += term_barrier(tables, work, t)
-        if term[PARTS] == 1:
-            _add_by_position(tables, work, t, (mu, factor), n)
-        else:
+        if tables.terms[t, PARTS] != 1:
             _add_by_motion(tables, work, t, (mu, factor), duration)
+    for s in range(tables.counts.shape[0]):
+        _add_by_position(tables, work, s, mu, duration)
     numbers[COST], numbers[WALLS] = cost, walls
     return True
 
@@ -389,7 +369,7 @@ def solve_system(work: Workspace, damping: float, free_duration: bool) -> bool:
     Returns:
         Whether the matrix is positive definite.
     """
-    numbers, band, step, n_all = work.numbers, work.band, work.step, work.right.size
+    numbers, band, step, n_all = work.numbers, work.band[: work.right.size], work.step, work.right.size
     for i in range(n_all):
         band[i, 0] *= 1.0 + damping
         step[i] = -work.right[i]

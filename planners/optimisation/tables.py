@@ -61,14 +61,16 @@ class Workspace(NamedTuple):
         states: Positions, velocities and accelerations at samples, shape (S, 3 K n).
         results: Of all terms, one after the other.
         slacks: Of positions, two, and of rates, two each, shape (2 + 2 ORDERS, C, n).
-        band: Matrix of the control points, see `banded`, shape (size n, (p + 1) n + PADDING).
+        band: Matrix of the control points, see `banded`, shape (size n, (p + 1) n + PADDING), and some rows
+            more, since whole tiles are added.
         right: Its right-hand side, shape (size n,).
         border: Its column of the duration, shape (size n,).
-        window: Matrix of one interval's control points, shape ((p + 1) n, (p + 1) n).
-        rows: Rows of a sample by these, and last their curvatures, shape (R + 4, (p + 1) n + 1).
+        rows: Rows of a sample by an interval's control points, each padded by zeros to m numbers, the next
+            multiple of a tile's columns, shape (R + 4, (p + 1) m); R is the number of rows of all terms.
+        scaled: The same, each times its curvature.
         shares: By what rows are multiplied: their slopes, and these by the duration; and room, shape
-            (3, R + n + 4).
-        sums: Matrices of four samples, shape (4 n, n).
+            (3, R + 4 + m).
+        sums: Matrices of four samples, shape (4, m, m).
         across: Solution for the border, shape (size n,).
         step: Step of the control points, shape (size n,).
         control: Control points, shape (C, n).
@@ -83,10 +85,10 @@ class Workspace(NamedTuple):
     band: Floats2
     right: Floats1
     border: Floats1
-    window: Floats2
     rows: Floats2
+    scaled: Floats2
     shares: Floats2
-    sums: Floats2
+    sums: Floats3
     across: Floats1
     step: Floats1
     control: Floats2

@@ -259,3 +259,18 @@ def test_other_starts_go_round_what_the_straight_line_hits():
     np.testing.assert_array_equal(again.trajectory.coefficients, many.trajectory.coefficients)
     with pytest.raises(InvalidValueError, match="starts: got 0"):
         optimise(pepper, ends, scene, starts=0)
+
+
+def test_a_robot_without_bodies_is_optimised():
+    """Nothing can touch anything there: distances count as far."""
+    robot = pk.load_robot(
+        """<robot name="bare"><link name="base"/>
+        <link name="arm"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+          <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+        <joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+          <limit lower="-3" upper="3" effort="30" velocity="2" acceleration="5"/></joint></robot>"""
+    )
+    found = optimise(robot, [[0.0], [1.0]], cost=Cost(jerk=1e-3))
+    assert found.success, found.report()
+    assert found.clearance == pytest.approx(0.09)
+    assert found.trajectory.check(robot).ok

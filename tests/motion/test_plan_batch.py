@@ -1,5 +1,6 @@
 """Batches of planning problems: each plan is the one that a single call returns, to the bit."""
 
+import inspect
 import itertools
 import pickle
 
@@ -157,6 +158,14 @@ def test_a_helper_that_dies_is_not_missed(pepper):
     batch = plan_batch(problems, processes=2, progress=kill)
     assert all(plan is not None for plan in batch.plans)
     assert_same(batch.plans[-1], problems[-1].solve())
+
+
+def test_a_problem_takes_what_plan_takes():
+    asked = inspect.signature(PlanProblem).parameters
+    taken = inspect.signature(pk.plan).parameters
+    assert list(asked) == list(taken)
+    assert [one.default for one in asked.values()] == [one.default for one in taken.values()]
+    assert [one.kind for one in asked.values()] == [one.kind for one in taken.values()]
 
 
 def test_problems_hold_copies_and_misuse_is_named(pepper):

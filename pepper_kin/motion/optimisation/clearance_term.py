@@ -84,10 +84,10 @@ class ClearanceTerm(FlooredTerm):
             [np.zeros(0), moving.joints, moving.rest, *bodies, columns, np.zeros(0)],
         )
         most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
-        # Poses, whole states, positions, centers, squares, cores with marks, rows; axes, words, work.
+        # Poses twice, whole states, positions, cores, squares, rows; axes, words, a pair, work.
         moved = moving.pepper.n + moving.joints.size
         self._room_size = (
-            _POSE * len(frames) + moved + 20 * count + 8 * most + 2, 7 * joints + 16 + room
+            (_POSE + 12) * len(frames) + moved + 12 * count + 8 * most + 4, 7 * joints + 52 + room
         )  # fmt: skip
         self._room = np.zeros(0)
         super().__init__(
@@ -108,6 +108,8 @@ class ClearanceTerm(FlooredTerm):
 
         Those of `INFLUENCE` and more count as `INFLUENCE`.
         """
+        if not self.rows_count:
+            return np.full(len(q), INFLUENCE)
         found = np.empty(len(q))
         self.reserve(len(q))
         least_distances(self.memory, np.ascontiguousarray(q), found)
@@ -144,9 +146,10 @@ def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Fl
     words = words_at(take(room, used, 8).ctypes.data, 8)
     last = take(room, used, q.size)
     near_room = NearRoom(
-        take(room, used, 3 * size * count).reshape((size, 3, count)), take(room, used, count),
-        take(room, used, 16 * size * count).reshape((count, size, 16)),
-        take(room, used, size * count).reshape((count, size)),
+        take(room, used, 12 * frames * count).reshape((frames, 12, count)),
+        take(room, used, 12 * size * count).reshape((size, 12, count)),
+        take(room, used, 3 * count).reshape((3, count)), take(room, used, 32).reshape((2, 16)),
+        take(room, used, 4),
         take(room, used, 6 * joints).reshape((joints, 6)), take(room, used, joints),
     )  # fmt: skip
     near = NearRows(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
-from pepper_kin.motion.optimisation.nearest import nearest_points, place_core, project
+from pepper_kin.motion.optimisation.nearest import CYLINDER, HALF, KIND, nearest_points
 
 
 class Bodies(NamedTuple):
@@ -58,18 +58,22 @@ class NearRoom(NamedTuple):
     """Room for the search at K states.
 
     Attributes:
-        centers: Of all bodies, shape (B, 3, K) [m].
-        square: Squared distances, shape (K,).
-        cores: In the world, where they were needed, shape (K, B, 16).
-        placed: 1 where they were, shape (K, B).
+        frames: Poses of F frames with states side by side: origin, x, y and z axis, shape (F, 12, K).
+        cores: Those of the bodies' cores, shape (B, 12, K); without axes x and y of those that are
+            points or segments.
+        square: Squared distances of two bodies' centers, and of each one's center to the other's core, shape
+            (3, K).
+        pair: The two cores that are compared at a state, shape (2, 16).
+        guess: Where the last two were nearest, see `nearest_points`, shape (4,).
         axes: See `place_axes`, shape (J, 6).
         gradient: Shape (J,).
     """
 
-    centers: Floats3
-    square: Floats1
+    frames: Floats3
     cores: Floats3
-    placed: Floats2
+    square: Floats2
+    pair: Floats2
+    guess: Floats1
     axes: Floats2
     gradient: Floats1
 
@@ -78,7 +82,7 @@ class NearRoom(NamedTuple):
 def find_near_rows(poses: Floats4, bodies: Bodies, influence: float, near: NearRows, room: NearRoom) -> None:
     """Write the nearest pairs at each state.
 
-    Bounding spheres are compared at all states side by side first.
+    Bounding spheres, and the sphere of one against the other's core, are compared at all states side by side.
 
     Args:
         poses: World poses of the frames at K states, shape (K, F, 4, 4).
@@ -87,40 +91,57 @@ def find_near_rows(poses: Floats4, bodies: Bodies, influence: float, near: NearR
         near: Written.
         room: Room.
     """
-    distance, count, pairs = near.distance, near.found, bodies.pairs
+    distance, pairs = near.distance, bodies.pairs
     states, most = distance.shape
     reach, radius, gap = bodies.reach, bodies.radius, bodies.gap
-    square, cores, placed = room.square, room.cores, room.placed
-    _place_centers(poses, bodies, room.centers)
+    square, first, second = room.square, room.pair[0], room.pair[1]
+    _place_cores(poses, bodies, room)
     for k in range(states):
-        count[k] = 0
-        for b in range(radius.size):
-            placed[k, b] = 0.0
+        near.found[k] = 0
         for i in range(most):
             distance[k, i] = influence
     for p in range(len(pairs)):
         a, b = pairs[p, 0], pairs[p, 1]
-        balls, grown = reach[a] + reach[b] + gap[p], reach[a] + radius[b] + gap[p]
-        width = balls + influence
-        if _square_distances(room.centers, a, b, square) >= width * width:
+        balls, ours = reach[a] + reach[b] + gap[p], reach[a] + radius[b] + gap[p]
+        theirs = radius[a] + reach[b] + gap[p]
+        if _are_far(bodies, room, a, b, (balls + influence, ours + influence, theirs + influence)):
             continue
+        room.guess[0] = 0.0
         for k in range(states):
-            width = balls + distance[k, most - 1]
-            if square[k] >= width * width:
+            width = distance[k, most - 1]
+            if (
+                square[0, k] >= (balls + width) ** 2
+                or square[1, k] >= (ours + width) ** 2
+                or square[2, k] >= (theirs + width) ** 2
+            ):
                 continue
-            _place(poses, k, bodies, a, cores, placed)
-            _place(poses, k, bodies, b, cores, placed)
-            # The sphere of one against the other's core.
-            first, second = cores[k, a], cores[k, b]
-            x, y, z = first[0], first[1], first[2]
-            u, v, w = project(second, x, y, z)
-            width = grown + distance[k, most - 1]
-            if (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2 >= width * width:
-                continue
-            (x, y, z), (u, v, w) = nearest_points(first, second)
+            _fetch(bodies, room.cores, a, k, first)
+            _fetch(bodies, room.cores, b, k, second)
+            (x, y, z), (u, v, w) = nearest_points(first, second, room.guess)
             apart = math.sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) - radius[a] - radius[b] - gap[p]
             if apart < distance[k, most - 1]:
                 _insert(near, k, apart, p, (x, y, z, u, v, w))
+
+
+@compiled(lean=True)
+def _are_far(bodies: Bodies, room: NearRoom, a: int, b: int, widths: tuple[float, float, float]) -> bool:
+    """Write the squared distances of two bodies at all states; return whether one shows that they are far."""
+    balls, ours, theirs = widths
+    one, other, square = room.cores[a], room.cores[b], room.square
+    if _square_between(one, other, square[0]) >= balls * balls:
+        return True
+    if _square_outside(one, other, bodies.cores[b], square[1], square[0]) >= ours * ours:
+        return True
+    return _square_outside(other, one, bodies.cores[a], square[2], square[0]) >= theirs * theirs
+
+
+@compiled(lean=True)
+def _fetch(bodies: Bodies, cores: Floats3, b: int, k: int, core: Floats1) -> None:
+    """Copy the core of a body in the world at a state."""
+    for i in range(12):
+        core[i] = cores[b, i, k]
+    for i in range(12, 16):
+        core[i] = bodies.cores[b, i]
 
 
 @compiled(lean=True)
@@ -143,11 +164,10 @@ def _insert(
 
 
 @compiled(lean=True, vector=True)
-def _square_distances(centers: Floats3, a: int, b: int, square: Floats1) -> float:
-    """Write the squared distances of two bodies' centers at all states; return the least."""
+def _square_between(one: Floats2, other: Floats2, square: Floats1) -> float:
+    """Write the squared distances of two cores' centers at all states; return the least."""
     least = 1e300
-    ax, ay, az = centers[a, 0], centers[a, 1], centers[a, 2]
-    bx, by, bz = centers[b, 0], centers[b, 1], centers[b, 2]
+    ax, ay, az, bx, by, bz = one[0], one[1], one[2], other[0], other[1], other[2]
     for k in range(square.size):
         x, y, z = ax[k] - bx[k], ay[k] - by[k], az[k] - bz[k]
         value = x * x + y * y + z * z
@@ -157,37 +177,111 @@ def _square_distances(centers: Floats3, a: int, b: int, square: Floats1) -> floa
 
 
 @compiled(lean=True)
-def _place_centers(poses: Floats4, bodies: Bodies, centers: Floats3) -> None:
-    """Write the centers of all bodies, shape (B, 3, K)."""
+def _square_outside(one: Floats2, core: Floats2, local: Floats1, square: Floats1, between: Floats1) -> float:
+    """Write the squared distances of a center to another core at all states; return the least.
+
+    Args:
+        one: Core whose center is taken, at all states, shape (12, K).
+        core: The other core.
+        local: Half sizes and kind of that, see `nearest`.
+        square: Written, shape (K,).
+        between: Squared distances of the two centers, shape (K,).
+    """
+    if local[HALF] > 0.0 or local[HALF + 1] > 0.0:
+        x, y, z = local[HALF], local[HALF + 1], local[HALF + 2]
+        return _outside_solid(one, core, (x, y, z), local[KIND] == CYLINDER, square)
+    return _outside_segment(one, core, local[HALF + 2], square, between)
+
+
+@compiled(lean=True, vector=True)
+def _outside_segment(one: Floats2, core: Floats2, half: float, square: Floats1, between: Floats1) -> float:
+    """See `_square_outside`; of a point or a segment along z, whose axes x and y are not placed."""
+    least = 1e300
+    ax, ay, az, bx, by, bz = one[0], one[1], one[2], core[0], core[1], core[2]
+    zx, zy, zz = core[9], core[10], core[11]
+    for k in range(square.size):
+        along = (ax[k] - bx[k]) * zx[k] + (ay[k] - by[k]) * zy[k] + (az[k] - bz[k]) * zz[k]
+        along = abs(along)
+        out = along - half
+        out = out if out > 0.0 else 0.0
+        value = between[k] - along * along + out * out
+        square[k] = value
+        least = value if value < least else least
+    return least
+
+
+@compiled(lean=True, vector=True)
+def _outside_solid(
+    one: Floats2, core: Floats2, half: tuple[float, float, float], is_round: bool, square: Floats1
+) -> float:
+    """See `_square_outside`; of a box or a cylinder."""
+    least, (hx, hy, hz) = 1e300, half
+    ax, ay, az, bx, by, bz = one[0], one[1], one[2], core[0], core[1], core[2]
+    xx, xy, xz, yx, yy, yz = core[3], core[4], core[5], core[6], core[7], core[8]
+    zx, zy, zz = core[9], core[10], core[11]
+    for k in range(square.size):
+        dx, dy, dz = ax[k] - bx[k], ay[k] - by[k], az[k] - bz[k]
+        x = abs(dx * xx[k] + dy * xy[k] + dz * xz[k])
+        y = abs(dx * yx[k] + dy * yy[k] + dz * yz[k])
+        z = abs(dx * zx[k] + dy * zy[k] + dz * zz[k]) - hz
+        if is_round:
+            x, y = math.sqrt(x * x + y * y), 0.0
+        x, y = x - hx, y - hy
+        x = x if x > 0.0 else 0.0
+        y = y if y > 0.0 else 0.0
+        z = z if z > 0.0 else 0.0
+        value = x * x + y * y + z * z
+        square[k] = value
+        least = value if value < least else least
+    return least
+
+
+@compiled(lean=True)
+def _place_cores(poses: Floats4, bodies: Bodies, room: NearRoom) -> None:
+    """Write the cores of all bodies in the world, states side by side."""
+    frames, cores = room.frames, room.cores
+    states, count = poses.shape[0], frames.shape[0]
+    for k in range(states):
+        for f in range(count):
+            for i in range(3):
+                row = poses[k, f, i]
+                frames[f, i, k], frames[f, 3 + i, k] = row[3], row[0]
+                frames[f, 6 + i, k], frames[f, 9 + i, k] = row[1], row[2]
     for b in range(bodies.frame.size):
-        f = bodies.frame[b]
-        x, y, z = bodies.cores[b, 0], bodies.cores[b, 1], bodies.cores[b, 2]
-        for k in range(centers.shape[2]):
-            if f < 0:
-                centers[b, 0, k], centers[b, 1, k], centers[b, 2, k] = x, y, z
-            else:
-                for i in range(3):
-                    centers[b, i, k] = (
-                        poses[k, f, i, 3]
-                        + poses[k, f, i, 0] * x
-                        + poses[k, f, i, 1] * y
-                        + poses[k, f, i, 2] * z
-                    )
+        local, f, core = bodies.cores[b], bodies.frame[b], cores[b]
+        is_point = local[HALF] == 0.0 and local[HALF + 1] == 0.0
+        for column in range(4):
+            if is_point and 0 < column < 3:
+                continue
+            x, y, z = local[3 * column], local[3 * column + 1], local[3 * column + 2]
+            for i in range(3):
+                if f < 0:
+                    _fill(core[3 * column + i], local[3 * column + i])
+                else:
+                    _turn(frames[f], i, (x, y, z), core[3 * column + i])
+                    if column == 0:
+                        _add(core[i], frames[f, i])
 
 
-@compiled(lean=True, inline=True)
-def _place(poses: Floats4, k: int, bodies: Bodies, b: int, cores: Floats3, placed: Floats2) -> None:
-    """Write the core of a body at a state, once."""
-    if placed[k, b] != 0.0:
-        return
-    placed[k, b] = 1.0
-    for i in range(12, 16):
-        cores[k, b, i] = bodies.cores[b, i]
-    if bodies.frame[b] < 0:
-        for i in range(12):
-            cores[k, b, i] = bodies.cores[b, i]
-    else:
-        place_core(poses[k, bodies.frame[b]], bodies.cores[b], cores[k, b])
+@compiled(lean=True)
+def _fill(values: Floats1, value: float) -> None:
+    for k in range(values.size):
+        values[k] = value
+
+
+@compiled(lean=True)
+def _add(values: Floats1, more: Floats1) -> None:
+    for k in range(values.size):
+        values[k] += more[k]
+
+
+@compiled(lean=True, vector=True)
+def _turn(frame: Floats2, i: int, vector: tuple[float, float, float], values: Floats1) -> None:
+    """Write coordinate i of a frame's vector in the world at all states."""
+    x, y, z = vector
+    first, second, third = frame[3 + i], frame[6 + i], frame[9 + i]
+    for k in range(values.size):
+        values[k] = first[k] * x + second[k] * y + third[k] * z
 
 
 @compiled(lean=True)

@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
-from pepper_kin.motion.examination import Examiner, hull_of
 from pepper_kin.motion.optimisation.cost import Cost, figures_of
+from pepper_kin.motion.optimisation.examined import is_clear_along
 from pepper_kin.motion.optimisation.optimised import Optimised, OptimisedStatus
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimisation import FATROP, Descent, OptimisationStatus, check_no_timeout
@@ -286,8 +285,8 @@ class _Judge:
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
         )
         free = self.wanted is None and self.cost.clearance == 0 and self.jerk is None
-        judged_by_cost = free and self._before_is_clear()
-        if judged_by_cost and not new.cost(self.cost) < old.cost(self.cost):
+        dearer = free and not new.cost(self.cost) < old.cost(self.cost)
+        if dearer and self._before_is_clear():
             return refused(OptimisedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
         message = f"Went from {gain} in {descent.iterations} steps."
         return Optimised(
@@ -299,7 +298,9 @@ class _Judge:
         kept = zip(self.tasks, self._errors(self.before), strict=True)
         if any(error > task.tolerance * _MORE for task, error in kept):
             return False
-        return self.given.clearance_before > 0 and _touches_nothing(self.pepper, self.before, self.scene)
+        return self.given.clearance_before > 0 and is_clear_along(
+            Checks(self.pepper, self.scene), self.before
+        )
 
     def _errors(self, motion: Trajectory) -> tuple[float, ...]:
         """Return the largest error of each task along a motion, by Pinocchio."""
@@ -314,18 +315,7 @@ class _Judge:
 
         That nothing touches is proven along all of the motion; distances are measured every 4 ms.
         """
-        if not _touches_nothing(self.pepper, motion, self.scene):
+        if not is_clear_along(Checks(self.pepper, self.scene), motion):
             return -float("inf")
         times = sample_times(motion.duration, _DISTANCE_STEP)
         return float(problem.distances(motion(times).position).min())
-
-
-def _touches_nothing(pepper: PepperModel, motion: Trajectory, scene: Scene) -> bool:
-    """Whether nothing touches anywhere along a motion; see `Examiner.is_clear`."""
-    held = tuple((item.frame, item.extent) for item in scene.attached.values())
-    reach = motion_bounds(pepper, held=held)
-    if not np.isfinite(reach).all():
-        reach = motion_bounds(pepper, *hull_of(motion.breaks, motion.coefficients), held)
-    moving = np.flatnonzero((motion.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))
-    examiner = Examiner(Checks(pepper, scene), motion.coefficients[0, 0].copy(), moving)
-    return examiner.is_clear(motion.breaks, motion.coefficients, reach, (0.0, 0.0), held=False)

@@ -8,18 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import PointCloud, Scene
-from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.ik import LookAt
 from pepper_kin.ik.tasks import Task
 from pepper_kin.kinematics import frame_pose, frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.motion import plan
-from pepper_kin.trajectory import retime
+from pepper_kin.motion.smoothed_plan import smoothed
 from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion
 from pepper_kin.viewer.server.readings import Curves, curves_of
 
-TIMEOUT = 5.0
+TIMEOUT, MARGIN = 5.0, 0.01
 BALANCE = 0.01
 """Distance of the zero-moment point from the edges of the wheels' triangle [m]."""
 GHOSTS = 3
@@ -65,14 +64,11 @@ class Planned:
 
 def compile_planning(pepper: PepperModel) -> None:
     """Load, or on a machine's first use compile, what planning to targets needs."""
-    q = pepper.neutral()
-    found = plan(pepper, q, [LookAt((1.0, 0.3, 1.0))], Scene(), timeout=TIMEOUT)
-    if found.path is not None and len(found.path) > 1:
-        retime(pepper, found.path, balance=BALANCE)
+    plan_motion(pepper, pepper.neutral(), [LookAt((1.0, 0.3, 1.0))], Scene())
 
 
 def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, seed: int = 0) -> Planned:
-    """Plan from joint positions q, shape (n,), to targets, and time the motion.
+    """Plan from joint positions q, shape (n,), to targets, and make the motion.
 
     Args:
         pepper: The robot.
@@ -89,10 +85,10 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
         return Planned(found.report(), None)
     if len(found.path) < 2:
         return Planned("The body is at its targets already: nothing to plan.", None)
-    try:
-        trajectory = retime(pepper, found.path, balance=BALANCE)
-    except InfeasibleError as error:
-        return Planned(f"A path was found, but no timing: {error}.", None)
+    found = smoothed(pepper, found, scene, margin=MARGIN, timeout=TIMEOUT, balance=BALANCE)
+    trajectory = found.trajectory
+    if trajectory is None:
+        return Planned(f"{found.message} {found.advice}", None)
     report = (
         f"{found.message} Its clearance is {1000 * found.clearance:.1f} mm; within every limit it takes "
         f"{trajectory.duration:.2f} s. Found in {found.time:.2f} s: press play."

@@ -1,0 +1,23 @@
+"""A plan with the motion to execute: path and timing optimised together, and what that gains."""
+
+import pepper_kin as pk
+
+pepper = pk.load_pepper()
+scene = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
+goal = pepper.joint_vector({"LShoulderPitch": 0.4, "LElbowRoll": -0.9, "LElbowYaw": -0.8, "HipPitch": -0.3})
+
+plan = pk.plan(pepper, pepper.posture("Stand"), goal, scene, smooth=True)
+print(plan.report())
+motion, retimed = plan.trajectory, plan.optimised.before
+print(f"retimed:   {retimed.duration:.2f} s, jerk {plan.optimised.figures_before.jerk:.0f} /s")
+print(f"optimised: {motion.duration:.2f} s, jerk {plan.optimised.figures.jerk:.0f} /s")
+
+# By other code: limits, torques by Newton and Euler, distances by coal.
+certificate = motion.check(pepper, scene)
+for part in ("velocity", "acceleration", "torque", "clearance"):
+    print(getattr(certificate, part).sentence())
+    assert getattr(certificate, part).ok
+
+assert plan.optimised.success
+assert motion.duration < retimed.duration
+assert plan.optimised.smoother_by > 0.5

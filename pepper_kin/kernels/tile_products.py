@@ -1,0 +1,115 @@
+"""Products of two blocks of rows, added to a tile of four rows of eight numbers that stays in registers.
+
+Sums of outer products are what factorizing a matrix and adding J^T W J to one are made of; row by row each
+product costs a load and a store of its target.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.kernels.intrinsics import floats_at, intrinsic
+from pepper_kin.kernels.sources import file_digest
+
+TILE_ROWS, TILE_COLUMNS = 4, 8
+_WIDE = 4
+
+
+def _emit_tile(
+    typing_context: Any, target: Any, target_stride: Any, left: Any, right: Any, stride: Any, count: Any,
+    share: Any,
+) -> Any:  # fmt: skip
+    """Write a loop over the rows, which keeps the tile's sums in eight vectors."""
+    from llvmlite import ir
+    from numba import types
+
+    vectors = TILE_COLUMNS // _WIDE
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, number = ir.IntType(64), ir.DoubleType()
+        vector = ir.VectorType(number, _WIDE)
+        target, target_stride, left, right, stride, count, share = arguments
+        nothing = ir.Constant(vector, ir.Undefined)
+        zeros = ir.Constant(ir.VectorType(ir.IntType(32), _WIDE), [0] * _WIDE)
+        none = ir.Constant(vector, [0.0] * _WIDE)
+
+        def spread(value: Any) -> Any:
+            return builder.shuffle_vector(
+                builder.insert_element(nothing, value, ir.IntType(32)(0)), nothing, zeros
+            )
+
+        def place(address: Any, kind: Any) -> Any:
+            return builder.inttoptr(address, kind.as_pointer())
+
+        step = builder.mul(stride, word(8))
+        before = builder.block
+        test, body, after = (builder.append_basic_block(name) for name in ("test", "body", "after"))
+        builder.branch(test)
+        builder.position_at_end(test)
+        places = [builder.phi(word) for _ in range(3)]  # of the count, of the left and of the right row
+        sums = [[builder.phi(vector) for _ in range(vectors)] for _ in range(TILE_ROWS)]
+        for phi, first in zip(places, (word(0), left, right), strict=True):
+            phi.add_incoming(first, before)
+        for row in sums:
+            for phi in row:
+                phi.add_incoming(none, before)
+        builder.cbranch(builder.icmp_signed("<", places[0], count), body, after)
+        builder.position_at_end(body)
+        wide = [
+            builder.load(place(builder.add(places[2], word(8 * _WIDE * v)), vector), align=8)
+            for v in range(vectors)
+        ]
+        for a, row in enumerate(sums):
+            factor = spread(builder.load(place(builder.add(places[1], word(8 * a)), number), align=8))
+            for v, phi in enumerate(row):
+                product = builder.fmul(factor, wide[v], flags=["contract"])
+                phi.add_incoming(builder.fadd(phi, product, flags=["contract"]), body)
+        places[0].add_incoming(builder.add(places[0], word(1)), body)
+        for phi in places[1:]:
+            phi.add_incoming(builder.add(phi, step), body)
+        builder.branch(test)
+        builder.position_at_end(after)
+        factor, below = spread(share), builder.mul(target_stride, word(8))
+        address = target
+        for row in sums:
+            for v, phi in enumerate(row):
+                own = place(builder.add(address, word(8 * _WIDE * v)), vector)
+                product = builder.fmul(factor, phi, flags=["contract"])
+                builder.store(
+                    builder.fadd(builder.load(own, align=8), product, flags=["contract"]), own, align=8
+                )
+            address = builder.add(address, below)
+        return context.get_dummy_value()
+
+    words = [types.intp] * 6
+    return types.void(*words, types.float64), generate
+
+
+@intrinsic(_emit_tile)
+def add_tile(
+    target: int, target_stride: int, left: int, right: int, stride: int, count: int, share: float
+) -> None:
+    """Add share * sum_r left_r^T right_r to a tile; rows begin at addresses, and overlap no row of the tile.
+
+    Args:
+        target: First of the four rows of eight numbers that are added to.
+        target_stride: Numbers from one of them to the next.
+        left: First row of four numbers.
+        right: First row of eight numbers.
+        stride: Numbers from one row to the next, of both.
+        count: Number of rows.
+        share: By what the sum is multiplied.
+    """
+    if count <= 0:
+        return
+    target, left, right = int(target), int(left), int(right)  # interpreted callers count in NumPy's numbers
+    ours = np.stack([floats_at(left + 8 * r * stride, TILE_ROWS) for r in range(count)])
+    theirs = np.stack([floats_at(right + 8 * r * stride, TILE_COLUMNS) for r in range(count)])
+    for a, row in enumerate(share * (ours.T @ theirs)):
+        floats_at(target + 8 * a * target_stride, TILE_COLUMNS)[:] += row
+
+
+add_tile.described += " " + file_digest(str(Path(__file__)))

@@ -1,0 +1,117 @@
+"""From a plan to the motion that a robot executes: path and timing optimised together, or retimed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.driving import moves_base as drives
+from pepper_kin.motion.optimisation import Optimised, optimise
+from pepper_kin.motion.optimisation.examined import is_clear_along
+from pepper_kin.motion.path_costs import PathCost
+from pepper_kin.motion.plan_result import Plan, along_trajectory
+from pepper_kin.trajectory import retime
+from pepper_kin.trajectory.balance import moves_base as wheels_move
+from pepper_kin.trajectory.balance import support_polygon
+from pepper_kin.trajectory.path import CubicPath
+
+_LEAST_SHARE = 0.05  # of the timeout, for the optimisation of a plan that took all of it
+
+
+def refuse_costs(costs: Sequence[PathCost | Task | TaskGroup] | None) -> None:
+    """Refuse soft costs of a plan that is to be smoothed, since the optimisation would undo them.
+
+    Raises:
+        InvalidValueError: There are any.
+    """
+    if costs is not None:
+        raise InvalidValueError("smooth", True, "False with soft costs: time such a plan with retime()")
+
+
+def smoothed(
+    pepper: PepperModel,
+    plan: Plan,
+    scene: Scene | None,
+    constraints: Sequence[Task | TaskGroup] | None = None,
+    *,
+    margin: float,
+    timeout: float,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
+) -> Plan:
+    """Return a plan with a trajectory: optimised where that is better than retimed, as `plan(smooth=)` says.
+
+    The optimised motion counts only if it keeps what the curve of a plan keeps, all along: half the margin,
+    and that the joints can hold it against gravity.
+
+    Args:
+        pepper: The robot.
+        plan: What was planned; one without a curve is returned as it is.
+        scene: The world around the robot.
+        constraints: IK tasks that stay met along the motion.
+        margin: Distance to keep to all things [m].
+        timeout: Time budget of planning and optimisation [s]; at least a twentieth is left to the latter.
+        balance: As in `retime` [m].
+        payload: As in `retime`; what is optimised knows no payloads, and so the plan is retimed.
+    """
+    if plan.curve is None:
+        return plan
+    try:
+        what = _not_optimised(pepper, plan.curve, balance, payload)
+        if what is not None:
+            motion = retime(pepper, plan, balance=balance, payload=payload)
+            said = f"It was timed along its own path, in {motion.duration:.3f} s: {what} is not optimised."
+            return replace(plan, trajectory=motion, message=f"{plan.message} {said}")
+        if support_polygon(pepper) is None:
+            balance = None
+        left = max(timeout - plan.time, _LEAST_SHARE * timeout)
+        found = optimise(
+            pepper, plan, scene, margin=margin, timeout=left, balance=balance, constraints=constraints or ()
+        )
+    except InfeasibleError as error:
+        return replace(plan, message=f"{plan.message} It cannot be timed: {error}")
+    said = found.message
+    if found.success:
+        if _keeps_what_plans_keep(pepper, scene, found, margin):
+            made = along_trajectory(
+                pepper,
+                plan,
+                found.trajectory,
+                scene,
+                f"{plan.message} Optimised: {said[0].lower()}{said[1:]}",
+            )
+            errors = found.constraint_errors
+            return replace(made, optimised=found, constraint_errors=errors, time=plan.time + found.time)
+        said = "The best found keeps less than half the margin, or cannot be held against gravity."
+    message = f"{plan.message} Timed along its own path, in {found.before.duration:.3f} s: {said}"
+    return replace(
+        plan, trajectory=found.before, optimised=found, message=message, time=plan.time + found.time
+    )
+
+
+def _not_optimised(
+    pepper: PepperModel, curve: CubicPath, balance: float | None, payload: Mapping[str, float] | None
+) -> str | None:
+    """Return what a motion has that `optimise` does not know; None where it knows all."""
+    if payload:
+        return "a payload"
+    if drives(pepper, np.flatnonzero((curve.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))):
+        return "a base that goes where it points"
+    if balance is not None and support_polygon(pepper) is not None and wheels_move(pepper):
+        return "balance over a base that moves"
+    return None
+
+
+def _keeps_what_plans_keep(pepper: PepperModel, scene: Scene | None, found: Optimised, margin: float) -> bool:
+    """Whether a motion keeps half the margins of its ends, and can be held, all along."""
+    checks, motion = Checks(pepper, scene), found.trajectory
+    moved = np.flatnonzero(motion.start != motion.end)
+    kept, kept_self = checks.margins(motion.start, motion.end[None], moved, margin)
+    return is_clear_along(checks, motion, (kept / 2, kept_self / 2), held=True)
