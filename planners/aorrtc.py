@@ -37,7 +37,7 @@ _RACE = ((60, 1.6), (200, 1.25), (400, 1.08), (800, 1.02), (1600, 1.0))
 _PLAIN = 60  # attempts that need no detours yet
 _POLISH = 600  # attempts to shorten the best path, which end when they gain less than this:
 _LEAST_GAIN = 1e-5
-_FINER = 4  # short-cuts graze obstacles, so they are checked more closely than the edges of trees
+_FINER = 2  # short-cuts graze obstacles, so they are checked more closely than the edges of trees
 _POLISH_SHARE = 0.4  # of the samples of the round before: most attempts in all
 _HISTORY_STEP = 1e-4  # part of the cost: smaller gains share an entry of the history
 
