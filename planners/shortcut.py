@@ -132,9 +132,7 @@ def shortcut(
             if ended == FULL:
                 size = int(counters[SIZE])
                 line = _polyline(grown(line.points[:size], size + max(size, _SPARE)), counters)
-            ended = shorten(
-                space, line, deadline.time_slice, float(least_gain), key, iterations, detours
-            )
+            ended = shorten(space, line, deadline.time_slice, float(least_gain), key, iterations, detours)
     return Path.trusted(line.points[: counters[SIZE]].copy(), problem.metric)
 
 
@@ -224,7 +222,7 @@ def _choose(key: np.uint64, number: int, lengths: FloatArray, size: int, places:
 
 @compiled
 def _choose_near(key: np.uint64, number: int, lengths: FloatArray, size: int, places: FloatArray) -> bool:
-    """Draw two arc lengths at a distance drawn evenly in its logarithm; False if they are on the same edge."""
+    """Draw two arc lengths, their distance evenly in its logarithm; False if they are on one edge."""
     whole = lengths[size - 1]
     half = 0.5 * whole * math.exp(-_NARROWEST * uniform(key, number + 1))
     middle = whole * uniform(key, number + 2)
@@ -354,7 +352,11 @@ def shorten(
             turned, via = pick < _CONTRACTS, pick >= 1.0 - _VIA
             single, near = False, uniform(key, number + last + 1) < _LOCAL
         _measure(points, size, weights, along)
-        if near:
+        dropped = detours and near and not (turned or via)
+        if dropped:
+            k = 1 + int(uniform(key, number + 1) * (size - 2))
+            places[0], places[1] = along[k - 1], along[k + 1]
+        elif near:
             if not _choose_near(key, number, along, size, places):
                 continue
         elif not _choose(key, number, along, size, places):
@@ -381,7 +383,7 @@ def shorten(
                 continue
         _measure(piece, count, weights, lengths[1])
         gain = high - low - lengths[1, count - 1]
-        if gain > least_gain * along[size - 1] and _valid(space, line, count):
+        if gain > (0.0 if dropped else least_gain) * along[size - 1] and _valid(space, line, count):
             before, after = _below(along, size, low), _up_to(along, size, high)
             size = _replace(points, size, before, after, piece, count)
             _measure(points, size, weights, along)
