@@ -18,6 +18,7 @@ Prints Markdown.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections import Counter
 from importlib import metadata
@@ -226,7 +227,7 @@ def measured(name: str, arguments: argparse.Namespace) -> str:
                 wrong.append("timing refused by the certificate")
         if wrong:
             count["refused"] += 1
-            print(f"REFUSED: {name}, seed {seed}: {', '.join(wrong)}", flush=True)
+            print(f"REFUSED: {name}, seed {seed}: {', '.join(wrong)}", file=sys.stderr)
     others = ", ".join(f"{key} {value}" for key, value in endings.most_common() if key != "solved")
     cells = [name, f"{count['problems']}", f"{count['solved']}", f"{count['refused']}", f"{count['timed']}"]
     cells += [f"{1e3 * min(least):.3f}", f"{1e3 * taken / count['problems']:.1f}", others]
@@ -249,10 +250,10 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--robots", nargs="+", default=list(GROUPS))
     arguments = parser.parse_args()
-    rows = [measured(name, arguments) for name in arguments.robots]
     print("| robot | problems | solved | refused | timed too | least distance, mm ", end="")
-    print("| `plan`, mean ms | not solved |")
-    print("|---" * 8 + "|\n" + "\n".join(rows))
+    print("| `plan`, mean ms | not solved |\n" + "|---" * 8 + "|", flush=True)
+    for name in arguments.robots:
+        print(measured(name, arguments), flush=True)
 
 
 if __name__ == "__main__":

@@ -60,8 +60,8 @@ def aorrtc(
     `rrt_connect`, but know the cost of every node: a sample is drawn where a path through it can be short
     enough; a tree is extended towards it from the nearest node that leads there at a cost drawn between the
     least possible and the greatest of use; a new node may change its parent for a cheaper one; and the trees
-    meet only where the whole path is below a bound.  What is found is shortened (`shortcut` with detours), the
-    more, the better it turns out beside other paths; most of the time goes into that.
+    meet only where the whole path is below a bound.  What is found is shortened (`shortcut` with detours),
+    the more, the better it turns out beside other paths; most of the time goes into that.
 
     It runs as machine code.  A validity checker that is a Python callable is called back from there, which
     gives the same result, later.  Edges are checked at the problem's resolution.  Short paths graze
