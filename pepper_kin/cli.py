@@ -102,6 +102,7 @@ def reach(
         typer.Option(help="Posture to start from; Stand if left out.", autocompletion=complete_posture),
     ] = None,
     output: Output = Path("pepper-kin-reach"),
+    *,
     seed: Seed = 0,
     timeout: Annotated[float, typer.Option(help="Time budget of IK and planning, in seconds.")] = 10.0,
     as_json: Json = False,
@@ -238,6 +239,7 @@ def view(
     ] = None,
     scene: Annotated[Path | None, typer.Option(help="Scene to show: JSON.")] = None,
     no_open: Annotated[bool, typer.Option("--no-open", help="Print the address only.")] = False,
+    *,
     port: Annotated[
         int | None, typer.Option(help="0 for any; the first free one from 7878 on if left out.")
     ] = None,

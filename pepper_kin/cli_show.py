@@ -65,6 +65,7 @@ def render(
         Path, typer.Option("--output", "-o", help="Film (.mp4, .gif), picture (.png) or page (.html).")
     ],
     scene: Annotated[Path | None, typer.Option(help="Scene to show around the robot: JSON.")] = None,
+    *,
     fps: Annotated[float | None, typer.Option(help="Frames per second of a film; 30 if left out.")] = None,
     size: Annotated[
         str | None,

@@ -10,6 +10,7 @@ samples.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
 
 import numpy as np
 
@@ -30,17 +31,18 @@ _UNLIMITED = 2**62
 _LEAST_TIME = 1e-9  # [s]; a budget is above zero
 
 # Rounds of the search: samples of one, and the bound on its path as a multiple of the best length.
-_LEAST_ROUND, _MOST_ROUND, _OF_FIRST = 16_000, 64_000, 4
-_FACTOR, _MOST_FACTOR, _AFTER_PATH, _AFTER_NONE = 1.5, 4.0, 0.9, 1.15
+_LEAST_ROUND, _MOST_ROUND, _OF_FIRST = 8_000, 64_000, 2
+_FACTOR, _LEAST_FACTOR, _MOST_FACTOR, _AFTER_SOON, _AFTER_LATE, _AFTER_NONE = 4.0, 1.1, 16.0, 0.95, 1.05, 1.3
+_SOON = 0.25  # of a round
 _EXACT_EVERY = 32  # rounds; one of these is bounded by the best length itself
 
-# Short-cuts of a new path: attempts, and the multiple of the best length beyond which it is given up.
-_RACE = ((60, 1.6), (200, 1.25), (400, 1.08), (800, 1.02), (1600, 1.0))
-_PLAIN = 60  # attempts that need no detours yet
-_POLISH = 600  # attempts to shorten the best path, which end when they gain less than this:
-_LEAST_GAIN = 1e-5
-_FINER = 4  # short-cuts graze obstacles, so they are checked more closely than the edges of trees
-_POLISH_SHARE = 0.4  # of the samples of the round before: most attempts in all
+# Short-cuts of paths: attempts up to the first stage, and by what factor each stage has more attempts in all
+# and fewer paths than the one before.
+_PLAIN, _FIRST_STAGE, _STAGE_FACTOR = 60, 400, 4  # the first ones need no detours yet
+_POLISH = 1600  # attempts to shorten the best path at once
+_MOST_WAITING = 64  # paths of a stage that are kept
+_LAST_PART = 0.15  # of the time, for the best path alone
+_FINER = 2  # short-cuts graze obstacles, so they are checked more closely than the edges of trees
 _HISTORY_STEP = 1e-4  # part of the cost: smaller gains share an entry of the history
 
 
@@ -60,7 +62,8 @@ def aorrtc(
     `rrt_connect`, but know the cost of every node: a sample is drawn where a path through it can be short
     enough; a tree is extended towards it from the nearest node that leads there at a cost drawn between the
     least possible and the greatest of use; a new node may change its parent for a cheaper one; and the trees
-    meet only where the whole path is below a bound.  What is found is shortened (`shortcut` with detours).
+    meet only where the whole path is below a bound.  What is found is shortened (`shortcut` with detours),
+    the more, the better it turns out beside other paths; most of the time goes into that.
 
     It runs as machine code.  A validity checker that is a Python callable is called back from there, which
     gives the same result, later.  Edges are checked at the problem's resolution.  Short paths graze
@@ -135,14 +138,45 @@ def _from_path(problem: Problem, path: Path) -> Problem:
     return problem.begun_at(path.points[0], goals)
 
 
+class _Stage:
+    """Paths that have had the same number of short-cuts.
+
+    Attributes:
+        lengths: Of all of them, rising.
+        waiting: Those that have not gone on to the next stage, as length, number, path and goal, best first.
+    """
+
+    def __init__(self) -> None:
+        self.lengths: list[float] = []
+        self.waiting: list[tuple[float, int, Path, int]] = []
+
+    def add(self, path: Path, number: int, goal: int) -> None:
+        """Add a path."""
+        insort(self.lengths, path.length)
+        insort(self.waiting, (path.length, number, path, goal))
+        del self.waiting[_MOST_WAITING:]
+
+    def best(self, least: int) -> tuple[float, int, Path, int] | None:
+        """Take out the best path that waits if it may go on: one of the best quarter, or the best few."""
+        if not self.waiting:
+            return None
+        rank = bisect_left(self.lengths, self.waiting[0][0])
+        return self.waiting.pop(0) if rank < max(len(self.lengths) // _STAGE_FACTOR, least) else None
+
+
 class _Run:
     """The best path so far, and how it is made shorter.
 
-    A new path is shortened in stages as long as it stays near the best, and the best path in between until
-    nothing is gained.  Nearly all rounds have a bound above the best length, because short-cuts save a good
-    part of a new path; the factor falls when a round finds a path and rises when it does not, so that about
-    half of them do.  One in 32 is AORRTC itself: its bound is the best length, and its size follows Luby's
-    sequence.  These make the length tend to that of the shortest path with probability one.
+    Where two paths pass obstacles on different sides, short-cuts lead neither to the other, and which is the
+    shorter is seen only after many of them.  So paths are searched again and again, and they compete: all
+    are shortened a little, the best quarter of them four times as much, the best quarter of those again four
+    times as much, and so on (L. Li et al., A system for massively parallel hyperparameter tuning, MLSys 2020:
+    asynchronous successive halving).
+
+    Nearly all rounds of the search have a bound far above the best length, because short-cuts save most of a
+    new path; the factor falls when a round finds a path and rises when it does not.  One in 32 is AORRTC
+    itself: its bound is the best length, and its size follows Luby's sequence.  These make the length tend to
+    that of the shortest path with probability one.
     """
 
     def __init__(self, problem: Problem, search: Search, deadline: Deadline, seed: int, gap: float) -> None:
@@ -151,6 +185,7 @@ class _Run:
         self._fine = max(problem.spacing / _FINER, FINEST_RESOLUTION * problem.diagonal)
         self.goal, self.lower_bound = -1, 0.0
         self.history: list[Improvement] = []
+        self._stages: list[_Stage] = []
 
     def begin(self, path: Path, goal: int) -> None:
         """Begin with a path to one of the goals."""
@@ -169,54 +204,64 @@ class _Run:
     def _short_enough(self) -> bool:
         return self.best.length <= self.lower_bound * (1.0 + max(self._gap, 1e-9))
 
+    @property
+    def _over(self) -> bool:
+        return self._deadline.expired or self._short_enough
+
     def improve(self, most: int) -> None:
         """Shorten the best path until it is short enough, or samples or time run out."""
-        search = self._search
-        if search.samples < most:
-            self._race(self.best, self.goal)
-        factor, rounds, gained = _FACTOR, 0, True
+        search, rounds, factor = self._search, 0, _FACTOR
         usual = min(max(_LEAST_ROUND, _OF_FIRST * search.samples), _MOST_ROUND)
-        while search.samples < most and not (self._deadline.expired or self._short_enough):
+        last = self._deadline.timeout * _LAST_PART if most == _UNLIMITED else 0.0
+        if search.samples < most:
+            self._compete(self.best, self.goal, 0)
+        while search.samples < most and not self._over:
+            if self._deadline.left < last:
+                self.offer(self._shortened(self.best, _POLISH), self.goal)
+                continue
+            if self._promote():
+                continue
             rounds += 1
             exact = rounds % _EXACT_EVERY == 0
-            size = usual * luby(rounds // _EXACT_EVERY) if exact else usual
-            before, length = search.samples, self.best.length
-            bound = length * (1.0 if exact else factor)
+            size = usual * (luby(rounds // _EXACT_EVERY) if exact else 1)
+            bound = self.best.length * (1.0 if exact else factor)
+            before = search.samples
             found = search.below(bound, min(size, most - before), self._deadline)
+            soon = search.samples - before < _SOON * size
             if found:
-                self._race(*search.path())
+                self._compete(*search.path(), 0)
             if not exact:
-                factor *= _AFTER_PATH if found else _AFTER_NONE
-                factor = min(max(factor, 1.0), _MOST_FACTOR)
-            gained = gained or self.best.length < length
-            if gained:
-                gained = self._polish(_POLISH_SHARE * (search.samples - before))
+                factor *= (_AFTER_SOON if soon else _AFTER_LATE) if found else _AFTER_NONE
+                factor = min(max(factor, _LEAST_FACTOR), _MOST_FACTOR)
+        while not self._over and self._promote():
+            pass
 
-    def _race(self, path: Path, goal: int) -> None:
-        """Shorten a path in stages as long as it is near the best."""
-        for attempts, share in _RACE:
-            path = self._shortened(path, attempts)
-            self.offer(path, goal)
-            if path.length > share * self.best.length or self._deadline.expired or self._short_enough:
-                return
+    def _promote(self) -> bool:
+        """Shorten one of the best paths of a stage on to the next; return whether there was any."""
+        for k in reversed(range(len(self._stages))):
+            entry = self._stages[k].best(1 if k == 0 else 0)
+            if entry is not None:
+                self._compete(entry[2], entry[3], k + 1)
+                return True
+        return False
 
-    def _polish(self, attempts: float) -> bool:
-        """Shorten the best path; return whether the last attempts still gained."""
-        done = 0
-        while True:
-            length = self.best.length
-            self.offer(self._shortened(self.best, _POLISH), self.goal)
-            gained, done = self.best.length < length * (1.0 - _LEAST_GAIN), done + _POLISH
-            if not gained or done >= attempts or self._deadline.expired or self._short_enough:
-                return gained
+    def _compete(self, path: Path, goal: int, stage: int) -> None:
+        """Shorten a path up to a stage, and let it wait there."""
+        attempts = _FIRST_STAGE * _STAGE_FACTOR**stage
+        if not stage:
+            path = self._shortened(path, _PLAIN, detours=False)
+        path = self._shortened(path, attempts - (attempts // _STAGE_FACTOR if stage else _PLAIN))
+        if stage == len(self._stages):
+            self._stages.append(_Stage())
+        self.offer(path, goal)
+        self._stages[stage].add(path, self._calls, goal)
 
-    def _shortened(self, path: Path, attempts: int) -> Path:
+    def _shortened(self, path: Path, attempts: int, *, detours: bool = True) -> Path:
         """Return a path after some short-cuts, each time with other random choices."""
         self._calls += 1
         return shortcut(
             self._problem, path, seed=self._seed + (self._calls << 64), iterations=attempts,
-            timeout=max(self._deadline.left, _LEAST_TIME), resolution=self._fine,
-            detours=attempts > _PLAIN,
+            timeout=max(self._deadline.left, _LEAST_TIME), resolution=self._fine, detours=detours,
         )  # fmt: skip
 
     def offer(self, path: Path, goal: int) -> None:

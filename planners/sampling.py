@@ -60,7 +60,7 @@ def luby(k: int) -> int:
 
 
 @compiled(lean=True)
-def _normal(key: np.uint64, place: int) -> float:
+def normal_number(key: np.uint64, place: int) -> float:
     """Return a normally distributed number made of two of the stream.
 
     Source: G. E. P. Box and M. E. Muller, A note on the generation of random normal deviates, 1958.
@@ -104,7 +104,7 @@ def within_ellipsoid(
     for i in range(n):
         axis[i] = (goal[i] - start[i]) * weights[i]
         apart += axis[i] * axis[i]
-        sample[i] = _normal(key, place + 2 * i)
+        sample[i] = normal_number(key, place + 2 * i)
         square += sample[i] * sample[i]
     apart = math.sqrt(apart)
     radius = uniform(key, place + 2 * n) ** (1.0 / n) / math.sqrt(square)

@@ -16,7 +16,7 @@ from .deadline import Deadline, load_code
 from .motion_validator import machine_code_of
 from .path import Path
 from .problem import FINEST_RESOLUTION, Problem
-from .sampling import stream_key, uniform, within_ellipsoid
+from .sampling import normal_number, stream_key, uniform, within_ellipsoid
 from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
 from .tree import grown
 from .vectors import FloatArray, whole_number
@@ -30,6 +30,10 @@ STREAM = 1
 _SPARE = 32
 _DRAWS = 4  # random numbers of one iteration
 _MOST_NEW = 3  # way-points that one iteration may add
+
+# Of attempts with detours: parts that contract along a direction or go over another state, part whose places
+# are drawn near each other, from how near (e to the minus this, of the length), and greatest contraction.
+_CONTRACTS, _VIA, _LOCAL, _NARROWEST, _MOST_SHARE = 0.4, 0.4, 0.3, 4.0, 4.0
 
 # How a call ends.
 DONE, TIME_UP, FULL = range(3)
@@ -79,9 +83,11 @@ def shortcut(
 
     It runs as machine code; a validity checker that is a Python callable is called back from there.
 
-    With detours, every third iteration replaces what lies between by two edges over a state that is drawn
-    evenly from those through which the way is shorter, which lets a path slide along obstacles and past
-    corners that hold it where no straight edge is free.
+    With detours, two iterations in five replace what lies between by two edges over a state that is drawn
+    evenly from those through which the way is shorter, and two draw a direction of the space along which
+    what lies between runs straighter, all of the way or in part, while it keeps its course across.  That lets
+    a path slide along obstacles and past corners that hold it where no straight edge is free: where the
+    straight edge is blocked by one obstacle, a fair part of all directions is not.
 
     Args:
         problem: Supplies the validity, the metric and the resolution; its start and goals are not used.
@@ -93,7 +99,8 @@ def shortcut(
             eighth of the problem's if omitted, because short-cuts tend to graze obstacles.
         least_gain: Part of the path's length, from 0 to below 1, that a short-cut has to save.  With a
             hundredth, most time goes into short-cuts that matter.
-        detours: Whether two edges over another state are tried too.
+        detours: Whether two edges over another state, and contraction along directions, are tried too; for
+            paths that are to become as short as they can, with hundreds of iterations and more.
 
     Returns:
         The shortened path.  Edges that were not replaced are not checked again.
@@ -125,9 +132,7 @@ def shortcut(
             if ended == FULL:
                 size = int(counters[SIZE])
                 line = new_polyline(grown(line.points[:size], size + max(size, _SPARE)), counters)
-            ended = shorten(
-                space, line, deadline.time_slice, float(least_gain), key, iterations, 3 if detours else 2
-            )
+            ended = shorten(space, line, deadline.time_slice, float(least_gain), key, iterations, detours)
     return Path.trusted(line.points[: counters[SIZE]].copy(), problem.metric)
 
 
@@ -219,6 +224,16 @@ def _choose(key: np.uint64, number: int, lengths: FloatArray, size: int, places:
 
 
 @compiled
+def _choose_near(key: np.uint64, number: int, lengths: FloatArray, size: int, places: FloatArray) -> bool:
+    """Draw two arc lengths, their distance evenly in its logarithm; False if they are on one edge."""
+    whole = lengths[size - 1]
+    half = 0.5 * whole * math.exp(-_NARROWEST * uniform(key, number + 1))
+    middle = whole * uniform(key, number + 2)
+    places[0], places[1] = max(middle - half, 0.0), min(middle + half, whole)
+    return _below(lengths, size, places[1]) > _up_to(lengths, size, places[0])
+
+
+@compiled
 def _state_at(points: FloatArray, lengths: FloatArray, size: int, s: float, state: FloatArray) -> None:
     edge = min(max(_up_to(lengths, size, s) - 1, 0), size - 2)
     span = lengths[edge + 1] - lengths[edge]
@@ -241,10 +256,47 @@ def _straighten(
 
 
 @compiled
+def _contract(
+    piece: FloatArray,
+    count: int,
+    lengths: FloatArray,
+    direction: FloatArray,
+    share: float,
+    weights: FloatArray,
+) -> None:
+    """Let a polyline run straighter along one direction of the metric, by a share of what it is off."""
+    measure(piece, count, weights, lengths)
+    whole, last = lengths[count - 1], count - 1
+    for k in range(1, last):
+        fraction, off = lengths[k] / whole if whole > 0.0 else 0.0, 0.0
+        for i in range(weights.size):
+            chord = piece[0, i] + fraction * (piece[last, i] - piece[0, i])
+            off += direction[i] * weights[i] * (chord - piece[k, i])
+        for i in range(weights.size):
+            piece[k, i] += share * off * direction[i] / weights[i]
+
+
+@compiled
+def _draw_direction(key: np.uint64, place: int, direction: FloatArray) -> None:
+    """Write an evenly drawn direction."""
+    square = 0.0
+    for i in range(direction.size):
+        direction[i] = normal_number(key, place + 2 * i)
+        square += direction[i] * direction[i]
+    for i in range(direction.size):
+        direction[i] /= math.sqrt(square)
+
+
+@compiled
 def _valid(space: SearchSpace, line: Polyline, count: int) -> bool:
-    """Return whether the piece is valid, its first point included, which may be any place on an edge."""
-    piece, lengths = line.piece, line.lengths[1]
-    for k in range(count - 1):
+    """Return whether the piece is valid, its first point included, which may be any place on an edge.
+
+    The edges in the middle, which are farthest from where the path was, are asked for first.
+    """
+    piece, lengths, middle = line.piece, line.lengths[1], (count - 1) // 2
+    for j in range(count - 1):
+        k = middle + ((j + 1) // 2 if j % 2 == 1 else -(j // 2))
+        k = k if k < count - 1 else 0
         steps = step_count(lengths[k + 1] - lengths[k], space.resolution)
         if not edge_valid(space, piece[k], piece[k + 1], steps, line.rows, line.counters, k == 0):
             return False
@@ -259,7 +311,7 @@ def _replace(points: FloatArray, size: int, before: int, after: int, piece: Floa
     return before + count + size - after
 
 
-@compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64, int64)")
+@compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64, boolean)")
 def shorten(
     space: SearchSpace,
     line: Polyline,
@@ -267,7 +319,7 @@ def shorten(
     least_gain: float,
     key: np.uint64,
     iterations: int,
-    kinds: int,
+    detours: bool,
 ) -> int:
     """Shorten a polyline in place by random short-cuts; see `shortcut`.
 
@@ -278,7 +330,8 @@ def shorten(
         least_gain: What a short-cut has to save, as a part of the length.
         key: Of the stream of random numbers.
         iterations: Attempts in all, those of earlier calls included.
-        kinds: 2 for straight edges and single coordinates, 3 for detours as well.
+        detours: Whether to go over other states and to contract along directions, in place of single
+            coordinates.
 
     Returns:
         DONE, TIME_UP, or FULL if there may be no room for the points of one more attempt.
@@ -286,26 +339,43 @@ def shorten(
     points, piece, lengths, counters = line.points, line.piece, line.lengths, line.counters
     clock_room, places, weights = np.empty(2, np.int64), np.empty(2), space.weights
     end, along, n = seconds_now(space.clock, clock_room) + seconds, lengths[0], weights.size
+    last = _DRAWS + 2 * n + 1
+    draws = last + 2 if detours else _DRAWS
     while counters[ITERATIONS] < iterations and counters[SIZE] > 2:
         size = counters[SIZE]
         if counters[STOP] != 0 or seconds_now(space.clock, clock_room) >= end:
             return TIME_UP
         if size + _MOST_NEW > points.shape[0]:
             return FULL
-        kind = counters[ITERATIONS] % kinds
-        draws = _DRAWS + (2 * n + 2 if kinds == 3 else 0)
-        number, single, via = counters[ITERATIONS] * draws, kind == 1 and n > 1, kind == 2
+        number = counters[ITERATIONS] * draws
         counters[ITERATIONS] += 1
+        single, turned, via, near = n > 1 and counters[ITERATIONS] % 2 == 0, False, False, False
+        if detours:
+            pick = uniform(key, number + last)
+            turned, via = pick < _CONTRACTS, pick >= 1.0 - _VIA
+            single, near = False, uniform(key, number + last + 1) < _LOCAL
         measure(points, size, weights, along)
-        if not _choose(key, number, along, size, places):
+        dropped = detours and near and not (turned or via)
+        if dropped:
+            k = 1 + int(uniform(key, number + 1) * (size - 2))
+            places[0], places[1] = along[k - 1], along[k + 1]
+        elif near:
+            if not _choose_near(key, number, along, size, places):
+                continue
+        elif not _choose(key, number, along, size, places):
             continue
         low, high = places[0], places[1]
         inner, last_inner = _up_to(along, size, low), _below(along, size, high)
-        count = 2 + (last_inner - inner if single else 0) + (1 if via else 0)
+        count = 2 + (last_inner - inner if single or turned else 0) + (1 if via else 0)
         _state_at(points, along, size, low, piece[0])
         _state_at(points, along, size, high, piece[count - 1])
-        if single:
+        if single or turned:
             _copy(points, inner, count - 2, piece, 1)
+        if turned:
+            _draw_direction(key, number + 4, line.rows[0])
+            share = min(1.0, _MOST_SHARE * uniform(key, number + 3))
+            _contract(piece, count, lengths[1], line.rows[0], share, weights)
+        if single:
             _straighten(piece, count, lengths[1], int(uniform(key, number + 3) * n), weights)
         if via:
             straight = distance(piece[0], piece[2], weights)
@@ -316,7 +386,7 @@ def shorten(
                 continue
         measure(piece, count, weights, lengths[1])
         gain = high - low - lengths[1, count - 1]
-        if gain > least_gain * along[size - 1] and _valid(space, line, count):
+        if gain > (0.0 if dropped else least_gain) * along[size - 1] and _valid(space, line, count):
             before, after = _below(along, size, low), _up_to(along, size, high)
             size = _replace(points, size, before, after, piece, count)
             measure(points, size, weights, along)

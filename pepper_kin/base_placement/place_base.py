@@ -183,7 +183,8 @@ def _placement(job: Job, trials: Trials, row: int) -> Placement:
             q = read_only(trials.q[k, row])
             evidence = CertificateInputs(moving.robot, tasks, start, job.movable, scene, q).certificate
             counts = int(trials.iterations[row, k]), int(trials.restarts[row, k])
-            results.append(IKResult(Status.SOLVED, q, *counts, 0.0, "fast", trier.seed, evidence))
+            result = IKResult(Status.SOLVED, q, *counts, 0.0, "fast", seed=trier.seed, evidence=evidence)
+            results.append(result)
         else:
             results.append(
                 solve(

@@ -13,7 +13,7 @@ from pepper_kin.collision.bodies import Looks, check_looks, check_names
 from pepper_kin.collision.checked_shapes import CheckedShapes
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.contact import ClosestPair, Contact
-from pepper_kin.collision.dependent_ranges import dependent_ranges
+from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InvalidValueError
@@ -83,6 +83,11 @@ class CollisionChecker:
         made.__dict__.pop("_margins", None)
         made._local = threading.local()
         return made
+
+    @property
+    def dependent_ranges(self) -> tuple[DependentRange, ...]:
+        """The tables of joint ranges that decide pairs of neighbors; none where surfaces are compared."""
+        return self._ranges
 
     @property
     def pair_count(self) -> int:

@@ -80,7 +80,7 @@ def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = Non
         raise InvalidValueError("q", f"shape {path.shape}", f"one or more of them, shape (T, {pepper.n})")
     checker = checker_for(pepper, scene)
     violated = np.zeros(len(path), dtype=bool)
-    for table in checker._ranges:
+    for table in checker.dependent_ranges:
         violated |= table.violated(path)
     search = _Search(checker, path)
     index = search.run()

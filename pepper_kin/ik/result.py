@@ -154,9 +154,9 @@ class IKResult:
         restarts: int,
         time: float,
         solver: str,
+        *,
         seed: int,
         evidence: Callable[[], Certificate],
-        *,
         hint: str = "",
     ) -> None:
         # At once, as the generated way of a frozen class, one attribute after the other, takes a microsecond.

@@ -148,7 +148,7 @@ def _compare_goals(course: Course, seconds: float, key: np.uint64) -> None:
     """Let the path end at another goal where that makes it shorter; see `rejoin`."""
     line, space, size = course.line, course.space, course.line.counters[SIZE]
     _begin_shortening(course, size)
-    shorten(space, line, seconds, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, 2)
+    shorten(space, line, seconds, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, False)
     size = line.counters[SIZE]
     measure(line.points, size, space.weights, line.lengths[0])
     order, tried = course.order, 0
@@ -241,7 +241,7 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
         _begin_shortening(course, line.counters[SIZE])
         progress[STAGE] = SHORTEN
     if progress[STAGE] == SHORTEN:
-        ended = shorten(course.space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, 2)
+        ended = shorten(course.space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, False)
         if ended == TIME_UP:
             return OUT_OF_TIME
         if ended == LINE_FULL:

@@ -185,8 +185,7 @@ def _balance(
     at = int(np.argmin(margin))
     worst = float(margin[at])
     detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
-    tolerance = RELATIVE_TOLERANCE if wanted > 0 else 0.0
-    return ScalarCheck("balance", worst - wanted + tolerance, worst, float(time[at]), "m", detail)
+    return ScalarCheck("balance", worst - wanted + RELATIVE_TOLERANCE, worst, float(time[at]), "m", detail)
 
 
 def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> ScalarCheck:

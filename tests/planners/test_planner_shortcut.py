@@ -136,7 +136,28 @@ def test_a_callable_leads_to_the_same_path_as_machine_code(n: int, balls, machin
     for seed in range(4):
         path = rrt_connect(compiled, seed=seed, timeout=60.0).path
         first, second = (
-            shortcut(p, path, seed=seed, iterations=100, timeout=60.0) for p in (compiled, plain)
+            shortcut(p, path, seed=seed, iterations=100, timeout=60.0, detours=bool(seed % 2))
+            for p in (compiled, plain)
         )
         assert first.length < path.length
         assert np.array_equal(first.points, second.points)
+
+
+def test_detours_bring_a_path_to_the_shortest_around_a_ball() -> None:
+    """Two tangents and an arc: 2 sqrt(d^2 - r^2) + r (pi - 2 acos(r / d)), in any number of dimensions."""
+    weights, radius, away = np.array([1.0, 0.25, 4.0, 2.0]), 0.5, 0.8
+    start, goal = np.array([-away, 0.0, 0.0, 0.0]), np.array([away, 0.0, 0.0, 0.0])
+
+    def validity(states: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(states * weights, axis=1) > radius
+
+    box = 2.0 / weights
+    problem = Problem(-box, box, start / weights, goal / weights, validity, weights, resolution=0.02)
+    shortest = 2.0 * np.sqrt(away**2 - radius**2) + radius * (np.pi - 2.0 * np.arccos(radius / away))
+    for seed in range(2):
+        path = rrt_connect(problem, seed=seed, timeout=60.0).path
+        short = shortcut(problem, path, seed=seed, iterations=6000, timeout=60.0, detours=True)
+        assert shortest * 0.999 < short.length < shortest * 1.01
+        plain = shortcut(problem, path, seed=seed, iterations=6000, timeout=60.0)
+        assert short.length < plain.length
+        assert validity(short.resample(0.002).points).mean() > 0.99

@@ -337,7 +337,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
     found = _shared.get(like)
     if found is None:
         structure = structure_of(like)
-        robot = _robot_of(like.pepper, structure, like._ranges)
+        robot = _robot_of(like.pepper, structure, like.dependent_ranges)
         found = _shared[like] = structure, robot, scene_block(structure, robot.rounding)
     structure, robot, scene = found
     margins = checker.margin, checker.self_margin

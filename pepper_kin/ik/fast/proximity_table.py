@@ -43,7 +43,7 @@ def proximity_block(checker: CollisionChecker, apart: float) -> Array:
     pairs = np.column_stack([ends, keep, (shapes[ends, 18].sum(axis=1) + keep) ** 2])
     pairs = pairs[(shapes[ends, 0] != OTHER).all(axis=1)]
     heads, tables = [], [np.zeros(0)]
-    for table in checker._ranges:
+    for table in checker.dependent_ranges:
         heads.append([table.first, table.second, sum(map(len, tables)), len(table.positions)])
         tables.append(np.concatenate([table.positions, table.lower, table.upper]))
     values, (joints, above, full) = np.concatenate(tables), _tree(pepper)

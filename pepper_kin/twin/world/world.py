@@ -114,6 +114,11 @@ class World:
 
     @solver.setter
     def solver(self, solver: str) -> None:
+        """Change how contacts are solved.
+
+        Raises:
+            InvalidValueError: for another name than "compiled" or "proxsuite".
+        """
         self._solver = check_choice("solver", solver, SOLVERS)
         self._tables = self._tables._replace(by_callback=self._solver == "proxsuite")
 
