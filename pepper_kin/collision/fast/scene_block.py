@@ -75,7 +75,7 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
     sections = {
         at.OBJECTS: singles(items[chosen]),
         at.NODES: singles(nodes),
-        at.CLOUDS: words(np.array([_address(solids[o]) for o in chosen.tolist()], np.int64)),
+        at.CLOUDS: cloud_addresses([solids[o] for o in chosen.tolist()]),
         **_root_lists(first, lists),
         **solid_sections(rows[chosen], [solids[o].vertices for o in chosen.tolist()]),
     }
@@ -85,9 +85,10 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
     return SceneBlock(block, np.argsort(chosen), kept)
 
 
-def _address(solid: Solid) -> int:
-    """Return the address of the block of a cloud, which the solid keeps; 0 of anything else."""
-    return 0 if solid.cloud is None else int(solid.cloud.ctypes.data)
+def cloud_addresses(solids: Sequence[Solid]) -> Array:
+    """Return the addresses of the blocks of clouds, which the solids keep; 0 of anything else."""
+    found = [0 if solid.cloud is None else solid.cloud.ctypes.data for solid in solids]
+    return words(np.array(found, np.int64))
 
 
 def _root_lists(first: NDArray[np.int64], lists: list[list[int]]) -> dict[int, Array]:

@@ -379,9 +379,12 @@ def cloud_verdict(
     x = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
     y = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
     z = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
-    wide = reach + BEYOND
-    layers = _cell(z - wide, c.z, c.per_bin, c.bin_layers), _cell(z + wide, c.z, c.per_bin, c.bin_layers)
-    rows = _cell(y - wide, c.y, c.per_bin, c.bin_rows), _cell(y + wide, c.y, c.per_bin, c.bin_rows)
+    beyond = threshold + tie + BEYOND
+    wide = min(_extent(core, pose + 24) + beyond, reach + BEYOND)
+    high = min(_extent(core, pose + 48) + beyond, reach + BEYOND)
+    deep = min(_extent(core, pose + 72) + beyond, reach + BEYOND)
+    layers = _cell(z - deep, c.z, c.per_bin, c.bin_layers), _cell(z + deep, c.z, c.per_bin, c.bin_layers)
+    rows = _cell(y - high, c.y, c.per_bin, c.bin_rows), _cell(y + high, c.y, c.per_bin, c.bin_rows)
     for k in range(layers[0], layers[1] + 1):
         for j in range(rows[0], rows[1] + 1):
             row = c.first + 4 * c.bins * (j + c.bin_rows * k)
@@ -400,6 +403,86 @@ def cloud_verdict(
                 if verdict == CONTACT:
                     return CONTACT
                 worst = max(worst, verdict)
+    return worst
+
+
+@compiled(lean=True)
+def _extent(core: ConvexCore, axis: int) -> float:
+    """Return how far the box around a core reaches from its center along a unit vector at an address [m]."""
+    pose, half, total = core.pose, core.half, 0.0
+    x, y, z = double_at(axis), double_at(axis + 8), double_at(axis + 16)
+    for i in range(3):
+        at = pose + 24 * (i + 1)
+        along = x * double_at(at) + y * double_at(at + 8) + z * double_at(at + 16)
+        total += abs(along) * double_at(half + 8 * i)
+    return total
+
+
+@compiled(lean=True)
+def point_in_cloud(place: int, pose: int, address: int, threshold: float, tie: float) -> int:
+    """Return whether a point is nearer to a cloud's points than a threshold [m]: FREE, CONTACT or TIE.
+
+    Args:
+        place: Address of the point's coordinates.
+        pose: Address of the cloud's frame, center and axes, shape (12,).
+        address: Of the cloud's block.
+        threshold: The distance [m].
+        tie: Distances within this of the threshold are ties [m].
+    """
+    c, reach = cloud_at(address), threshold + tie + BEYOND
+    dx, dy, dz = (
+        double_at(place) - double_at(pose),
+        double_at(place + 8) - double_at(pose + 8),
+        double_at(place + 16) - double_at(pose + 16),
+    )
+    x = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
+    y = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
+    z = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
+    best = (threshold + 2.0 * tie) ** 2
+    layers = _cell(z - reach, c.z, c.per_bin, c.bin_layers), _cell(z + reach, c.z, c.per_bin, c.bin_layers)
+    rows = _cell(y - reach, c.y, c.per_bin, c.bin_rows), _cell(y + reach, c.y, c.per_bin, c.bin_rows)
+    for k in range(layers[0], layers[1] + 1):
+        for j in range(rows[0], rows[1] + 1):
+            row = c.first + 4 * c.bins * (j + c.bin_rows * k)
+            begin = int(single_at(row + 4 * _cell(x - reach, c.x, c.per_bin, c.bins)))
+            end = int(single_at(row + 4 * _cell(x + reach, c.x, c.per_bin, c.bins) + 4))
+            for p in range(begin, end):
+                at = c.points + 24 * p
+                u, v, w = double_at(at) - x, double_at(at + 8) - y, double_at(at + 16) - z
+                best = min(best, u * u + v * v + w * w)
+    nearest = math.sqrt(best)
+    if nearest > threshold + tie:
+        return FREE
+    return CONTACT if nearest < threshold - tie else TIE
+
+
+@compiled(lean=True)
+def clouds_verdict(
+    pose: int, address: int, other: int, addressed: int, threshold: float, tie: float, room: int
+) -> int:
+    """Return the verdict on two clouds: whether a point of one is nearer to one of the other than a threshold.
+
+    Args:
+        pose: Address of the frame of the first in the world, center and axes, shape (12,).
+        address: Of its block.
+        other: The same of the second.
+        addressed: Of its block.
+        threshold: The distance [m].
+        tie: Distances within this of the threshold are ties [m].
+        room: Address of room for POINT_ROOM doubles.
+    """
+    c, worst, place = cloud_at(address), FREE, room + 8 * (GJK_ROOM + 15)
+    for p in range(int(double_at(address + 56))):
+        at = c.points + 24 * p
+        for i in range(3):
+            turned = double_at(at) * double_at(pose + 24 + 8 * i)
+            turned += double_at(at + 8) * double_at(pose + 48 + 8 * i)
+            turned += double_at(at + 16) * double_at(pose + 72 + 8 * i)
+            store_double(place + 8 * i, double_at(pose + 8 * i) + turned)
+        verdict = point_in_cloud(place, other, addressed, threshold, tie)
+        if verdict == CONTACT:
+            return CONTACT
+        worst = max(worst, verdict)
     return worst
 
 
