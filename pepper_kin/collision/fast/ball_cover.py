@@ -19,8 +19,9 @@ CELL = 0.11
 PROTRUSION = 0.012
 """Pieces of a hull are halved as long as the ball around one reaches farther out of the hull than this
 [m],"""
-MOST = 6
-"""and there are fewer than this."""
+MOST = 7
+"""and there are fewer than this: with six, neighbors of a UR5 are always in doubt, with ten, searches take
+longer."""
 MOST_INNER = 5
 """Inner balls that are not about the centres of outer ones, at most."""
 LEAST_INNER = 0.01

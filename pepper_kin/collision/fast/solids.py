@@ -38,8 +38,8 @@ class Solid:
         kind: BOX, CYLINDER (along z), HULL (of `vertices`), CLOUD (in a box) or OTHER (known to coal only).
         half: (3,), half lengths of the box around the core [m]; infinite where OTHER has no bounds.
         radius: How far the solid reaches beyond its core [m].
-        vertices: (k, 3), of a HULL, or of the hull of a CLOUD that moves, relative to the core's centre and axes
-            [m].
+        vertices: (k, 3), of a HULL, or of that around a CLOUD that moves, relative to the core's center and
+            axes [m].
         filled: Whether the core is the whole shape, not just its convex hull.
         cloud: The block of a CLOUD.
     """

@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
-from pepper_kin.core.collision.clouds import POINT_ROOM, cloud_verdict, clouds_verdict, point_in_cloud, point_verdict
+from pepper_kin.core.collision.clouds import (
+    POINT_ROOM,
+    cloud_verdict,
+    clouds_verdict,
+    point_in_cloud,
+    point_verdict,
+)
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than, separation
 from pepper_kin.core.collision.layout import (
     AXES,
