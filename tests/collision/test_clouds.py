@@ -57,6 +57,47 @@ def test_a_mesh_of_the_robot_against_a_cloud():
     np.testing.assert_array_equal(fast.in_collision(q), fast.exact.in_collision(q))
 
 
+def held_cloud(rng, count):
+    """A shell of points around the left hand, seen from it."""
+    ways = rng.normal(size=(count, 3))
+    return ways / np.linalg.norm(ways, axis=1)[:, None] * [0.05, 0.09, 0.07] + [0.05, 0.0, 0.02]
+
+
+@pytest.mark.parametrize("margins", [(0.0, 0.0), (0.02, 0.005)])
+@pytest.mark.parametrize("count", [1, 3, 400])
+def test_a_cloud_in_the_hand_has_the_verdicts_of_coal(count, margins):
+    """It meets the robot, boxes, a hull, a floor and another cloud."""
+    rng = np.random.default_rng(count)
+    scene = pk.Scene().add_point_cloud("room", surfaces(rng, 2000), 0.01, voxel=None)
+    scene = scene.add_box("box", (0.1, 0.2, 0.3), (0.5, 0.4, 0.8)).add_half_space("floor", (0, 0, 1))
+    scene = scene.allow("floor", "Tibia", "WheelB_link", "WheelFL_link", "WheelFR_link")
+    scene = scene.add_convex_mesh("stone", rng.normal(size=(30, 3)) * 0.1, (0.3, 0.5, 1.0))
+    scene = scene.add_point_cloud("grapes", held_cloud(rng, count), 0.008, voxel=None)
+    scene = scene.attach("grapes", "l_gripper", np.eye(4))
+    fast, q = FastChecker(PEPPER, scene, *margins), random_q(rng, 400)
+    assert fast.alone
+    found = fast.in_collision(q)
+    np.testing.assert_array_equal(found, fast.exact.in_collision(q))
+    without = FastChecker(PEPPER, scene.remove("grapes"), *margins).in_collision(q)
+    assert count < 400 or (found & ~without).sum() > 5
+    bounds, distances = fast.lower_bound(q[:60]), fast.exact.clearance(q[:60])
+    assert (bounds <= distances + 1e-6).all()
+
+
+def test_points_near_a_cloud_in_the_hand_are_told_apart():
+    rng = np.random.default_rng(3)
+    held = held_cloud(rng, 300)
+    scene = pk.Scene().add_point_cloud("grapes", held, 0.008, voxel=None)
+    scene, q = scene.attach("grapes", "l_gripper", np.eye(4)), PEPPER.posture("Stand")
+    hand = pk.kinematics.frame_pose(PEPPER, q, "l_gripper")
+    placed = held @ hand[:3, :3].T + hand[:3, 3]
+    points = hand[:3, 3] + rng.uniform(-0.2, 0.2, (2000, 3))
+    bare = FastChecker(PEPPER).near(q, points, 0.01)
+    near = cKDTree(placed).query(points)[0] < 0.018
+    assert (near & ~bare).sum() > 20
+    np.testing.assert_array_equal(FastChecker(PEPPER, scene).near(q, points, 0.01), near | bare)
+
+
 @pytest.mark.parametrize("spread", [(1.0, 1.0, 1.0), (3.0, 0.001, 0.5), (0.01, 0.01, 0.01), (9.0, 7.0, 2.0)])
 def test_nearest_points_are_those_of_a_tree(spread):
     rng = np.random.default_rng(3)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Array, Solid
+from pepper_kin.collision.fast.solids import BOX, CLOUD, CYLINDER, HULL, Array, Solid
 from pepper_kin.core.collision.bounding_balls import ball_around_balls, ball_within_planes
 from pepper_kin.model.shapes import read_only
 
@@ -19,8 +19,9 @@ CELL = 0.11
 PROTRUSION = 0.012
 """Pieces of a hull are halved as long as the ball around one reaches farther out of the hull than this
 [m],"""
-MOST = 6
-"""and there are fewer than this."""
+MOST = 7
+"""and there are fewer than this: with six, neighbors of a UR5 are always in doubt, with ten, searches take
+longer."""
 MOST_INNER = 5
 """Inner balls that are not about the centres of outer ones, at most."""
 LEAST_INNER = 0.01
@@ -57,7 +58,7 @@ def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCo
         waste: Greatest difference of outer and inner radius of a capsule [m].
         cell: Greatest length of a cell [m].
     """
-    if solid.kind == HULL:
+    if solid.kind in (HULL, CLOUD):
         local, outers, inners = _hull_cover(solid.vertices.tobytes())
         outers, inners = outers + solid.radius, inners + solid.radius
     elif solid.segment:
@@ -79,7 +80,7 @@ def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCo
             depth[:, 0] = depth[:, 1] = solid.half[0] - np.hypot(local[:, 0], local[:, 1])
         inners = depth.min(axis=1) + solid.radius
         inners = inners if solid.kind in (BOX, CYLINDER) else np.full(len(local), -1.0)
-    if not solid.filled:
+    if not solid.filled or solid.kind == CLOUD:
         inners = np.full(len(local), -1.0)
     centers = local @ solid.rotation.T + solid.position
     return BallCover(read_only(centers), read_only(outers), read_only(inners))

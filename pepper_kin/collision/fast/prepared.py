@@ -19,6 +19,7 @@ from pepper_kin.collision.fast.rounding import Rounding
 from pepper_kin.collision.fast.scene_block import (
     NO_INNER,
     SceneBlock,
+    cloud_addresses,
     firsts,
     scene_block,
     singles,
@@ -53,7 +54,7 @@ from pepper_kin.core.collision.ball_check import (
 )
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.clouds import POINT_ROOM
-from pepper_kin.core.collision.layout import CYLINDER, HULL, ROOM
+from pepper_kin.core.collision.layout import CLOUD, CYLINDER, HULL, ROOM
 from pepper_kin.core.collision.simple_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
@@ -238,7 +239,7 @@ class _Tables:
     def _cores_of_solid(self, i: int) -> list[list[float]]:
         """Return the rows of a solid in CORES: a segment, a box, or its balls as points."""
         solid = self._structure.solids[i]
-        if solid.kind in (HULL, CYLINDER):
+        if solid.kind in (HULL, CYLINDER, CLOUD):
             rows = self._balls[slice(*self._range_of[i])]
             return [[POINT, row[3], row[4], 0.0, 0.0, 0.0, *row[:3], *np.eye(3).ravel()] for row in rows]
         kind = BLOCK if not solid.segment else SEGMENT if solid.half[2] > 0.0 else POINT
@@ -413,6 +414,7 @@ def _constants(
         at.JOINTS: joint_table(pepper).copy(),
         at.FULL: _full_rows(pepper),
         **solid_sections(rows, [solid.vertices for solid in structure.solids]),
+        at.CLOUDS: cloud_addresses(structure.solids),
         at.SOLID_PLACES: np.array([[s.joint, *s.row[8:]] for s in structure.solids]),
         at.PAIR_FIRST: firsts(structure.classes).astype(float),
         at.PAIRS: np.array([pair for pairs in structure.classes for pair in pairs], dtype=float),

@@ -78,7 +78,7 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
         at.OBJECTS: singles(items[chosen]),
         at.BOXES: singles(_side_by_side(lows[chosen], highs[chosen])),
         at.NODES: singles(nodes),
-        at.CLOUDS: words(np.array([_address(special.get(o)) for o in placed_in], np.int64)),
+        at.CLOUDS: cloud_addresses([special.get(o) for o in placed_in]),
         **_root_lists(first, lists),
         **solid_sections(rows[chosen], [special[o].vertices if o in special else _NONE for o in placed_in]),
     }
@@ -91,9 +91,10 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
 _NONE = np.zeros((0, 3))
 
 
-def _address(solid: Solid | None) -> int:
-    """Return the address of the block of a cloud, which the solid keeps; 0 of anything else."""
-    return 0 if solid is None or solid.cloud is None else int(solid.cloud.ctypes.data)
+def cloud_addresses(solids: Sequence[Solid | None]) -> Array:
+    """Return the addresses of the blocks of clouds, which the solids keep; 0 of anything else."""
+    clouds = [None if solid is None else solid.cloud for solid in solids]
+    return words(np.array([0 if cloud is None else cloud.ctypes.data for cloud in clouds], np.int64))
 
 
 def _root_lists(first: NDArray[np.int64], lists: list[list[int]]) -> dict[int, Array]:

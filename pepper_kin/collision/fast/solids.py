@@ -39,7 +39,8 @@ class Solid:
         kind: BOX, CYLINDER (along z), HULL (of `vertices`), CLOUD (in a box) or OTHER (known to coal only).
         half: (3,), half lengths of the box around the core [m]; infinite where OTHER has no bounds.
         radius: How far the solid reaches beyond its core [m].
-        vertices: (k, 3), of a HULL, relative to the core's centre and axes [m].
+        vertices: (k, 3), of a HULL, or of that around a CLOUD that moves, relative to the core's center and
+            axes [m].
         filled: Whether the core is the whole shape, not just its convex hull.
         cloud: The block of a CLOUD.
     """
@@ -97,7 +98,7 @@ def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array, *, st
         geometry: The shape.
         joint: The joint that carries it; 0 is the world.
         pose: (4, 4), transform from the shape's own frame to the joint's.
-        stands: Whether it is of the world, where clouds have tables of their own.
+        stands: Whether it is of the world, where clouds are not covered by balls.
 
     Raises:
         FileFormatError: for a mesh whose file cannot be read.
@@ -123,10 +124,11 @@ def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array, *, st
                 return Solid(owner, joint, rotation, position, OTHER, np.full(3, np.inf), radius, _NONE)
             middle, half = box_around(points)
             position = rotation @ middle + position
-            if stands and isinstance(geometry, PointCloud):
+            kind = HULL
+            if isinstance(geometry, PointCloud):
                 kind, cloud, filled = CLOUD, cloud_block(geometry), True
-            else:
-                kind, vertices = HULL, _corners(points - middle)
+            if kind == HULL or not stands:
+                vertices = _corners(points - middle)
     return Solid(
         owner, joint, read_only(rotation), read_only(position), kind, read_only(half), radius,
         read_only(vertices), filled, cloud,

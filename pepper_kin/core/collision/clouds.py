@@ -1,7 +1,7 @@
 """Clouds of points: the grids that tell how far points are, and distances of balls and solids to them.
 
-For each cell of a grid, a field holds a lower bound of the distance of its center to the nearest point: the
-Euclidean distance transform over cells, less what points are off their cells' centers by.  A ball that the
+For each cell of a grid, a field holds a lower bound of the distance of its center to the nearest point: that
+to the nearest cell with a point in it, by a distance transform along one axis after another.  A ball that the
 field keeps apart costs a few loads.  For any other, points are sorted by bins of two cells' edge, row by row
 along x, so that those of neighboring bins of a row stand side by side, and the rows that the ball meets are
 looked through.
@@ -45,6 +45,8 @@ BEYOND = 1e-5
 POINT_ROOM = GJK_ROOM + 21
 """Doubles of room that `point_verdict` and `cloud_verdict` need: that of `nearer_than`, half lengths and pose
 of a point, its coordinates, and an axis."""
+ROUNDED = 1e-6
+"""What the field may be wrong by, for rounding [m]."""
 FAR = 1e18
 """Where no point is [m^2]."""
 
@@ -115,7 +117,7 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
     """
     c, count = cloud_at(block.ctypes.data), points.shape[0]
     cells, bins, rate = c.row * c.rows * c.layers, c.bins * c.bin_rows * c.bin_layers, 1.0 / c.edge
-    widest, off = block[8], 0.0
+    widest = block[8]
     room = block.ctypes.data + 8 * int(block[15])  # of each point its bin, then lines of lanes
     for k in range(0, cells, LANES):
         store_lanes(c.field + 4 * k, spread(widest * widest))
@@ -130,10 +132,6 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
         )
         store_single(c.field + 4 * (i + c.row * (j + c.rows * k)), 0.0)
         cell = i // 2 + c.bins * (j // 2 + c.bin_rows * (k // 2))
-        dx = x - c.x - (i + 0.5) * c.edge
-        dy = y - c.y - (j + 0.5) * c.edge
-        dz = z - c.z - (k + 0.5) * c.edge
-        off = max(off, dx * dx + dy * dy + dz * dz)
         store_single(room + 4 * p, cell)
         store_single(c.first + 4 * cell + 4, single_at(c.first + 4 * cell + 4) + 1.0)
     for k in range(bins):
@@ -155,46 +153,56 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
         store_single(c.xs + 4 * (count + i), 1e9)
         store_single(c.ys + 4 * (count + i), 1e9)
         store_single(c.zs + 4 * (count + i), 1e9)
-    _fill_field(c, int(widest), math.sqrt(off) + 1e-6, room)
+    _fill_field(c, int(widest), room)
 
 
 @compiled
-def _fill_field(c: Cloud, widest: int, off: float, room: int) -> None:
+def _fill_field(c: Cloud, widest: int, room: int) -> None:
     """Write the field: squared distances along rows, then across them, then across layers.
 
+    A point somewhere in a cell that is e cells away along an axis is (e - 1/2) edges away at least.
+
     Args:
-        c: The cloud, its field zero where points are and `widest` squared elsewhere.
+        c: The cloud, its field zero where points are and not zero elsewhere.
         widest: Distances above this many cells are not told apart.
-        off: Greatest distance of a point to the center of its cell [m].
         room: Address of room for as many singles as a layer has cells, or `layers` times a row.
     """
-    most = float(widest * widest)
+    most = (widest - 0.5) ** 2
     for r in range(c.rows * c.layers):
         field, gap = c.field + 4 * c.row * r, float(widest)
         for i in range(c.row):
             gap = 0.0 if single_at(field + 4 * i) == 0.0 else gap + 1.0
-            store_single(field + 4 * i, min(gap * gap, most))
+            store_single(field + 4 * i, min(max(gap - 0.5, 0.0) ** 2, most))
         gap = float(widest)
         for i in range(c.row - 1, -1, -1):
             gap = 0.0 if single_at(field + 4 * i) == 0.0 else gap + 1.0
-            store_single(field + 4 * i, min(gap * gap, single_at(field + 4 * i)))
+            store_single(field + 4 * i, min(max(gap - 0.5, 0.0) ** 2, single_at(field + 4 * i)))
     for k in range(c.layers):
         layer = c.field + 4 * c.row * c.rows * k
         _spread_across(layer, 4 * c.row, c.rows, c.row, widest, room)
     for j in range(c.rows):
         _spread_across(c.field + 4 * c.row * j, 4 * c.row * c.rows, c.layers, c.row, widest, room)
     for k in range(c.row * c.rows * c.layers):
-        store_single(c.field + 4 * k, math.sqrt(single_at(c.field + 4 * k)) * c.edge - off)
+        store_single(c.field + 4 * k, math.sqrt(single_at(c.field + 4 * k)) * c.edge - ROUNDED)
 
 
 @compiled
 def _spread_across(begin: int, stride: int, count: int, width: int, widest: int, room: int) -> None:
-    """Write min over e of f(j + e) + e^2 for `count` lines of `width` singles, `stride` bytes apart."""
+    """Take of f(j) and all f(j + e) + (|e| - 1/2)^2 the least, for lines of singles.
+
+    Args:
+        begin: Address of the first line.
+        stride: Bytes from one line to the next.
+        count: Lines.
+        width: Singles of a line.
+        widest: Distances above this many lines are not told apart.
+        room: Address of room for `count` lanes.
+    """
     for i in range(0, 4 * width, 4 * LANES):
         for j in range(count):
             least = load_lanes(begin + i + stride * j)
             for e in range(1, widest):
-                square = float(e * e)
+                square = (e - 0.5) ** 2
                 if lanes_below(spread(square), least) == 0:
                     break
                 if j >= e:
@@ -379,9 +387,12 @@ def cloud_verdict(
     x = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
     y = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
     z = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
-    wide = reach + BEYOND
-    layers = _cell(z - wide, c.z, c.per_bin, c.bin_layers), _cell(z + wide, c.z, c.per_bin, c.bin_layers)
-    rows = _cell(y - wide, c.y, c.per_bin, c.bin_rows), _cell(y + wide, c.y, c.per_bin, c.bin_rows)
+    beyond = threshold + tie + BEYOND
+    wide = min(_extent(core, pose + 24) + beyond, reach + BEYOND)
+    high = min(_extent(core, pose + 48) + beyond, reach + BEYOND)
+    deep = min(_extent(core, pose + 72) + beyond, reach + BEYOND)
+    layers = _cell(z - deep, c.z, c.per_bin, c.bin_layers), _cell(z + deep, c.z, c.per_bin, c.bin_layers)
+    rows = _cell(y - high, c.y, c.per_bin, c.bin_rows), _cell(y + high, c.y, c.per_bin, c.bin_rows)
     for k in range(layers[0], layers[1] + 1):
         for j in range(rows[0], rows[1] + 1):
             row = c.first + 4 * c.bins * (j + c.bin_rows * k)
@@ -400,6 +411,86 @@ def cloud_verdict(
                 if verdict == CONTACT:
                     return CONTACT
                 worst = max(worst, verdict)
+    return worst
+
+
+@compiled(lean=True)
+def _extent(core: ConvexCore, axis: int) -> float:
+    """Return how far the box around a core reaches from its center along a unit vector at an address [m]."""
+    pose, half, total = core.pose, core.half, 0.0
+    x, y, z = double_at(axis), double_at(axis + 8), double_at(axis + 16)
+    for i in range(3):
+        at = pose + 24 * (i + 1)
+        along = x * double_at(at) + y * double_at(at + 8) + z * double_at(at + 16)
+        total += abs(along) * double_at(half + 8 * i)
+    return total
+
+
+@compiled(lean=True)
+def point_in_cloud(place: int, pose: int, address: int, threshold: float, tie: float) -> int:
+    """Return whether a point is nearer to a cloud's points than a threshold [m]: FREE, CONTACT or TIE.
+
+    Args:
+        place: Address of the point's coordinates.
+        pose: Address of the cloud's frame, center and axes, shape (12,).
+        address: Of the cloud's block.
+        threshold: The distance [m].
+        tie: Distances within this of the threshold are ties [m].
+    """
+    c, reach = cloud_at(address), threshold + tie + BEYOND
+    dx, dy, dz = (
+        double_at(place) - double_at(pose),
+        double_at(place + 8) - double_at(pose + 8),
+        double_at(place + 16) - double_at(pose + 16),
+    )
+    x = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
+    y = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
+    z = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
+    best = (threshold + 2.0 * tie) ** 2
+    layers = _cell(z - reach, c.z, c.per_bin, c.bin_layers), _cell(z + reach, c.z, c.per_bin, c.bin_layers)
+    rows = _cell(y - reach, c.y, c.per_bin, c.bin_rows), _cell(y + reach, c.y, c.per_bin, c.bin_rows)
+    for k in range(layers[0], layers[1] + 1):
+        for j in range(rows[0], rows[1] + 1):
+            row = c.first + 4 * c.bins * (j + c.bin_rows * k)
+            begin = int(single_at(row + 4 * _cell(x - reach, c.x, c.per_bin, c.bins)))
+            end = int(single_at(row + 4 * _cell(x + reach, c.x, c.per_bin, c.bins) + 4))
+            for p in range(begin, end):
+                at = c.points + 24 * p
+                u, v, w = double_at(at) - x, double_at(at + 8) - y, double_at(at + 16) - z
+                best = min(best, u * u + v * v + w * w)
+    nearest = math.sqrt(best)
+    if nearest > threshold + tie:
+        return FREE
+    return CONTACT if nearest < threshold - tie else TIE
+
+
+@compiled(lean=True)
+def clouds_verdict(
+    pose: int, address: int, other: int, addressed: int, threshold: float, tie: float, room: int
+) -> int:
+    """Return the verdict on two clouds: whether points of both are nearer than a threshold.
+
+    Args:
+        pose: Address of the frame of the first in the world, center and axes, shape (12,).
+        address: Of its block.
+        other: The same of the second.
+        addressed: Of its block.
+        threshold: The distance [m].
+        tie: Distances within this of the threshold are ties [m].
+        room: Address of room for POINT_ROOM doubles.
+    """
+    c, worst, place = cloud_at(address), FREE, room + 8 * (GJK_ROOM + 15)
+    for p in range(int(double_at(address + 56))):
+        at = c.points + 24 * p
+        for i in range(3):
+            turned = double_at(at) * double_at(pose + 24 + 8 * i)
+            turned += double_at(at + 8) * double_at(pose + 48 + 8 * i)
+            turned += double_at(at + 16) * double_at(pose + 72 + 8 * i)
+            store_double(place + 8 * i, double_at(pose + 8 * i) + turned)
+        verdict = point_in_cloud(place, other, addressed, threshold, tie)
+        if verdict == CONTACT:
+            return CONTACT
+        worst = max(worst, verdict)
     return worst
 
 

@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
-from pepper_kin.core.collision.clouds import POINT_ROOM, cloud_verdict, point_verdict
+from pepper_kin.core.collision.clouds import (
+    POINT_ROOM,
+    cloud_verdict,
+    clouds_verdict,
+    point_in_cloud,
+    point_verdict,
+)
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than, separation
 from pepper_kin.core.collision.layout import (
     AXES,
@@ -143,17 +149,21 @@ def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int)
     if one.kind == OTHER or two.kind == OTHER:
         return TIE
     threshold, axis = pad_a + pad_b + margin, _axis_of(memory, slot)
-    if two.kind == CLOUD:
-        cloud, room = section_bits(other, CLOUDS)[b], address_of(memory, PAIR_ROOM)
-        verdict = cloud_verdict(one, cloud, two.pose, reach_a, threshold, TIE_WIDTH, room)
-        return TIE if verdict == CONTACT and double_at(row_a + 24) == 0.0 else verdict
-    verdict = TIE
-    if (_thin(one) and two.kind == BOX) or (_thin(two) and one.kind == BOX):
+    verdict, room = TIE, address_of(memory, PAIR_ROOM)
+    if one.kind == CLOUD or two.kind == CLOUD:
+        first, second = section_bits(memory, CLOUDS), section_bits(other, CLOUDS)
+        if one.kind == CLOUD and two.kind == CLOUD:
+            verdict = clouds_verdict(one.pose, first[a], two.pose, second[b], threshold, TIE_WIDTH, room)
+        elif one.kind == CLOUD:
+            verdict = cloud_verdict(two, first[a], one.pose, reach_b, threshold, TIE_WIDTH, room)
+        else:
+            verdict = cloud_verdict(one, second[b], two.pose, reach_a, threshold, TIE_WIDTH, room)
+    elif (_thin(one) and two.kind == BOX) or (_thin(two) and one.kind == BOX):
         distance = _segment_distance(one, two)
         if abs(distance - threshold) > TIE_WIDTH:
             verdict = CONTACT if distance < threshold else FREE
     else:
-        verdict = nearer_than(one, two, threshold, TIE_WIDTH, axis, address_of(memory, PAIR_ROOM))
+        verdict = nearer_than(one, two, threshold, TIE_WIDTH, axis, room)
     if verdict == CONTACT and (double_at(row_a + 24) == 0.0 or double_at(row_b + 24) == 0.0):
         return TIE
     return verdict
@@ -383,7 +393,12 @@ def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDAr
             x, y, z = points[p, 0] - pose[0], points[p, 1] - pose[1], points[p, 2] - pose[2]
             if near[p] == 0 and x * x + y * y + z * z <= reach * reach:
                 place = points.ctypes.data + 24 * p
-                if point_verdict(core, place, threshold, TIE_WIDTH, axis, room) != FREE:
+                if core.kind == CLOUD:
+                    address = section_bits(memory, CLOUDS)[a]
+                    verdict = point_in_cloud(place, core.pose, address, threshold, TIE_WIDTH)
+                else:
+                    verdict = point_verdict(core, place, threshold, TIE_WIDTH, axis, room)
+                if verdict != FREE:
                     near[p] = 1
                     count += 1
     return count

@@ -77,8 +77,9 @@ def _shapes(solids: tuple[Solid, ...]) -> tuple[Array, Array]:
     """Return the rows of solids, shape (k, SHAPE), and the vertices of hulls, shape (v, 3)."""
     rows, vertices, place = np.zeros((len(solids), SHAPE)), [np.zeros((0, 3))], 0
     for row, solid in zip(rows, solids, strict=True):
-        corners = _outermost(solid.vertices) if solid.kind == HULL else np.zeros((0, 3))
-        row[:2], row[2:5] = (solid.kind, solid.joint), solid.position
+        kind = HULL if len(solid.vertices) else solid.kind  # what is held as a cloud is its hull here
+        corners = _outermost(solid.vertices)
+        row[:2], row[2:5] = (kind, solid.joint), solid.position
         row[5:14], row[14:17] = solid.rotation.T.ravel(), solid.half
         row[17:] = solid.radius, solid.bounding_radius, place, len(corners)
         vertices.append(corners)
