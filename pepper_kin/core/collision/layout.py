@@ -59,7 +59,8 @@ ALIGNMENT = 8
     FROZEN,
     FREE,
     EFFORT,
-    FLAGS,
+    PLACED_AT,
+    PARTS_AT,
     COORDINATES,
     POSES,
     CENTERS,
@@ -83,9 +84,13 @@ ALIGNMENT = 8
     LEVERS,
     GAPS,
     GAP_STATES,
-) = range(58)
-"""Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 58
+) = range(59)
+"""Sections, in order; `prepared.py`, `body_tables.py` and `scene_block.py` of `collision/fast` say what is in
+each.
+
+PLACED_AT counts for each body how often it was placed, and has the count at which the coarse balls of its
+parts were; PARTS_AT has for each part the counts at which its balls, and its cores, were."""
+SECTIONS = 59
 
 BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
