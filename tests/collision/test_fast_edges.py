@@ -55,6 +55,20 @@ def test_an_edge_is_valid_where_all_its_states_are():
     assert max(counts) == 1.0
 
 
+def test_what_was_asked_before_changes_no_answer():
+    """What is looked at first depends on what earlier edges met; the verdicts do not."""
+    pepper = pk.load_pepper()
+    fast = FastChecker(pepper, SCENE)
+    validity = fast.compiled(pepper.posture("Stand"), np.arange(pepper.n))
+    used, rng = validity.new_memory(), np.random.default_rng(5)
+    edges = free_edges(fast, 150, seed=3, reach=0.6)
+    fresh = [validity.valid_steps(a, b, 24) for a, b in edges]
+    assert 0.1 < np.mean(np.array(fresh) == 24) < 0.9
+    for _ in range(5):
+        for k in rng.permutation(len(edges)):
+            assert validity.valid_steps(*edges[k], 24, used) == fresh[k]
+
+
 def test_only_free_joints_move_and_what_rests_is_looked_at_once():
     pepper = pk.load_pepper()
     fast = FastChecker(pepper, SCENE, margin=0.01)

@@ -17,7 +17,9 @@ from pepper_kin.kernels.lanes import (
     lane_round,
     lane_sqrt,
     lanes_below,
+    least_lane,
     load_lanes,
+    lowest_bit,
     single_at,
     spread,
     store_double,
@@ -46,6 +48,8 @@ def every_operation(x: Singles1, y: Singles1, number: float, found: Singles2) ->
     sine, cosine = sine_cosine(a)
     store_lanes(place + 11 * LANE_BYTES, sine)
     store_lanes(place + 12 * LANE_BYTES, cosine)
+    store_lanes(place + 13 * LANE_BYTES, least_lane(a))
+    store_lanes(place + 14 * LANE_BYTES, greatest_lane(a))
     return lanes_below(a, b)
 
 
@@ -53,7 +57,7 @@ def test_operations_are_those_of_numpy():
     rng = np.random.default_rng(0)
     for _ in range(200):
         x, y = (rng.uniform(-16.0, 16.0, 8).astype(np.float32) for _ in range(2))
-        found = np.zeros((13, 8), np.float32)
+        found = np.zeros((15, 8), np.float32)
         below = every_operation(x, y, 2.5, found)
         expected = [
             x + y, x - y, x * y, x / y, np.float32(2.5) - x, x * np.float32(2.5), np.minimum(x, y),
@@ -61,7 +65,9 @@ def test_operations_are_those_of_numpy():
         ]  # fmt: skip
         np.testing.assert_allclose(found[:11], expected, rtol=3e-7)
         wide = x.astype(float)
-        np.testing.assert_allclose(found[11:], [np.sin(wide), np.cos(wide)], rtol=0.0, atol=2.5e-7)
+        np.testing.assert_allclose(found[11:13], [np.sin(wide), np.cos(wide)], rtol=0.0, atol=2.5e-7)
+        assert (found[13] == x.min()).all()
+        assert (found[14] == x.max()).all()
         assert below == sum(1 << i for i in range(8) if x[i] < y[i])
 
 
@@ -93,11 +99,20 @@ def test_greatest_lane():
         assert greatest(singles) == singles.max()
 
 
+@compiled("int64(int64)")
+def lowest(bits: int) -> int:
+    return lowest_bit(bits)
+
+
+def test_the_lowest_bit():
+    assert [lowest(1 << i | 1 << 40) for i in range(41)] == list(range(41))
+
+
 @pytest.mark.parametrize("far", [0.0, 3.0, 16.0])
 def test_sine_and_cosine_of_both_signs_and_at_whole_turns(far):
     x = (far + np.pi * np.arange(-4, 4) / 2).astype(np.float32)
     x = np.clip(x, -16, 16)
-    found = np.zeros((13, 8), np.float32)
+    found = np.zeros((15, 8), np.float32)
     every_operation(x, x, 0.0, found)
     np.testing.assert_allclose(found[11], np.sin(x.astype(float)), rtol=0.0, atol=2.5e-7)
     np.testing.assert_allclose(found[12], np.cos(x.astype(float)), rtol=0.0, atol=2.5e-7)

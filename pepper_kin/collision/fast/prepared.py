@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,12 +11,11 @@ from numpy.typing import NDArray
 
 from pepper_kin.collision.checker import LEVER, CollisionChecker
 from pepper_kin.collision.dependent_ranges import DependentRange
-from pepper_kin.collision.fast.ball_cover import ball_cover
+from pepper_kin.collision.fast.body_tables import BodyTables, full_rows
 from pepper_kin.collision.fast.joint_table import joint_table
 from pepper_kin.collision.fast.levers import part_levers
 from pepper_kin.collision.fast.rounding import Rounding
 from pepper_kin.collision.fast.scene_block import (
-    NO_INNER,
     SceneBlock,
     cloud_addresses,
     firsts,
@@ -26,47 +24,29 @@ from pepper_kin.collision.fast.scene_block import (
     solid_sections,
     words,
 )
-from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.structure import (
     MovingParts,
     Structure,
-    ball_order,
-    bounding_ball,
     structure_of,
 )
 from pepper_kin.collision.fast.tables import pack_tables
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import (
-    BALL_SINGLES,
-    BLOCK,
-    BODY_WORDS,
     CORE_LANES,
-    CORE_SINGLES,
-    FRAME_SINGLES,
-    GROUP_WORDS,
-    LINK_PART_WORDS,
-    LINK_WORDS,
-    PART_WORDS,
-    POINT,
-    RANGE_WORDS,
-    SEGMENT,
-    SIDE_WORDS,
 )
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.clouds import POINT_ROOM
-from pepper_kin.core.collision.layout import CLOUD, CYLINDER, HULL, ROOM
+from pepper_kin.core.collision.layout import ROOM
 from pepper_kin.core.collision.simple_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
-from pepper_kin.symbolic.tree import read_tree
 
 MET, MOST_AXES = 16, 2048
 """Objects for each solid, and pairs of solids in all, of which the direction that parted them last is kept;
 of more, some share theirs."""
 MOST_ROBOTS = 64
 """Robots holding other things that are kept."""
-MOST_BALLS = 8
-"""Balls in a part of a body that has several, unless they are of one solid."""
 POSE = 12
 """Numbers of a pose."""
 
@@ -133,173 +113,6 @@ class Prepared:
         return memory
 
 
-class _Tables:
-    """The tables of bodies, groups, balls, cores and pairs; the world is the last body."""
-
-    def __init__(self, pepper: PepperModel, structure: Structure) -> None:
-        self._structure, self._tree = structure, read_tree(pepper, compact=True)
-        tree, solids = self._tree, structure.solids
-        count = len(tree.bodies)
-        self.bodies = np.zeros((count + 1, BODY_WORDS), np.int64)
-        self.frames = np.zeros((count + 1, FRAME_SINGLES))
-        self._balls: list[Array] = []
-        self._part_of: dict[int, int] = {}
-        self._cores: list[list[float]] = []
-        self._range_of: dict[int, tuple[int, int]] = {}
-        self._cores_of: dict[int, tuple[int, int]] = {}
-        groups_of: dict[int, list[int]] = {}
-        for g, members in enumerate(structure.groups):
-            groups_of.setdefault(solids[members[0]].joint, []).append(g)
-        full_rows = _full_rows(pepper)
-        for b in range(count + 1):
-            joint = b + 1 if b < count else 0
-            if b < count:
-                body = tree.bodies[b]
-                source, gain, offset = full_rows[b]
-                self.bodies[b, :4] = body.parent + 1, body.slides, source, 1
-                self.frames[b] = [
-                    *np.array(body.rotation, dtype=float).ravel(),
-                    *body.translation,
-                    gain,
-                    offset,
-                ]
-            self._add_body(b, [i for i, s in enumerate(solids) if s.joint == joint], groups_of.get(joint, []))
-        self._parts: list[tuple[int, int, int]] = []
-        self.groups = np.array([self._group(members) for members in structure.groups], np.int64).reshape(
-            -1, GROUP_WORDS
-        )
-        self.parts = np.array(self._parts, np.int64).reshape(-1, PART_WORDS)
-        place = 0
-        for b in range(count + 1):
-            joint = b + 1 if b < count else 0
-            self.bodies[b, 4], place = place, place + len(groups_of.get(joint, []))
-            self.bodies[b, 5] = place
-        self.balls = np.array(self._balls).reshape(-1, BALL_SINGLES)
-        self.cores = np.array(self._cores).reshape(-1, CORE_SINGLES)
-        self.links, self.link_parts, self.sides, self.ranges = self._pairs()
-        every = np.arange(count + 1)
-        of_bodies = np.repeat(every, self.bodies[:, 8] - self.bodies[:, 6])
-        self.ball_bodies = np.concatenate([of_bodies, self.groups[:, 0]])
-        self.core_bodies = np.repeat(every, self.bodies[:, 10] - self.bodies[:, 9])
-
-    def _local(self, solid: Solid, points: Any) -> Array:
-        """Return points of the frame of a solid's joint in the frame of its body."""
-        points = np.asarray(points, dtype=float).reshape(-1, 3)
-        if solid.joint == 0:
-            return points
-        alignment = self._tree.alignments[solid.joint - 1]
-        return np.asarray((points - alignment.origin) @ alignment.rotation)
-
-    def _bounding(self, solids: tuple[Solid, ...]) -> Array:
-        center, radius = bounding_ball(solids)
-        return np.array([*self._local(solids[0], center)[0], radius, NO_INNER])
-
-    def _add_body(self, b: int, own: list[int], groups: list[int]) -> None:
-        solids = self._structure.solids
-        none = np.array([0.0, 0.0, 0.0, NO_INNER, NO_INNER])
-        self.bodies[b, 6] = len(self._balls)
-        self._balls.append(self._bounding(tuple([solids[i] for i in own])) if own else none)
-        in_groups = [self._structure.groups[g] for g in groups]
-        rest = tuple(i for i in own if not any(i in group for group in in_groups))
-        parts = [part for some in (*in_groups, rest) if some for part in self._cut(some)]
-        coarse = [len(self._balls) - (len(parts) == 1) + k for k in range(len(parts))]
-        if len(parts) > 1:
-            self._balls += [self._bounding(tuple([solids[i] for i in part])) for part in parts]
-        self.bodies[b, 7] = len(self._balls)
-        for place, part in zip(coarse, parts, strict=True):
-            for i in part:
-                first, cover = len(self._balls), ball_cover(solids[i])
-                inner = np.where(cover.inner > 0.0, cover.inner, NO_INNER)
-                self._balls += list(
-                    np.column_stack([self._local(solids[i], cover.centers), cover.outer, inner])
-                )
-                self._range_of[i], self._part_of[i] = (first, len(self._balls)), place
-        self.bodies[b, 8] = len(self._balls)
-        self.bodies[b, 9] = len(self._cores)
-        for i in (i for part in parts for i in part):
-            first = len(self._cores)
-            self._cores += self._cores_of_solid(i)
-            self._cores_of[i] = first, len(self._cores)
-        self.bodies[b, 10] = len(self._cores)
-
-    def _cut(self, members: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Return parts of some solids of a joint, each of few balls that are near one another."""
-        solids = [self._structure.solids[i] for i in members]
-        if len(members) == 1 or sum(len(ball_cover(solid).outer) for solid in solids) <= MOST_BALLS:
-            return [members]
-        centers = np.array([ball_cover(solid).centers.mean(axis=0) for solid in solids])
-        axis = int(np.argmax(np.ptp(centers, axis=0)))
-        order, half = np.argsort(centers[:, axis], kind="stable").tolist(), (len(members) + 1) // 2
-        return [
-            part
-            for some in (order[:half], order[half:])
-            for part in self._cut(tuple(members[k] for k in some))
-        ]
-
-    def _cores_of_solid(self, i: int) -> list[list[float]]:
-        """Return the rows of a solid in CORES: a segment, a box, or its balls as points."""
-        solid = self._structure.solids[i]
-        if solid.kind in (HULL, CYLINDER, CLOUD):
-            rows = self._balls[slice(*self._range_of[i])]
-            return [[POINT, row[3], row[4], 0.0, 0.0, 0.0, *row[:3], *np.eye(3).ravel()] for row in rows]
-        kind = BLOCK if not solid.segment else SEGMENT if solid.half[2] > 0.0 else POINT
-        turn = np.eye(3) if solid.joint == 0 else self._tree.alignments[solid.joint - 1].rotation
-        center = self._local(solid, solid.position)[0]
-        radii = solid.radius, solid.radius if solid.filled else NO_INNER
-        return [[kind, *radii, *solid.half, *center, *(turn.T @ solid.rotation).T.ravel()]]
-
-    def _group(self, members: tuple[int, ...]) -> tuple[int, ...]:
-        structure = self._structure
-        joint = structure.solids[members[0]].joint
-        body = joint - 1 if joint else len(self._tree.bodies)
-        coarse, first = len(self._balls), len(self._parts)
-        self._balls.append(self._bounding(tuple([structure.solids[i] for i in members])))
-        spans: dict[int, list[tuple[int, int]]] = {}
-        for i in members:
-            spans.setdefault(self._part_of[i], []).append(self._range_of[i])
-        rows = [(part, min(some)[0], max(some)[1]) for part, some in sorted(spans.items())]
-        if len(rows) > 1:
-            self._parts.append((coarse, 0, 0))
-        self._parts += rows
-        return body, coarse, rows[0][1], rows[-1][2], 1, first, len(self._parts)
-
-    def _pairs(self) -> tuple[NDArray[np.int64], ...]:
-        """Return the sections LINKS, LINK_PARTS, SIDES and RANGES."""
-        solids, world = self._structure.solids, len(self._tree.bodies)
-        links: list[list[int]] = []
-        parts: list[list[int]] = []
-        sides: list[list[int]] = []
-        ranges: list[list[int]] = []
-        order = [ball_order(solid) for solid in solids]
-        for c, pairs in enumerate(self._structure.classes):
-            by_bodies: dict[tuple[int, int], dict[tuple[int, int], dict[int, list[int]]]] = {}
-            for i, j in pairs:
-                covered, exact = (i, j) if order[i] <= order[j] else (j, i)
-                a, b = ((solids[k].joint - 1) % (world + 1) for k in (covered, exact))
-                both = self._part_of[covered], self._part_of[exact]
-                by_bodies.setdefault((a, b), {}).setdefault(both, {}).setdefault(exact, []).append(covered)
-            for (a, b), by_parts in by_bodies.items():
-                first_part = len(parts)
-                for both, by_exact in by_parts.items():
-                    first_side = len(sides)
-                    for exact, all_covered in by_exact.items():
-                        first = len(ranges)
-                        for begin, end in sorted(self._range_of[k] for k in all_covered):
-                            if len(ranges) > first and ranges[-1][1] == begin:
-                                ranges[-1][1] = end
-                            else:
-                                ranges.append([begin, end])
-                        sides += [[core, first, len(ranges)] for core in range(*self._cores_of[exact])]
-                    parts.append([*both, 0, first_side, len(sides)])
-                coarse = self.bodies[[a, b], 6]
-                links.append([a, coarse[0], b, coarse[1], 0, c, first_part, len(parts)])
-        shapes = (LINK_WORDS, LINK_PART_WORDS, SIDE_WORDS, RANGE_WORDS)
-        return tuple(
-            np.array(rows, np.int64).reshape(-1, width)
-            for rows, width in zip((links, parts, sides, ranges), shapes, strict=True)
-        )
-
-
 class _Robot:
     """A robot with what it holds, its solids in groups: what scenes share in which the groups are the same.
 
@@ -314,7 +127,7 @@ class _Robot:
     """
 
     def __init__(self, pepper: PepperModel, structure: Structure, ranges: tuple[DependentRange, ...]) -> None:
-        tables, self.rounding = _Tables(pepper, structure), Rounding(pepper, structure.solids)
+        tables, self.rounding = BodyTables(pepper, structure), Rounding(pepper, structure.solids)
         self.levers = part_levers(pepper, structure)
         self.block = at.pack(
             {
@@ -362,15 +175,6 @@ def _robot_of(pepper: PepperModel, structure: Structure, ranges: tuple[Dependent
     return kept[key]
 
 
-def _full_rows(pepper: PepperModel) -> Array:
-    """Return of each coordinate of the Pinocchio model the one of q on which it depends, gain and offset."""
-    gains, rows = np.asarray(pepper.full_map), np.zeros((len(pepper.full_offset), 3))
-    rows[:, 0] = np.abs(gains).argmax(axis=1)
-    rows[:, 1] = gains[np.arange(len(gains)), rows[:, 0].astype(int)]
-    rows[:, 2] = pepper.full_offset
-    return rows
-
-
 def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
     model = pepper.inner_model
     carried = np.zeros((model.njoints, model.njoints - 1), dtype=bool)
@@ -380,7 +184,7 @@ def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
 
 
 def _constants(
-    pepper: PepperModel, structure: Structure, tables: _Tables, rounding: Rounding
+    pepper: PepperModel, structure: Structure, tables: BodyTables, rounding: Rounding
 ) -> dict[int, Array]:
     """Return the sections of constants."""
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
@@ -392,9 +196,9 @@ def _constants(
     cores[:, 1] += rounding.placed[tables.core_bodies]
     cores[:, 2] -= rounding.placed[tables.core_bodies]
     link_parts = tables.link_parts.copy()
-    for pairs, first, second, place in ((links, 1, 3, 4), (link_parts, 0, 1, 2)):
-        reach = balls[pairs[:, first], 3] + balls[pairs[:, second], 3] - rounding.comparing()
-        pairs[:, place] = (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
+    coarse = tables.parts[:, 0]
+    links[:, 4] = _touching(balls, links[:, 1], links[:, 3], rounding)
+    link_parts[:, 2] = _touching(balls, coarse[link_parts[:, 0]], coarse[link_parts[:, 1]], rounding)
     numbers = np.zeros(at.NUMBERS_SIZE)
     numbers[at.N], numbers[at.CLASS_COUNT] = pepper.n, len(structure.classes)
     numbers[at.GROUP_COUNT], numbers[at.BODY_COUNT] = len(structure.groups), len(tables.bodies)
@@ -412,7 +216,7 @@ def _constants(
         at.SIDES: words(tables.sides),
         at.RANGES: words(tables.ranges),
         at.JOINTS: joint_table(pepper).copy(),
-        at.FULL: _full_rows(pepper),
+        at.FULL: full_rows(pepper),
         **solid_sections(rows, [solid.vertices for solid in structure.solids]),
         at.CLOUDS: cloud_addresses(structure.solids),
         at.SOLID_PLACES: np.array([[s.joint, *s.row[8:]] for s in structure.solids]),
@@ -425,6 +229,14 @@ def _constants(
     }
 
 
+def _touching(
+    balls: Array, some: NDArray[np.int64], others: NDArray[np.int64], rounding: Rounding
+) -> NDArray[np.int32]:
+    """Return the distances at which coarse balls touch, as the bits of float32."""
+    reach = balls[some, 3] + balls[others, 3] - rounding.comparing()
+    return (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
+
+
 def _gaps(levers: Array) -> dict[int, Array]:
     gaps = np.full(len(levers), -np.inf)
     return {at.LEVERS: levers, at.GAPS: gaps, at.GAP_STATES: np.zeros(levers.size)}
@@ -434,7 +246,7 @@ def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
     return dict(zip((at.TABLE_HEADS, at.TABLES, at.TABLE_CELLS), pack_tables(ranges), strict=True))
 
 
-def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[int, Array]:
+def _room(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
     n, joints, bodies = pepper.n, pepper.inner_model.njoints, len(tables.bodies)
     identity = np.zeros((bodies + 1, POSE, LANES), np.float32)
     identity[[[0], [bodies]], [0, 4, 8]] = 1.0
@@ -442,7 +254,8 @@ def _room(pepper: PepperModel, structure: Structure, tables: _Tables) -> dict[in
     world = tables.bodies[-1, 6]  # all others are written where bodies are placed
     centers[world] = tables.balls[world, :3, None]
     return {
-        at.FLAGS: np.zeros(bodies),
+        at.PLACED_AT: words(np.tile([1, 0], bodies)),
+        at.PARTS_AT: np.zeros(2 * len(tables.parts)),
         at.COORDINATES: np.zeros(n * LANES // 2),
         at.POSES: singles(identity),
         at.CENTERS: singles(centers),

@@ -41,15 +41,14 @@ POSE_BYTES = 12 * LANE_BYTES
 ALL = 255
 """Bits of all lanes."""
 
-BODY_WORDS, FRAME_SINGLES = 11, 14
+BODY_WORDS, FRAME_SINGLES = 9, 14
 """Numbers of a body: pose it hangs on, slides, coordinate, moves, first group, end of groups, coarse ball,
-first ball, end of balls, first core, end of cores.  Between its coarse ball and the first of the others are
-those of its parts, if it has several.  Of its frame: rotation row by row, origin, then gain and offset of its
+first and end of its parts.  Of its frame: rotation row by row, origin, then gain and offset of its
 own coordinate."""
-GROUP_WORDS, PART_WORDS, BALL_SINGLES = 7, 3, 5
+GROUP_WORDS, PART_WORDS, BALL_SINGLES = 7, 5, 5
 """Numbers of a group: body, coarse ball, first ball, end of balls, whether it is checked, first and end of
-its parts.  Of a part: coarse ball, first and end of the balls in it; none in the first of several, which is
-the whole group.  Of a ball: centre, outer radius, inner radius."""
+its parts.  Of a part: coarse ball, first and end of the balls in it, first and end of its cores; none in the
+first of several of a group, which is the whole.  Of a ball: centre, outer radius, inner radius."""
 OBJECT_SINGLES = 19
 """Numbers of an object: kind, outer radius, inner radius, half lengths, centre, x, y and z axis, radius of
 the ball around all of it."""
@@ -59,7 +58,7 @@ all its branches, first and end of its own objects.  Of a tree: its first node a
 LINK_WORDS, LINK_PART_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 5, 3, 2
 """Numbers of a pair of bodies: the one with balls, its coarse ball, the one with cores, its coarse ball, the
 distance at which these touch (a float32), class, first and end of its rows in LINK_PARTS; of a row there, a
-pair of parts of these: their coarse balls, the distance at which they touch, first and end of its rows in
+pair of parts of these: the two, the distance at which their coarse balls touch, first and end of its rows in
 SIDES; of a row of SIDES: core, first and end of its rows in RANGES; of a row there: first and end of
 balls."""
 CORE_SINGLES, CORE_LANES = 18, 12
@@ -69,8 +68,6 @@ POINT, SEGMENT, BLOCK = 0, 1, 2
 """Kinds of cores."""
 ROUNDED_UP, ROUNDED_DOWN = 1.0 + 2.0**-22, 1.0 - 2.0**-22
 """What margins are multiplied by before they are rounded to single precision, added and squared there."""
-CENTERED, PLACED, PARTED = 1, 2, 4
-"""Flags of a body whose balls, whose cores, and whose parts' coarse balls, have been placed."""
 
 
 class Tables(NamedTuple):
@@ -82,7 +79,8 @@ class Tables(NamedTuple):
     link_count: int
     bodies: int
     frames: int
-    flags: int
+    placed_at: int
+    parts_at: int
     groups: int
     parts: int
     balls: int
@@ -121,7 +119,8 @@ def tables_of(memory: at.Array) -> Tables:
         int(numbers[at.LINK_COUNT]),
         here(memory, at.BODIES),
         here(memory, at.FRAMES),
-        here(memory, at.FLAGS),
+        here(memory, at.PLACED_AT),
+        here(memory, at.PARTS_AT),
         here(memory, at.GROUPS),
         here(memory, at.PARTS),
         here(memory, at.BALLS),
@@ -270,37 +269,42 @@ def _center_ball(t: Tables, pose: int, k: int) -> None:
     store_lanes(place + 2 * LANE_BYTES, z)
 
 
+@compiled(inline=True, lean=True)
+def _is_new(t: Tables, b: int, place: int) -> bool:
+    """Whether what is noted at a place has not been done since a body was placed; notes that it is."""
+    now = word_at(t.placed_at + 16 * b)
+    if word_at(place) == now:
+        return False
+    store_word(place, now)
+    return True
+
+
 @compiled(lean=True)
-def _center_body(t: Tables, b: int) -> None:
-    """Write where the centres of a body's balls are, if that is not known yet."""
-    flags, words = word_at(t.flags + 8 * b), t.bodies + 8 * BODY_WORDS * b
-    if (flags & CENTERED) != 0:
-        return
-    store_word(t.flags + 8 * b, flags | CENTERED)
-    for k in range(word_at(words + 56), word_at(words + 64)):
-        _center_ball(t, t.poses + POSE_BYTES * (b + 1), k)
+def _center_balls(t: Tables, b: int, p: int) -> None:
+    """Write where the centres of the balls of a body's part are, if that is not known yet."""
+    part = t.parts + 8 * PART_WORDS * p
+    if _is_new(t, b, t.parts_at + 16 * p):
+        for k in range(word_at(part + 8), word_at(part + 16)):
+            _center_ball(t, t.poses + POSE_BYTES * (b + 1), k)
 
 
 @compiled(lean=True)
 def _center_parts(t: Tables, b: int) -> None:
     """Write where the coarse balls of a body's parts are, if that is not known yet."""
-    flags, words = word_at(t.flags + 8 * b), t.bodies + 8 * BODY_WORDS * b
-    if (flags & PARTED) != 0:
-        return
-    store_word(t.flags + 8 * b, flags | PARTED)
-    for k in range(word_at(words + 48) + 1, word_at(words + 56)):
-        _center_ball(t, t.poses + POSE_BYTES * (b + 1), k)
+    words = t.bodies + 8 * BODY_WORDS * b
+    if _is_new(t, b, t.placed_at + 16 * b + 8):
+        for p in range(word_at(words + 56), word_at(words + 64)):
+            _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(t.parts + 8 * PART_WORDS * p))
 
 
 @compiled(lean=True)
-def _place_cores(t: Tables, b: int) -> None:
-    """Write where a body's cores are, if that is not known yet."""
-    flags, words = word_at(t.flags + 8 * b), t.bodies + 8 * BODY_WORDS * b
-    if (flags & PLACED) != 0:
+def _place_cores(t: Tables, b: int, p: int) -> None:
+    """Write where the cores of a body's part are, if that is not known yet."""
+    if not _is_new(t, b, t.parts_at + 16 * p + 8):
         return
-    store_word(t.flags + 8 * b, flags | PLACED)
+    part = t.parts + 8 * PART_WORDS * p
     pose = t.poses + POSE_BYTES * (b + 1)
-    for k in range(word_at(words + 72), word_at(words + 80)):
+    for k in range(word_at(part + 24), word_at(part + 32)):
         core, place = t.cores + 4 * CORE_SINGLES * k, t.placed + CORE_LANES * LANE_BYTES * k
         x, y, z = _point(pose, single_at(core + 24), single_at(core + 28), single_at(core + 32))
         store_lanes(place, x)
@@ -347,13 +351,14 @@ def to_frame(item: int, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
 
 
 @compiled(lean=True)
-def _check_cloud(t: Tables, b: int, part: int, k: int, lanes: int) -> int:
+def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
     """Compare the balls of a part of a body with a cloud, object k, in some lanes.
 
     Returns those in contact, and those in doubt 8 bits higher.
     """
     c, item, room = cloud_at(word_at(t.clouds + 8 * k)), t.objects + 4 * OBJECT_SINGLES * k, t.cloud_room
-    coarse, pose = t.balls + 4 * BALL_SINGLES * word_at(part), t.poses + POSE_BYTES * (b + 1)
+    part, pose = t.parts + 8 * PART_WORDS * p, t.poses + POSE_BYTES * (b + 1)
+    coarse = t.balls + 4 * BALL_SINGLES * word_at(part)
     x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
     x, y, z = to_frame(item, x, y, z)
     outside, inside = single_at(item + 4) + t.margin, single_at(item + 8) + t.margin
@@ -361,7 +366,7 @@ def _check_cloud(t: Tables, b: int, part: int, k: int, lanes: int) -> int:
     near = lanes_below(field_squared(c, x, y, z, room), spread(wide * wide)) & lanes
     if near == 0:
         return 0
-    _center_body(t, b)
+    _center_balls(t, b, p)
     contact, doubt = 0, 0
     for i in range(word_at(part + 8), word_at(part + 16)):
         ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
@@ -401,12 +406,13 @@ def _near_boxes(boxes: int, low: tuple[Any, Any, Any], high: tuple[Any, Any, Any
 
 
 @compiled(inline=True, lean=True)
-def _check_balls(t: Tables, b: int, part: int, item: int, outside: Any, inside: Any) -> int:
+def _check_balls(t: Tables, b: int, p: int, item: int, outside: Any, inside: Any) -> int:
     """Compare the balls of a part of a body with an object.
 
     Returns the lanes in contact, and those in doubt 8 bits higher.
     """
-    _center_body(t, b)
+    _center_balls(t, b, p)
+    part = t.parts + 8 * PART_WORDS * p
     outside, inside, zero = outside + single_at(item + 4), inside + single_at(item + 8), spread(0.0)
     contact, doubt = 0, 0
     for i in range(word_at(part + 8), word_at(part + 16)):
@@ -421,14 +427,15 @@ def _check_balls(t: Tables, b: int, part: int, item: int, outside: Any, inside: 
 
 
 @compiled(inline=True, lean=True)
-def _check_part(t: Tables, g: int, b: int, part: int, settled: int, first_contact: bool) -> int:
+def _check_part(t: Tables, g: int, b: int, p: int, settled: int, first_contact: bool) -> int:
     """Compare a part of a group with the objects of its trees.
 
     Objects that the box around the part's coarse ball in all lanes does not meet are left out, eight at a
     time.  Returns the lanes in contact, those in doubt 8 bits higher, and -1 where a part without balls is
     near an object.
     """
-    coarse, pose = t.balls + 4 * BALL_SINGLES * word_at(part), t.poses + POSE_BYTES * (b + 1)
+    part, pose = t.parts + 8 * PART_WORDS * p, t.poses + POSE_BYTES * (b + 1)
+    coarse = t.balls + 4 * BALL_SINGLES * word_at(part)
     x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
     outside, inside = spread(t.margin * ROUNDED_UP), spread(t.margin * ROUNDED_DOWN)
     reach = outside + single_at(coarse + 12)
@@ -460,9 +467,9 @@ def _check_part(t: Tables, g: int, b: int, part: int, settled: int, first_contac
                         if word_at(part + 8) == word_at(part + 16):
                             return -1
                         if single_at(item) == CLOUD:
-                            found = _check_cloud(t, b, part, start + lowest_bit(met), near)
+                            found = _check_cloud(t, b, p, start + lowest_bit(met), near)
                         else:
-                            found = _check_balls(t, b, part, item, outside, inside)
+                            found = _check_balls(t, b, p, item, outside, inside)
                         contact |= found & ALL
                         doubt |= found >> LANES
                         if first_contact and contact != 0:
@@ -484,7 +491,7 @@ def _check_group(t: Tables, g: int, settled: int, first_contact: bool) -> int:
         return settled
     for p in range(word_at(words + 40), word_at(words + 48)):
         part = t.parts + 8 * PART_WORDS * p
-        found = _check_part(t, g, word_at(words), part, contact, first_contact)
+        found = _check_part(t, g, word_at(words), p, contact, first_contact)
         if found < 0:
             continue
         if word_at(part + 8) == word_at(part + 16):
@@ -533,9 +540,9 @@ def _within(t: Tables, first: int, second: int, reach: Any) -> int:
 
 
 @compiled(inline=True, lean=True)
-def _check_side(t: Tables, side: int, a: int, coarse: int, settled: int) -> int:
-    """Compare balls of a body with a core, which is placed; return as `_check_balls` does."""
-    e = word_at(side)
+def _check_side(t: Tables, side: int, a: int, p: int, settled: int) -> int:
+    """Compare balls of part p of body a with a core, which is placed; return as `_check_balls` does."""
+    e, coarse = word_at(side), word_at(t.parts + 8 * PART_WORDS * p)
     core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
     outside, zero = spread(t.self_margin * ROUNDED_UP) + single_at(core + 4), spread(0.0)
     place, reach = (
@@ -545,7 +552,7 @@ def _check_side(t: Tables, side: int, a: int, coarse: int, settled: int) -> int:
     squared = core_distance(core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64))
     if (lanes_below(squared, reach * reach) & ~settled) == 0:
         return 0
-    _center_body(t, a)
+    _center_balls(t, a, p)
     inside = spread(t.self_margin * ROUNDED_DOWN) + single_at(core + 8)
     contact, doubt = 0, 0
     for r in range(word_at(side + 8), word_at(side + 16)):
@@ -573,13 +580,14 @@ def _check_link(t: Tables, k: int, settled: int, first_contact: bool) -> int:
     _center_parts(t, a)
     _center_parts(t, b)
     for p in range(word_at(words + 48), word_at(words + 56)):
-        part = t.link_parts + 8 * LINK_PART_WORDS * p
-        coarse = word_at(part)
-        if (_within(t, coarse, word_at(part + 8), margin + single_at(part + 16)) & ~contact) == 0:
+        pair = t.link_parts + 8 * LINK_PART_WORDS * p
+        first, second = word_at(pair), word_at(pair + 8)
+        coarse = word_at(t.parts + 8 * PART_WORDS * first), word_at(t.parts + 8 * PART_WORDS * second)
+        if (_within(t, coarse[0], coarse[1], margin + single_at(pair + 16)) & ~contact) == 0:
             continue
-        _place_cores(t, b)
-        for s in range(word_at(part + 24), word_at(part + 32)):
-            found = _check_side(t, t.sides + 8 * SIDE_WORDS * s, a, coarse, contact)
+        _place_cores(t, b, second)
+        for s in range(word_at(pair + 24), word_at(pair + 32)):
+            found = _check_side(t, t.sides + 8 * SIDE_WORDS * s, a, first, contact)
             contact |= found & ALL
             doubt |= found >> LANES
             if first_contact and contact != 0:
@@ -598,11 +606,12 @@ def place_all(t: Tables) -> None:
         words = t.bodies + 8 * BODY_WORDS * b
         if word_at(words + 24) != 0:
             place_body(t, b)
-        store_word(t.flags + 8 * b, 0)
+        store_word(t.placed_at + 16 * b, word_at(t.placed_at + 16 * b) + 1)
         _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
-        _center_body(t, b)
         _center_parts(t, b)
-        _place_cores(t, b)
+        for p in range(word_at(words + 56), word_at(words + 64)):
+            _center_balls(t, b, p)
+            _place_cores(t, b, p)
         for g in range(word_at(words + 32), word_at(words + 40)):
             _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(t.groups + 8 * GROUP_WORDS * g + 8))
 
@@ -613,7 +622,7 @@ def _place_ball(t: Tables, b: int) -> None:
     words = t.bodies + 8 * BODY_WORDS * b
     if word_at(words + 24) != 0:
         place_body(t, b)
-        store_word(t.flags + 8 * b, 0)
+        store_word(t.placed_at + 16 * b, word_at(t.placed_at + 16 * b) + 1)
         _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
 
 

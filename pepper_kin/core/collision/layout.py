@@ -60,7 +60,8 @@ ALIGNMENT = 8
     FROZEN,
     FREE,
     EFFORT,
-    FLAGS,
+    PLACED_AT,
+    PARTS_AT,
     COORDINATES,
     POSES,
     CENTERS,
@@ -87,9 +88,13 @@ ALIGNMENT = 8
     PAIR_ROOM,
     LOADS,
     EDGES,
-) = range(62)
-"""Sections, in order; `prepared.py` and `scene_block.py` of `collision/fast` say what is in each."""
-SECTIONS = 62
+) = range(63)
+"""Sections, in order; `prepared.py`, `body_tables.py` and `scene_block.py` of `collision/fast` say what is in
+each.
+
+PLACED_AT counts for each body how often it was placed, and has the count at which the coarse balls of its
+parts were; PARTS_AT has for each part the counts at which its balls, and its cores, were."""
+SECTIONS = 63
 SIZE = 2 * SECTIONS
 """Place of the size of the block, after the beginnings and ends of its sections."""
 

@@ -1,0 +1,217 @@
+"""The tables of a robot's bodies: where they hang, their balls and cores in groups and parts, their pairs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision.fast.ball_cover import ball_cover
+from pepper_kin.collision.fast.scene_block import NO_INNER
+from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.collision.fast.structure import Structure, ball_order, bounding_ball
+from pepper_kin.core.collision.ball_check import (
+    BALL_SINGLES,
+    BLOCK,
+    BODY_WORDS,
+    CORE_SINGLES,
+    FRAME_SINGLES,
+    GROUP_WORDS,
+    LINK_PART_WORDS,
+    LINK_WORDS,
+    PART_WORDS,
+    POINT,
+    RANGE_WORDS,
+    SEGMENT,
+    SIDE_WORDS,
+)
+from pepper_kin.core.collision.layout import CLOUD, CYLINDER, HULL
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.tree import read_tree
+
+MOST_BALLS = 8
+"""Balls in a part of a body that has several, unless they are of one solid."""
+
+
+class BodyTables:
+    """The tables of bodies, groups, balls, cores and pairs; the world is the last body."""
+
+    def __init__(self, pepper: PepperModel, structure: Structure) -> None:
+        self._structure, self._tree = structure, read_tree(pepper, compact=True)
+        tree, solids = self._tree, structure.solids
+        count = len(tree.bodies)
+        self.bodies = np.zeros((count + 1, BODY_WORDS), np.int64)
+        self.frames = np.zeros((count + 1, FRAME_SINGLES))
+        self._balls: list[Array] = []
+        self._parts: list[list[int]] = []
+        self._parts_of: dict[int, tuple[int, int]] = {}
+        self._part_of: dict[int, int] = {}
+        self._ball_counts: list[int] = []
+        self._core_counts: list[int] = []
+        self._cores: list[list[float]] = []
+        self._range_of: dict[int, tuple[int, int]] = {}
+        self._cores_of: dict[int, tuple[int, int]] = {}
+        groups_of: dict[int, list[int]] = {}
+        for g, members in enumerate(structure.groups):
+            groups_of.setdefault(solids[members[0]].joint, []).append(g)
+        rows = full_rows(pepper)
+        for b in range(count + 1):
+            joint = b + 1 if b < count else 0
+            if b < count:
+                body = tree.bodies[b]
+                source, gain, offset = rows[b]
+                self.bodies[b, :4] = body.parent + 1, body.slides, source, 1
+                self.frames[b] = [
+                    *np.array(body.rotation, dtype=float).ravel(),
+                    *body.translation,
+                    gain,
+                    offset,
+                ]
+            self._add_body(b, [i for i, s in enumerate(solids) if s.joint == joint], groups_of.get(joint, []))
+        self.groups = np.array([self._group(g) for g in range(len(structure.groups))], np.int64).reshape(
+            -1, GROUP_WORDS
+        )
+        self.parts = np.array(self._parts, np.int64).reshape(-1, PART_WORDS)
+        place = 0
+        for b in range(count + 1):
+            joint = b + 1 if b < count else 0
+            self.bodies[b, 4], place = place, place + len(groups_of.get(joint, []))
+            self.bodies[b, 5] = place
+        self.balls = np.array(self._balls).reshape(-1, BALL_SINGLES)
+        self.cores = np.array(self._cores).reshape(-1, CORE_SINGLES)
+        self.links, self.link_parts, self.sides, self.ranges = self._pairs()
+        of_bodies = np.repeat(np.arange(count + 1), self._ball_counts)
+        self.ball_bodies = np.concatenate([of_bodies, self.groups[:, 0]])
+        self.core_bodies = np.repeat(np.arange(count + 1), self._core_counts)
+
+    def _local(self, solid: Solid, points: Any) -> Array:
+        """Return points of the frame of a solid's joint in the frame of its body."""
+        points = np.asarray(points, dtype=float).reshape(-1, 3)
+        if solid.joint == 0:
+            return points
+        alignment = self._tree.alignments[solid.joint - 1]
+        return np.asarray((points - alignment.origin) @ alignment.rotation)
+
+    def _bounding(self, solids: tuple[Solid, ...]) -> Array:
+        center, radius = bounding_ball(solids)
+        return np.array([*self._local(solids[0], center)[0], radius, NO_INNER])
+
+    def _add_body(self, b: int, own: list[int], groups: list[int]) -> None:
+        solids = self._structure.solids
+        none = np.array([0.0, 0.0, 0.0, NO_INNER, NO_INNER])
+        self.bodies[b, 6] = len(self._balls)
+        self._balls.append(self._bounding(tuple([solids[i] for i in own])) if own else none)
+        in_groups = [self._structure.groups[g] for g in groups]
+        rest = tuple(i for i in own if not any(i in group for group in in_groups))
+        cuts = [self._cut(members) for members in (*in_groups, rest) if members]
+        alone, first_core = sum(map(len, cuts)) == 1, len(self._cores)
+        self.bodies[b, 7] = len(self._parts)
+        for parts, group in zip(cuts, [*groups, -1], strict=False):
+            first_part = len(self._parts)
+            if len(parts) > 1 and group >= 0:
+                self._parts.append([0, 0, 0, 0, 0])  # the whole group, whose coarse ball comes later
+            for part in parts:
+                coarse = self.bodies[b, 6] if alone else len(self._balls)
+                if not alone:
+                    self._balls.append(self._bounding(tuple([solids[i] for i in part])))
+                self._add_part(coarse, part)
+            self._parts_of[group] = first_part, len(self._parts)
+        self.bodies[b, 8] = len(self._parts)
+        self._ball_counts.append(len(self._balls) - int(self.bodies[b, 6]))
+        self._core_counts.append(len(self._cores) - first_core)
+
+    def _add_part(self, coarse: int, part: tuple[int, ...]) -> None:
+        """Add a part of a body, with the balls and cores of its solids."""
+        balls, cores = len(self._balls), len(self._cores)
+        for i in part:
+            solid, first, first_core = self._structure.solids[i], len(self._balls), len(self._cores)
+            cover = ball_cover(solid)
+            inner = np.where(cover.inner > 0.0, cover.inner, NO_INNER)
+            self._balls += list(np.column_stack([self._local(solid, cover.centers), cover.outer, inner]))
+            self._range_of[i], self._part_of[i] = (first, len(self._balls)), len(self._parts)
+            self._cores += self._cores_of_solid(i)
+            self._cores_of[i] = first_core, len(self._cores)
+        self._parts.append([coarse, balls, len(self._balls), cores, len(self._cores)])
+
+    def _cut(self, members: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Return parts of some solids of a joint, each of few balls that are near one another."""
+        solids = [self._structure.solids[i] for i in members]
+        if len(members) == 1 or sum(len(ball_cover(solid).outer) for solid in solids) <= MOST_BALLS:
+            return [members]
+        centers = np.array([ball_cover(solid).centers.mean(axis=0) for solid in solids])
+        axis = int(np.argmax(np.ptp(centers, axis=0)))
+        order, half = np.argsort(centers[:, axis], kind="stable").tolist(), (len(members) + 1) // 2
+        return [
+            part
+            for some in (order[:half], order[half:])
+            for part in self._cut(tuple(members[k] for k in some))
+        ]
+
+    def _cores_of_solid(self, i: int) -> list[list[float]]:
+        """Return the rows of a solid in CORES: a segment, a box, or its balls as points."""
+        solid = self._structure.solids[i]
+        if solid.kind in (HULL, CYLINDER, CLOUD):
+            rows = self._balls[slice(*self._range_of[i])]
+            return [[POINT, row[3], row[4], 0.0, 0.0, 0.0, *row[:3], *np.eye(3).ravel()] for row in rows]
+        kind = BLOCK if not solid.segment else SEGMENT if solid.half[2] > 0.0 else POINT
+        turn = np.eye(3) if solid.joint == 0 else self._tree.alignments[solid.joint - 1].rotation
+        center = self._local(solid, solid.position)[0]
+        radii = solid.radius, solid.radius if solid.filled else NO_INNER
+        return [[kind, *radii, *solid.half, *center, *(turn.T @ solid.rotation).T.ravel()]]
+
+    def _group(self, g: int) -> tuple[int, ...]:
+        """Return the row of a group, whose coarse ball is added."""
+        solids = tuple([self._structure.solids[i] for i in self._structure.groups[g]])
+        body = solids[0].joint - 1 if solids[0].joint else len(self._tree.bodies)
+        coarse, (first, end) = len(self._balls), self._parts_of[g]
+        self._balls.append(self._bounding(solids))
+        if end - first > 1:
+            self._parts[first][0] = coarse
+        balls = self._parts[first + (end - first > 1)][1], self._parts[end - 1][2]
+        return body, coarse, *balls, 1, first, end
+
+    def _pairs(self) -> tuple[NDArray[np.int64], ...]:
+        """Return the sections LINKS, LINK_PARTS, SIDES and RANGES."""
+        solids, world = self._structure.solids, len(self._tree.bodies)
+        links: list[list[int]] = []
+        parts: list[list[int]] = []
+        sides: list[list[int]] = []
+        ranges: list[list[int]] = []
+        order = [ball_order(solid) for solid in solids]
+        for c, pairs in enumerate(self._structure.classes):
+            by_bodies: dict[tuple[int, int], dict[tuple[int, int], dict[int, list[int]]]] = {}
+            for i, j in pairs:
+                covered, exact = (i, j) if order[i] <= order[j] else (j, i)
+                a, b = ((solids[k].joint - 1) % (world + 1) for k in (covered, exact))
+                both = self._part_of[covered], self._part_of[exact]
+                by_bodies.setdefault((a, b), {}).setdefault(both, {}).setdefault(exact, []).append(covered)
+            for (a, b), by_parts in by_bodies.items():
+                first_part = len(parts)
+                for both, by_exact in by_parts.items():
+                    first_side = len(sides)
+                    for exact, all_covered in by_exact.items():
+                        first = len(ranges)
+                        for begin, end in sorted(self._range_of[k] for k in all_covered):
+                            if len(ranges) > first and ranges[-1][1] == begin:
+                                ranges[-1][1] = end
+                            else:
+                                ranges.append([begin, end])
+                        sides += [[core, first, len(ranges)] for core in range(*self._cores_of[exact])]
+                    parts.append([*both, 0, first_side, len(sides)])
+                coarse = self.bodies[[a, b], 6]
+                links.append([a, coarse[0], b, coarse[1], 0, c, first_part, len(parts)])
+        shapes = (LINK_WORDS, LINK_PART_WORDS, SIDE_WORDS, RANGE_WORDS)
+        return tuple(
+            np.array(rows, np.int64).reshape(-1, width)
+            for rows, width in zip((links, parts, sides, ranges), shapes, strict=True)
+        )
+
+
+def full_rows(pepper: PepperModel) -> Array:
+    """Return of each coordinate of the Pinocchio model the one of q on which it depends, gain and offset."""
+    gains, rows = np.asarray(pepper.full_map), np.zeros((len(pepper.full_offset), 3))
+    rows[:, 0] = np.abs(gains).argmax(axis=1)
+    rows[:, 1] = gains[np.arange(len(gains)), rows[:, 0].astype(int)]
+    rows[:, 2] = pepper.full_offset
+    return rows
