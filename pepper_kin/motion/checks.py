@@ -6,6 +6,7 @@ import ctypes
 import functools
 import threading
 from collections.abc import Callable
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,9 @@ class Checks:
         self.exact: CollisionChecker = checker_for(pepper, scene)
         self._fast = fast_checker_for(pepper, scene)
         self.compiled, self.quick = self._fast.supported, self._fast.alone
+        self._gravity, self._effort = kernel(pepper, "gravity_torque"), TORQUE_SHARE * pepper.effort_limits
         self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
+        self._checks: dict[tuple[int, bytes, bytes], MotionCheck] = {}
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
@@ -110,13 +113,16 @@ class Checks:
             standing: A configuration in which the joints stand that do not move, shape (n,).
             moving: Places of the joints that move, shape (k,).
         """
-        n, none = self.pepper.n, np.empty(0)
-        gravity = kernel(self.pepper, "gravity_torque")
-        still, moves, least, address = none, none, np.inf, 0
+        n, gravity, key = self.pepper.n, self._gravity, (get_ident(), standing.tobytes(), moving.tobytes())
+        still = moves = np.empty(0)
+        least, address = np.inf, 0
         if self.compiled:
             still, moves = self._moving(standing, moving).blocks()
             least, address = self._fast.resting_margin, int(row_verdicts.address)
-        return MotionCheck(
+        found = self._checks.get(key)
+        if found is not None:
+            return found
+        found = MotionCheck(
             verdicts=address,
             ask=_ASK_ADDRESS,
             gravity=gravity.batch_address,
@@ -126,7 +132,7 @@ class Checks:
             still=still,
             moving=moves,
             standing=standing,
-            effort=TORQUE_SHARE * self.pepper.effort_limits,
+            effort=self._effort,
             states=np.empty((ROOM, n)),
             torque=np.empty((ROOM, n)),
             answers=np.empty(ROOM, np.int64),
@@ -134,6 +140,8 @@ class Checks:
             work=np.empty(gravity.work_size + 8),
             words=np.empty(8, np.int64),
         )
+        self._checks = {key: found}
+        return found
 
     def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a compiled function that takes an `of_motion`; coal answers what it cannot tell.
@@ -163,8 +171,8 @@ class Checks:
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether the joints can hold q, shape (m, n), still, with a little to spare; shape (m,)."""
-        torque = evaluate(kernel(self.pepper, "gravity_torque"), np.ascontiguousarray(q))
-        return np.asarray((np.abs(torque) <= TORQUE_SHARE * self.pepper.effort_limits).all(axis=-1))
+        torque = evaluate(self._gravity, np.ascontiguousarray(q))
+        return np.asarray((np.abs(torque) <= self._effort).all(axis=-1))
 
     def validity(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float]
@@ -199,8 +207,7 @@ class Checks:
         key = frozen.tobytes(), free.tobytes()
         found = self._made.get(key)
         if found is None:
-            effort = TORQUE_SHARE * self.pepper.effort_limits
-            found = self._fast.compiled(frozen, free, effort)
+            found = self._fast.compiled(frozen, free, self._effort)
             self._made = {key: found}
         return found
 

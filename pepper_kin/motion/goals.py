@@ -237,13 +237,15 @@ def free_joints(
         InvalidValueError: where a goal differs from the start in a joint that may not move.
         UnknownNameError: for an unknown joint or group.
     """
-    moved = np.flatnonzero(np.any(np.abs(goals - start) > _SAME, axis=0))
+    differ = np.any(np.abs(goals - start) > _SAME, axis=0)
+    moved = np.flatnonzero(differ)
     if joints is None:
         return moved
     names = pepper.joint_group(joints) if isinstance(joints, str) else tuple(joints)
     allowed = np.array(sorted(pepper.joint_index(name) for name in names), dtype=np.int64)
-    locked = [pepper.joint_names[j] for j in moved if j not in allowed]
-    if locked:
+    differ[allowed] = False
+    if differ.any():
+        locked = [pepper.joint_names[j] for j in np.flatnonzero(differ)]
         raise InvalidValueError(
             "goal", f"other values of {', '.join(locked)}", "the start's, since they may not move"
         )

@@ -18,7 +18,6 @@ from pepper_kin.collision.fast.joint_table import joint_table
 from pepper_kin.collision.fast.levers import part_levers
 from pepper_kin.collision.fast.rounding import Rounding
 from pepper_kin.collision.fast.scene_block import (
-    NO_INNER,
     SceneBlock,
     firsts,
     scene_block,
@@ -52,7 +51,7 @@ from pepper_kin.core.collision.ball_check import (
 )
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.layout import CYLINDER, HULL, ROOM
-from pepper_kin.core.collision.simple_rows import ROW
+from pepper_kin.core.collision.scene_rows import NO_INNER, ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.symbolic.tree import read_tree
