@@ -63,6 +63,8 @@ class Checks:
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
+        if margin == 0.0 and self_margin == 0.0:
+            return ~self._fast.in_collision(q)
         return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
 
     def surely_free(self, q: Array, margin: float, self_margin: float) -> NDArray[np.bool_]:

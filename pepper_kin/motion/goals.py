@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -241,8 +242,7 @@ def free_joints(
     moved = np.flatnonzero(differ)
     if joints is None:
         return moved
-    names = pepper.joint_group(joints) if isinstance(joints, str) else tuple(joints)
-    allowed = np.array(sorted(pepper.joint_index(name) for name in names), dtype=np.int64)
+    allowed = _places_of(pepper, joints if isinstance(joints, str) else tuple(joints))
     differ[allowed] = False
     if differ.any():
         locked = [pepper.joint_names[j] for j in np.flatnonzero(differ)]
@@ -250,6 +250,14 @@ def free_joints(
             "goal", f"other values of {', '.join(locked)}", "the start's, since they may not move"
         )
     return allowed if moved.size else moved
+
+
+@lru_cache(maxsize=64)
+def _places_of(pepper: PepperModel, joints: str | tuple[str, ...]) -> NDArray[np.int64]:
+    names = pepper.joint_group(joints) if isinstance(joints, str) else joints
+    places = np.array(sorted(pepper.joint_index(name) for name in names), dtype=np.int64)
+    places.setflags(write=False)
+    return places
 
 
 def clear_goals(

@@ -50,6 +50,11 @@ class MovingParts:
         return tuple(tuple(found[joint]) for joint in sorted(found)), resting
 
     @cached_property
+    def rows(self) -> Array:
+        """Numbers of the solids, see `core.collision.scene_rows`, shape (k, ROW)."""
+        return np.array([solid.row for solid in self.solids]).reshape(-1, ROW)
+
+    @cached_property
     def supported(self) -> bool:
         """Whether all solids of the robot have bounds."""
         return all(solid.kind != OTHER for solid in self.solids)
