@@ -186,7 +186,7 @@ def check_names(pepper: PepperModel, scene: Scene) -> None:
         UnknownNameError: for a frame, link or allowed name that neither robot nor scene has.
         InvalidValueError: for an object named like a link.
     """
-    frames = set(pepper.frame_names)
+    frames = _frames(pepper.frame_names)
     for name in scene.names:
         if name in frames:
             raise InvalidValueError("object name", repr(name), "a name that no link of the robot has")
@@ -198,6 +198,11 @@ def check_names(pepper: PepperModel, scene: Scene) -> None:
             if name not in frames and name not in scene.names:
                 known = (*scene.names, *dict.fromkeys(shape.link for shape in pepper.collision_shapes))
                 raise UnknownNameError("link or object in an allowed pair", name, known)
+
+
+@lru_cache(maxsize=32)
+def _frames(names: tuple[str, ...]) -> frozenset[str]:
+    return frozenset(names)
 
 
 def _robot(pepper: PepperModel, looks: str) -> Iterator[Body]:

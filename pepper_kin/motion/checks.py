@@ -6,6 +6,7 @@ import ctypes
 import functools
 import threading
 from collections.abc import Callable
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -54,9 +55,12 @@ class Checks:
         self._fast = fast_checker_for(pepper, scene)
         self.compiled, self.quick = self._fast.supported, self._fast.alone
         self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
+        self._checks: dict[tuple[int, bytes, bytes], MotionCheck] = {}
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
+        if margin == 0.0 and self_margin == 0.0:
+            return ~self._fast.in_collision(q)
         return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
 
     def surely_free(self, q: Array, margin: float, self_margin: float) -> NDArray[np.bool_]:
@@ -107,13 +111,17 @@ class Checks:
             standing: A configuration in which the joints stand that do not move, shape (n,).
             moving: Places of the joints that move, shape (k,).
         """
-        n, none = self.pepper.n, np.empty(0)
-        loads = self.statics.loads_along
-        still, moves, least, address = none, none, np.inf, 0
+        n, loads = self.pepper.n, self.statics.loads_along
+        key = get_ident(), standing.tobytes(), moving.tobytes()
+        still = moves = _NONE
+        least, address = np.inf, 0
         if self.compiled:
             still, moves = self._moving(standing, moving).blocks()
             least, address = self._fast.resting_margin, int(row_verdicts.address)
-        return MotionCheck(
+        found = self._checks.get(key)
+        if found is not None and found.moving is moves:
+            return found
+        found = MotionCheck(
             verdicts=address,
             ask=_ASK_ADDRESS,
             load=loads.kernel.batch_address,
@@ -135,6 +143,8 @@ class Checks:
             work=np.empty(loads.kernel.work_size + 8),
             words=np.empty(8, np.int64),
         )
+        self._checks = {key: found}
+        return found
 
     def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a compiled function that takes an `of_motion`; coal answers what it cannot tell.
@@ -218,6 +228,8 @@ class Checks:
         self.run(kept_margins, self.of_motion(start, free), ends, margin, LEAST_MARGIN, kept)
         return float(kept[0]), float(kept[1])
 
+
+_NONE = np.empty(0)
 
 _asking = threading.local()
 """The checks, of each thread, that a compiled function runs for, and what was raised meanwhile."""

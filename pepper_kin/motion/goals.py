@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -248,17 +249,26 @@ def free_joints(
         InvalidValueError: where a goal differs from the start in a joint that may not move.
         UnknownNameError: for an unknown joint or group.
     """
-    moved = np.flatnonzero(np.any(np.abs(goals - start) > _SAME, axis=0))
+    differ = np.any(np.abs(goals - start) > _SAME, axis=0)
+    moved = np.flatnonzero(differ)
     if joints is None:
         return moved
-    names = pepper.joint_group(joints) if isinstance(joints, str) else tuple(joints)
-    allowed = np.array(sorted(pepper.joint_index(name) for name in names), dtype=np.int64)
-    locked = [pepper.joint_names[j] for j in moved if j not in allowed]
-    if locked:
+    allowed = _places_of(pepper, joints if isinstance(joints, str) else tuple(joints))
+    differ[allowed] = False
+    if differ.any():
+        locked = [pepper.joint_names[j] for j in np.flatnonzero(differ)]
         raise InvalidValueError(
             "goal", f"other values of {', '.join(locked)}", "the start's, since they may not move"
         )
     return allowed if moved.size else moved
+
+
+@lru_cache(maxsize=64)
+def _places_of(pepper: PepperModel, joints: str | tuple[str, ...]) -> NDArray[np.int64]:
+    names = pepper.joint_group(joints) if isinstance(joints, str) else joints
+    places = np.array(sorted(pepper.joint_index(name) for name in names), dtype=np.int64)
+    places.setflags(write=False)
+    return places
 
 
 def clear_goals(

@@ -111,7 +111,7 @@ class Pipeline:
             rooms.trees.counters[:] = 0
             course = self._course(rooms, SEARCH)
             course.progress[COMPARED] = compare
-            status = self._run(course)
+            status, course = self._run(course)
             if status != SEARCH_ENDED:
                 return self._result(course), self._rounded(course, status)
             result = self._elsewhere(course)
@@ -135,7 +135,8 @@ class Pipeline:
                 rooms = rooms._replace(line=new_polyline(points))
             course = self._course(rooms, BEGIN if room.checks.compiled else ROUNDING)
             course.line.points[:size], course.line.counters[SIZE] = short.points, size
-            return self._rounded(course, self._run(course), path)
+            status, course = self._run(course)
+            return self._rounded(course, status, path)
 
     def _course(self, rooms: _Rooms, stage: int) -> Course:
         room, check = self._room, self._room.checks.of_motion(self._room.start, self._room.free)
@@ -163,8 +164,8 @@ class Pipeline:
             room.free, room.limits, room.reach, np.array(room.margins), *rooms[3:], progress,
         )  # fmt: skip
 
-    def _run(self, course: Course) -> int:
-        """Run to the end, whatever stops it meanwhile."""
+    def _run(self, course: Course) -> tuple[int, Course]:
+        """Run to the end, whatever stops it meanwhile; return how it ended, and the course with its room."""
         room, extended = self._room, False
         while True:
             status = int(room.checks.run(run, course, self._deadline.time_slice, *self._keys))
@@ -179,10 +180,10 @@ class Pipeline:
                 course = course._replace(line=line)
             elif status == LEAVES_LIMITS:
                 if self._bent(course) is not None:
-                    return status
+                    return status, course
                 course.progress[PIECES] *= 2
             elif status != OUT_OF_TIME:
-                return status
+                return status, course
 
     def _bent(self, course: Course) -> Way | None:
         """Return the curve through way-points that keeps the limits of joints, if it is clear."""

@@ -132,22 +132,24 @@ def path_problem(
     pepper, attached = checks.pepper, checks.exact.scene.attached
     held = tuple((item.frame, item.extent) for item in attached.values()) if attached else ()
     limits, bounded, reach = _limits(pepper, held)
-    box = limits
-    if not bounded:
+    if bounded:
+        box, metric = _within_limits(pepper, held, free.tobytes())
+    else:
         ends = np.vstack([start, goals])
         spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
         around = np.stack([ends.min(axis=0) - spare, ends.max(axis=0) + spare])
-        box = np.where(np.isfinite(limits), limits, around)
-    weights = reach if np.isfinite(reach).all() else motion_bounds(pepper, box[0], box[1], held)
+        whole = np.where(np.isfinite(limits), limits, around)
+        weights = reach if np.isfinite(reach).all() else motion_bounds(pepper, whole[0], whole[1], held)
+        box, metric = np.ascontiguousarray(whole[:, free]), planners.Metric(weights[free])
     return PathProblem(
         checks=checks,
         start=start,
         goals=goals,
         free=free,
         margins=checks.margins(start, goals, free, margin),
-        box=np.ascontiguousarray(box[:, free]),
+        box=box,
         limits=limits,
-        metric=planners.Metric(weights[free]),
+        metric=metric,
         reach=reach,
         resolution=resolution,
         held=held,
@@ -159,6 +161,18 @@ def _limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> tuple[A
     """Return the limits of all joints, shape (2, n), whether all have some, and `motion_bounds`."""
     limits = np.stack([pepper.lower_limits, pepper.upper_limits])
     return limits, bool(np.isfinite(limits).all()), motion_bounds(pepper, held=held)
+
+
+@lru_cache(maxsize=64)
+def _within_limits(
+    pepper: PepperModel, held: tuple[tuple[str, float], ...], free: bytes
+) -> tuple[Array, planners.Metric]:
+    """Return limits, shape (2, k), and metric of some joints of a robot of which all have limits."""
+    places = np.frombuffer(free, np.int64)
+    limits, _, reach = _limits(pepper, held)
+    box = np.ascontiguousarray(limits[:, places])
+    box.setflags(write=False)
+    return box, planners.Metric(reach[places])
 
 
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:

@@ -6,7 +6,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Wheels
-from pepper_kin.motion import PlanStatus, simplify_path, validate
+from pepper_kin.motion import PlanStatus, plan_costed, simplify_path, validate
 
 CART = """<robot name="cart">
   <link name="base"><inertial><origin xyz="0 0 0.2"/><mass value="20"/>
@@ -119,5 +119,7 @@ def test_what_cannot_be_is_said(cart):
     level = pk.ik.AxisAlignment("arm", (0, 0, 1), axis=(0, 0, 1), tolerance=0.1)
     with pytest.raises(InvalidValueError, match="constraints or costs: got given"):
         pk.plan(cart, cart.neutral(), there(cart), constraints=[level])
+    with pytest.raises(InvalidValueError, match="constraints or costs: got given"):
+        plan_costed(cart, cart.neutral(), there(cart), costs=[level])
     with pytest.raises(InvalidValueError, match="a drive of a differential base"):
         simplify_path(cart, [cart.neutral(), cart.joint_vector({"BaseX": 0.2})])

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision.fast.ball_cover import ball_cover
-from pepper_kin.collision.fast.scene_block import NO_INNER
 from pepper_kin.collision.fast.solids import Array, Solid
 from pepper_kin.collision.fast.structure import Structure, ball_order, bounding_ball
 from pepper_kin.core.collision.ball_check import (
@@ -27,6 +26,7 @@ from pepper_kin.core.collision.ball_check import (
     SIDE_WORDS,
 )
 from pepper_kin.core.collision.layout import CLOUD, CYLINDER, HULL
+from pepper_kin.core.collision.scene_rows import NO_INNER
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.tree import read_tree
 

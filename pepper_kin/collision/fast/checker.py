@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,7 +74,7 @@ class FastChecker:
         """Whether nothing but ties is left to coal: all shapes are convex solids."""
         return self._decided
 
-    @property
+    @cached_property
     def resting_margin(self) -> float:
         """A margin below which nothing is that never moves against the world [m]; inf where nothing is."""
         return resting_margin(self._prepared.structure)

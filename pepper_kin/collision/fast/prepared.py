@@ -38,7 +38,7 @@ from pepper_kin.core.collision.ball_check import (
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.clouds import POINT_ROOM
 from pepper_kin.core.collision.layout import ROOM
-from pepper_kin.core.collision.simple_rows import ROW
+from pepper_kin.core.collision.scene_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
 

@@ -72,7 +72,7 @@ def _lower_bounds(structure: Structure) -> NDArray[np.float64]:
     first, second = structure.resting.T
     if not first.size:
         return np.zeros(0)
-    ours = np.array([solid.row for solid in structure.solids])[first]
+    ours = structure.moving.rows[first]
     rows = structure.object_rows[second]
     local = np.einsum("kj,kij->ki", ours[:, 8:11] - rows[:, 8:11], rows[:, 11:].reshape(-1, 3, 3))
     beyond = np.maximum(np.abs(local) - rows[:, 5:8], 0.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.core.collision.layout import WIDEST
@@ -22,6 +21,9 @@ are wrong by u of 2 WIDEST each, a, the sum and the gain of a joint that follows
 """
 ANGLE = COORDINATE + 3e-7
 """Error of an angle, and of its sine and cosine [rad]."""
+COMPARING = 16.0 * ROUNDING
+"""What comparing placed balls adds at most, over the sum of the coordinates: the robot's, and those of an
+object as far as it can be met."""
 FAR = 1e3
 """Objects are not larger than this, or meet the robot where they are [m]."""
 TURN = 2.0 * ANGLE + 24.0 * ROUNDING
@@ -47,6 +49,7 @@ class Rounding:
 
     Attributes:
         placed: How far a body's balls and cores may be misplaced [m], shape (bodies,), the world last.
+        farthest: How far the robot reaches [m].
     """
 
     def __init__(self, pepper: PepperModel, solids: Sequence[Solid]) -> None:
@@ -61,21 +64,15 @@ class Rounding:
             reach[b] = reach[body.parent] + lever
             shift[b] = shift[body.parent] + turn[b] * lever + 8.0 * ROUNDING * reach[b]
             shift[b] += COORDINATE if body.slides else 0.0
-        self.placed, self._farthest = np.zeros(count + 1), 0.0
+        self.placed, self.farthest = np.zeros(count + 1), 0.0
         for solid in solids:
             b = solid.joint - 1
             origin = tree.alignments[b].origin if solid.joint else np.zeros(3)
             own = float(np.linalg.norm(solid.position - origin)) + solid.bounding_radius
             error = shift[b] + turn[b] * own + 8.0 * ROUNDING * (reach[b] + own)
             self.placed[b] = max(self.placed[b], error)
-            self._farthest = max(self._farthest, reach[b] + own)
+            self.farthest = max(self.farthest, reach[b] + own)
 
-    def comparing(self, extents: ArrayLike = 0.0) -> NDArray[np.float64]:
-        """Return what comparing placed balls with objects adds at most, 16 u of the coordinates [m].
-
-        Coordinates are the robot's, and those of an object as far as it can be met.
-
-        Args:
-            extents: Greatest distance of a point of each object from its center [m]; 0 for the robot itself.
-        """
-        return 16.0 * ROUNDING * (np.minimum(extents, FAR) + self._farthest)
+    def comparing(self) -> float:
+        """Return what comparing placed balls of the robot with one another adds at most [m]."""
+        return COMPARING * self.farthest

@@ -8,18 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision.fast.rounding import Rounding
-from pepper_kin.collision.fast.solids import OTHER, Array, Solid
+from pepper_kin.collision.fast.rounding import COMPARING, FAR, Rounding
+from pepper_kin.collision.fast.solids import Array, Solid
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES
-from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER
+from pepper_kin.core.collision.scene_rows import VAST, write_objects
 from pepper_kin.kernels.lanes import LANES
 
-NO_INNER = -1e3
-"""Inner radius of what no ball is known to lie in [m]."""
-VAST = 1e6
-"""Half length that stands for one without bounds [m]."""
 FEW = 12
 """Objects in a tree that is one leaf;"""
 LEAF = 4
@@ -47,17 +43,14 @@ class SceneBlock(NamedTuple):
 def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
     """Return the block of a scene as one robot sees it."""
     rows, special = structure.object_rows, structure.special
-    kinds, radii, corners, halves = rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 5:8]
-    slack = rounding.comparing(corners + radii)
-    outer = radii + slack
-    bounded = np.minimum(halves, VAST)
-    lengths = (np.abs(rows[:, 11:].reshape(-1, 3, 3)) * bounded[:, :, None]).sum(axis=1) + outer[:, None]
-    lows, highs = rows[:, 8:11] - lengths, rows[:, 8:11] + lengths
+    items = np.empty((len(rows), OBJECT_SINGLES), np.float32)
+    lows, highs = np.empty((2, len(rows), 3))
+    write_objects(rows, COMPARING, FAR, rounding.farthest, items, lows, highs)
     order: list[NDArray[np.intp]] = []
     trees: list[tuple[Array, frozenset[int]]] = []
     placed = 0
     for members, groups in structure.sets:
-        for part in _by_length(members, lengths):
+        for part in _by_length(members, lows, highs):
             own, nodes = box_tree(lows[part], highs[part])
             nodes[:, 6] += sum(len(tree) for tree, _ in trees)
             nodes[:, 7:] += placed
@@ -65,11 +58,6 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
             order.append(part[own])
             trees.append((nodes, groups))
     chosen = np.concatenate([np.zeros(0, np.intp), *order])
-    items = np.empty((len(rows), OBJECT_SINGLES), np.float32)
-    items[:, 0], items[:, 1] = kinds, outer
-    items[:, 2] = np.where(np.isin(kinds, (BOX, CYLINDER, CLOUD)), radii - slack, NO_INNER)
-    items[:, 3:6], items[:, 6:18] = bounded, rows[:, 8:]
-    items[:, 18] = np.where(kinds == OTHER, VAST, corners) + outer
     placed_in = chosen.tolist()
     first = np.cumsum([0, *(len(nodes) for nodes, _ in trees)])
     lists = [[r for r, (_, met) in enumerate(trees) if g in met] for g in range(len(structure.groups))]
@@ -104,11 +92,11 @@ def _root_lists(first: NDArray[np.int64], lists: list[list[int]]) -> dict[int, A
     return {at.ROOTS: words(roots), at.ROOT_LISTS: words(firsts(lists))}
 
 
-def _by_length(members: NDArray[np.intp], lengths: Array) -> list[NDArray[np.intp]]:
+def _by_length(members: NDArray[np.intp], lows: Array, highs: Array) -> list[NDArray[np.intp]]:
     """Return places of objects, those much longer than most apart."""
     if len(members) <= FEW:
         return [members]
-    longest = lengths[members].max(axis=1)
+    longest = (highs - lows)[members].max(axis=1)
     large = longest > LARGE * np.median(longest)
     return [part for part in (members[~large], members[large]) if len(part)]
 

@@ -19,7 +19,7 @@ from pepper_kin.collision.solids import (
     padding,
 )
 from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, HULL, OTHER, Array
-from pepper_kin.core.collision.simple_rows import BALL, BAR, BLOCK, ROUND
+from pepper_kin.core.collision.scene_rows import BALL, BAR, BLOCK, ROUND
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.shapes import read_only
 
@@ -71,7 +71,7 @@ class Solid:
 
     @cached_property
     def row(self) -> Array:
-        """Its numbers, shape (ROW,), see `core.collision.simple_rows`."""
+        """Its numbers, shape (ROW,), see `core.collision.scene_rows`."""
         corner = math.sqrt(sum([half * half for half in self.half.tolist() if math.isfinite(half)]))
         numbers = [self.kind, self.radius, self.bounding_radius, self.filled, corner, *self.half.tolist()]
         return np.array([*numbers, *self.position.tolist(), *self.rotation.T.ravel().tolist()])

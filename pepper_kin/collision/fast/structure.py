@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from weakref import WeakKeyDictionary
@@ -21,7 +22,7 @@ from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
 from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, simple_shape, solid_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
-from pepper_kin.core.collision.simple_rows import ROW, write_simple_rows
+from pepper_kin.core.collision.scene_rows import ROW, write_simple_rows
 from pepper_kin.model import PepperModel
 
 
@@ -49,9 +50,19 @@ class MovingParts:
         return tuple(tuple(found[joint]) for joint in sorted(found)), resting
 
     @cached_property
+    def rows(self) -> Array:
+        """Numbers of the solids, see `core.collision.scene_rows`, shape (k, ROW)."""
+        return np.array([solid.row for solid in self.solids]).reshape(-1, ROW)
+
+    @cached_property
     def supported(self) -> bool:
         """Whether all solids of the robot have bounds."""
         return all(solid.kind != OTHER for solid in self.solids)
+
+    @cached_property
+    def decided(self) -> bool:
+        """Whether all solids of the robot are convex."""
+        return _are_decided(self.solids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +88,7 @@ class Structure:
     @cached_property
     def decided(self) -> bool:
         """Whether all shapes are convex solids."""
-        others = (*self.solids, *self.special.values())
-        return all(solid.filled and solid.kind != OTHER for solid in others)
+        return self.moving.decided and _are_decided(self.special.values())
 
     @cached_property
     def objects(self) -> tuple[Solid, ...]:
@@ -96,7 +106,7 @@ class Structure:
 
     @cached_property
     def object_rows(self) -> Array:
-        """Numbers of the objects, see `core.collision.simple_rows`, shape (k, ROW)."""
+        """Numbers of the objects, see `core.collision.scene_rows`, shape (k, ROW)."""
         rows = np.empty((len(self.items), ROW))
         none = (0.0, 0.0, 0.0, 0.0)
         if self.items:
@@ -116,6 +126,10 @@ class Structure:
     def classes(self) -> tuple[tuple[tuple[int, int], ...], ...]:
         """Pairs of the robot with itself."""
         return self.moving.classes
+
+
+def _are_decided(solids: Iterable[Solid]) -> bool:
+    return all(solid.filled and solid.kind != OTHER for solid in solids)
 
 
 def structure_of(checker: CollisionChecker) -> Structure:

@@ -1,0 +1,90 @@
+"""Numbers of the objects of a scene as compiled checks take them, for all at once."""
+
+from __future__ import annotations
+
+import math
+
+from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, OTHER
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats2, Floats3, Singles2
+
+ROW = 20
+"""Numbers of a solid: kind, radius, bounding radius, whether it is filled, distance of the core's farthest
+corner, half lengths, center, x, y and z axis."""
+
+BALL, BAR, ROUND, BLOCK = 0, 1, 2, 3
+"""Simple shapes with their sizes: a sphere (radius), a capsule and a cylinder (radius, length) and a
+box (its full lengths)."""
+
+
+@compiled("void(float64[:, ::1], float64[:, :, ::1], float64[:, ::1])", lean=True)
+def write_simple_rows(shapes: Floats2, poses: Floats3, rows: Floats2) -> None:
+    """Write the rows of simple shapes.
+
+    Args:
+        shapes: Which shape, and its three sizes [m], shape (k, 4).
+        poses: Transforms from their own frames to the world, shape (k, 4, 4).
+        rows: Receives the numbers, shape (k, ROW).
+    """
+    for k in range(shapes.shape[0]):
+        shape, a, b, c = int(shapes[k, 0]), shapes[k, 1], shapes[k, 2], shapes[k, 3]
+        radius = a if shape in (BALL, BAR) else 0.0
+        x = 0.5 * a if shape == BLOCK else a if shape == ROUND else 0.0
+        y = 0.5 * b if shape == BLOCK else x
+        z = 0.5 * c if shape == BLOCK else 0.5 * b if shape in (BAR, ROUND) else 0.0
+        corner = math.sqrt(x * x + y * y + z * z)
+        beyond = math.sqrt(x * x + z * z) if shape == ROUND else corner
+        rows[k, 0] = CYLINDER if shape == ROUND else BOX
+        rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4] = radius, beyond + radius, 1.0, corner
+        rows[k, 5], rows[k, 6], rows[k, 7] = x, y, z
+        for i in range(3):
+            rows[k, 8 + i] = poses[k, i, 3]
+            for j in range(3):
+                rows[k, 11 + 3 * j + i] = poses[k, i, j]
+
+
+NO_INNER = -1e3
+"""Inner radius of what no ball is known to lie in [m]."""
+VAST = 1e6
+"""Half length that stands for one without bounds [m]."""
+
+
+@compiled(
+    "void(float64[:, ::1], float64, float64, float64, float32[:, ::1], float64[:, ::1], float64[:, ::1])",
+    lean=True,
+)
+def write_objects(
+    rows: Floats2,
+    rounding: float,
+    far: float,
+    farthest: float,
+    items: Singles2,
+    lows: Floats2,
+    highs: Floats2,
+) -> None:
+    """Write what balls are compared with: the section OBJECTS, and boxes around the objects.
+
+    Args:
+        rows: The objects' numbers, shape (k, ROW).
+        rounding: Error of a comparison over the distances in it.
+        far: Objects are not larger than this, or meet the robot where they are [m].
+        farthest: How far the robot reaches [m].
+        items: Receives the objects in single precision, shape (k, OBJECT_SINGLES).
+        lows: Receives the least corners of the boxes, shape (k, 3) [m].
+        highs: Receives the greatest.
+    """
+    for k in range(rows.shape[0]):
+        kind, radius, corner = rows[k, 0], rows[k, 1], rows[k, 4]
+        slack = rounding * (min(corner + radius, far) + farthest)
+        known = kind in (BOX, CYLINDER, CLOUD)
+        items[k, 0], items[k, 1] = kind, radius + slack
+        items[k, 2] = radius - slack if known else NO_INNER
+        for i in range(3):
+            items[k, 3 + i] = min(rows[k, 5 + i], VAST)
+            length = radius + slack
+            for j in range(3):
+                length += abs(rows[k, 11 + 3 * j + i]) * min(rows[k, 5 + j], VAST)
+            lows[k, i], highs[k, i] = rows[k, 8 + i] - length, rows[k, 8 + i] + length
+        for i in range(12):
+            items[k, 6 + i] = rows[k, 8 + i]
+        items[k, 18] = (VAST if kind == OTHER else corner) + radius + slack

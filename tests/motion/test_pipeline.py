@@ -1,0 +1,118 @@
+"""The whole way from problem to curve in one call: paths as of the planner alone, answers as of coal."""
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin import planners
+from pepper_kin.collision import CollisionChecker
+from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.motion import pipeline
+from pepper_kin.motion.checks import LEAST_MARGIN, Checks
+from pepper_kin.motion.examination import Examiner
+from pepper_kin.motion.pipeline import Pipeline
+from pepper_kin.motion.problem import COARSE, path_problem
+from pepper_kin.trajectory.path import as_cubic_path
+
+PEPPER = pk.load_pepper()
+TABLE = pk.Scene().add_box("table", (0.6, 1.2, 0.04), (0.53, 0.0, 0.72))
+ARM = np.array([PEPPER.joint_index(name) for name in PEPPER.joint_group("left_arm")])
+LOW = PEPPER.joint_vector({"LShoulderPitch": 1.3, "LShoulderRoll": 0.2, "LElbowRoll": -0.3})
+HIGH = PEPPER.joint_vector({"LShoulderPitch": 0.2, "LShoulderRoll": 0.2, "LElbowRoll": -0.5})
+REACH = np.array(motion_bounds(PEPPER))
+
+
+def room():
+    return path_problem(Checks(PEPPER, TABLE), LOW, HIGH[None], ARM, 0.01, COARSE)
+
+
+@pytest.mark.parametrize("nodes", [4096, 16])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_path_is_that_of_the_planner_alone_also_where_room_runs_out(monkeypatch, nodes, seed):
+    monkeypatch.setattr(pipeline, "_NODES", nodes)
+    monkeypatch.setattr(pipeline, "_local", type(pipeline._local)())
+    alone = planners.rrt_connect(room().problem, seed=seed)
+    found, way = Pipeline(room(), seed, 5.0).searched(False)
+    np.testing.assert_array_equal(found.path.points, alone.path.points)
+    assert (found.iterations, found.states_checked) == (alone.iterations, alone.states_checked)
+    np.testing.assert_array_equal(way.points[[0, -1]], [LOW, HIGH])
+    coal = CollisionChecker(PEPPER, TABLE)
+    pieces = np.arange(len(way.curve.breaks) - 1)
+    for share in np.linspace(0.0, 1.0, 30):
+        assert not coal.in_collision(way.curve.at(pieces, share * np.diff(way.curve.breaks))).any()
+
+
+def test_another_goal_ends_the_path_where_that_is_shorter():
+    goals = np.array([HIGH, HIGH])
+    goals[0, ARM[1]] += 0.6
+    problem = path_problem(Checks(PEPPER, TABLE), LOW, goals, ARM, 0.01, COARSE)
+    for seed in range(4):
+        found, _ = Pipeline(problem, seed, 5.0).searched(True)
+        alone = planners.rrt_connect(problem.problem, seed=seed)
+        assert found.path.length <= alone.path.length + 1e-12
+        end = problem.problem.goals[found.goal_index]
+        np.testing.assert_array_equal(found.path.points[-1], end)
+        validator = problem.problem.validator()
+        for a, b in zip(found.path.points[:-1], found.path.points[1:], strict=True):
+            steps = max(1, int(np.ceil(problem.metric.distance(a, b) / problem.resolution)))
+            assert validator.last_valid_step(a, b, steps) == steps
+
+
+def splines(count):
+    rng = np.random.default_rng(5)
+    for _ in range(count):
+        points = np.tile(HIGH, (4, 1))
+        points[:, ARM] += rng.uniform(-0.35, 0.35, (4, len(ARM)))
+        yield as_cubic_path(PEPPER, np.clip(points, PEPPER.lower_limits + 0.05, PEPPER.upper_limits - 0.05))
+
+
+def test_what_is_asked_of_coal_is_answered_as_machine_code_does():
+    checks, coal = Checks(PEPPER, TABLE), Checks(PEPPER, TABLE)
+    coal.compiled = coal.quick = False
+    verdicts = []
+    for curve in splines(6):
+        given = curve.breaks, curve.coefficients, REACH, (0.005, 0.001)
+        clear = [Examiner(each, HIGH, ARM).is_clear(*given) for each in (checks, coal)]
+        assert clear[0] == clear[1]
+        verdicts.append(clear[0])
+    assert 0 < sum(verdicts) < 6
+
+
+def test_what_coal_raises_is_raised(monkeypatch):
+    checks = Checks(PEPPER, TABLE)
+    checks.compiled = False
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(checks, "answer", interrupted)
+    curve = next(splines(1))
+    with pytest.raises(KeyboardInterrupt):
+        Examiner(checks, HIGH, ARM).is_clear(curve.breaks, curve.coefficients, REACH, (0.0, 0.0))
+    assert Checks(PEPPER, TABLE).margins(LOW, HIGH[None], ARM, 0.01)[0] > 0.0
+
+
+def halved(scene):
+    """The margins that coal says both ends keep."""
+
+    def free(margin, self_margin):
+        return not CollisionChecker(PEPPER, scene, margin, self_margin).in_collision([LOW, HIGH]).any()
+
+    own = wide = 0.01
+    while own > LEAST_MARGIN and not free(0.0, own):
+        own /= 2
+    own = own if own == 0.01 else own / 2 if own > LEAST_MARGIN else 0.0
+    while wide > LEAST_MARGIN and not free(wide, own):
+        wide /= 2
+    return wide if wide > LEAST_MARGIN else 0.0, own
+
+
+def test_margins_are_halved_until_coal_says_that_both_ends_keep_them():
+    hand, found = frame_pose(PEPPER, HIGH, "l_gripper")[:3, 3], set()
+    for height in np.linspace(0.03, 0.12, 40):
+        scene = pk.Scene().add_sphere("near", 0.01, hand + np.array([0.0, 0.0, height]))
+        kept = Checks(PEPPER, scene).margins(LOW, HIGH[None], ARM, 0.01)
+        assert kept == halved(scene)
+        found.add(kept[0])
+    assert {0.0, 0.01} < found
