@@ -12,6 +12,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
 
 from .deadline import Deadline, load_code
+from .frontier import spread
 from .motion_validator import CompiledMotionValidator, machine_code_of
 from .path import Path
 from .problem import BETWEEN_DRAWS, GoalSource, Problem
@@ -19,7 +20,7 @@ from .result import Result, Status
 from .sampling import random_state, stream_key, uniform, within_ellipsoid
 from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, space_of, step_count
 from .tree import LANES, grown, nearest, nearest_within, set_lane, whole_blocks
-from .vectors import FloatArray, positive_number, read_only, whole_number
+from .vectors import FloatArray, positive_number, whole_number
 
 _STEP = 0.1  # of the diagonal: longest extension
 _UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
@@ -28,7 +29,6 @@ _FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's d
 _FIRST_CAPACITY = 128
 _CLOCK_EVERY = 64  # goals or samples
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
-_FRONTIER = 64  # nodes of a stuck tree that are returned
 _WIDTH, _NEAR_ROUND, _SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
 _TRIES = 8  # to draw a sample that is of use inside the box
 
@@ -310,9 +310,8 @@ class Search:
         if path is None and trees.counters[START_SIZE : GOAL_SIZE + 1].all():
             self._note_trees()
             side = self._stuck_side()
-            last = int(trees.counters[START_SIZE + side]) - 1
-            nodes = np.linspace(0, last, min(last + 1, _FRONTIER)).astype(int)
-            more |= {"tree_sizes": tuple(self._sizes), "frontier": read_only(trees.states[side, nodes])}
+            nodes = trees.states[side, : trees.counters[START_SIZE + side]]
+            more |= {"tree_sizes": tuple(self._sizes), "frontier": spread(nodes)}
         return Result(
             status=status,
             path=path,

@@ -44,7 +44,8 @@ class PlanProblem:
         planner: The planner's name.
         joints: Joints that may move.
         constraints: IK tasks kept along the whole path.
-        margin: Distance kept to all things [m].
+        margin: Distance wished for to all things [m].
+        least_margin: Distance that the curve has to keep from the scene [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
         balance: Distance of the center of mass from the edges of the wheels' triangle [m].
@@ -59,6 +60,7 @@ class PlanProblem:
     joints: str | Sequence[str] | None = field(default=None, kw_only=True)
     constraints: Sequence[Task | TaskGroup] | None = field(default=None, kw_only=True)
     margin: float = field(default=0.01, kw_only=True)
+    least_margin: float = field(default=0.0, kw_only=True)
     seed: int = field(default=0, kw_only=True)
     timeout: float = field(default=5.0, kw_only=True)
     balance: float | None = field(default=None, kw_only=True)
@@ -76,7 +78,7 @@ class PlanProblem:
         return plan(
             self.pepper, self.start, self.goal, self.scene, planner=self.planner, joints=self.joints,
             constraints=self.constraints, margin=self.margin, seed=self.seed, timeout=self.timeout,
-            balance=self.balance, payload=self.payload,
+            least_margin=self.least_margin, balance=self.balance, payload=self.payload,
         )  # fmt: skip
 
 

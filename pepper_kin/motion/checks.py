@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 LEAST_MARGIN = 1e-4
 """A margin smaller than this counts as none [m]."""
 
+FINEST = 0.0005
+"""Least distance that any point of the body moves between states of a curve that are looked at [m]."""
+
 
 class Checks:
     """Answers for one robot in one scene.
@@ -94,6 +97,20 @@ class Checks:
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether q, shape (m, n), can be held still, with a little to spare; shape (m,)."""
         return self.statics.hold(q)
+
+    def too_near(self, q: Array, what: str, least: float) -> str:
+        """Return a sentence on what an end of a path, shape (n,), is too near to; empty where to nothing.
+
+        Args:
+            q: The configuration.
+            what: Its name, such as "start".
+            least: What a curve must keep from the scene all along, which is looked at `FINEST` apart [m].
+        """
+        if least == 0.0 or self.free(q, least + FINEST):
+            return ""
+        names = self.exact.with_margins(least + FINEST, 0.0).contacts(q)
+        near = "".join(f": {' and '.join(pair)} are nearer" for pair in names[:1])
+        return f"The {what} does not keep least_margin, {1000 * least:.1f} mm{near}."
 
     def validity(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float]

@@ -15,9 +15,11 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.margins import checked_least, falling_problems, gave_way
+from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
+from pepper_kin.motion.problem import PathProblem, checked_start
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import _is_clear, waypoints_of
 from pepper_kin.trajectory.path import as_cubic_path
@@ -47,6 +49,7 @@ def plan_costed(
     *,
     joints: str | Sequence[str] | None = None,
     margin: float = 0.01,
+    least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 5.0,
     balance: float | None = None,
@@ -69,7 +72,8 @@ def plan_costed(
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ; give more where others can lower the cost.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that.
+            nearer than that, or where no path keeps it.
+        least_margin: As of `plan`.
         seed: Seed of all random choices.
         timeout: Time budget [s].
         balance: As of `plan`.
@@ -85,30 +89,35 @@ def plan_costed(
     """
     priced = PathCosts.of(pepper, costs)
     q_start = checked_start(pepper, start, margin, timeout)
+    margins = margin, checked_least(margin, least_margin)
     checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
-    ended = Ending(pepper, begin, seed, PLANNER)
-    fault = fault_of_start(checks, q_start)
+    ended = Ending(pepper, begin, seed, PLANNER, margin)
+    fault = fault_of_start(checks, q_start, margins[1])
     if fault is not None:
         return ended(*fault)
-    goals, ik, fault = goals_of(checks, q_start, goal, joints, margin, seed, timeout)
+    goals, ik, fault = goals_of(checks, q_start, goal, joints, margins, seed, timeout)
     if fault is not None:
         return ended(*fault, ik=ik)
     free = free_joints(pepper, joints, q_start, goals)
     if is_there(q_start, goals):
         return ended.solved(checks.exact, q_start[None], STAYS, ik=ik)
-    room = path_problem(checks, q_start, goals, free, margin)
-    found = _Search(room, priced, seed, begin + timeout)
-    said: dict[str, Any] = {"ik": ik, "states_checked": found.states_checked}
+    states = 0
+    for room, share in falling_problems(checks, q_start, goals, free, margins):
+        found = _Search(room, priced, seed, (begin + share * timeout, begin + timeout))
+        states += found.states_checked
+        if found.first is not None:
+            break
+    said: dict[str, Any] = {"ik": ik, "states_checked": states}
     if found.first is None:
-        elapsed = time.perf_counter() - begin
-        message = f"No path: {found.states_checked} configurations were checked in {elapsed:.2f} s."
-        return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
+        return ended(*why_no_path(room, found.result, seed), **said)
     path, figures, before = found.cheapest()
     if path is None or figures is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
     said["costs"] = priced.said(figures, before)
-    return ended.solved(checks.exact, path, words(path, figures, before), **said)
+    curve = as_cubic_path(pepper, path)
+    message = words(path, figures, before) + gave_way(room, curve, margin)
+    return ended.solved(checks.exact, path, message, curve, **said)
 
 
 def words(path: Array, found: Figures, before: Figures | None) -> str:
@@ -124,17 +133,28 @@ class _Search:
     """Paths of one problem, from the first that is found to the cheapest.
 
     Attributes:
-        first: The path found without regard to costs; None where there is none.
+        result: Of the first search, without regard to costs.
+        first: Its path; None where there is none.
         states_checked: Number of configurations asked about by searches.
     """
 
-    def __init__(self, room: PathProblem, costs: PathCosts, seed: int, deadline: float) -> None:
-        self._room, self._costs, self._seed, self._deadline = room, costs, seed, deadline
+    def __init__(
+        self, room: PathProblem, costs: PathCosts, seed: int, deadlines: tuple[float, float]
+    ) -> None:
+        """Search a first path.
+
+        Args:
+            room: What is planned.
+            costs: Soft costs.
+            seed: Seed of all random choices.
+            deadlines: Of the first path, and of all that is done, on the clock of `time.perf_counter` [s].
+        """
+        self._room, self._costs, self._seed, self._deadline = room, costs, seed, deadlines[0]
         self._price = costs.for_planner(room.start, room.free)
         self.states_checked = 0
-        self.first = next(
-            iter(self._path(planners.rrt_connect(room.problem, seed=seed, timeout=self._left))), None
-        )
+        self.result = planners.rrt_connect(room.problem, seed=seed, timeout=self._left)
+        self.first = next(iter(self._path(self.result)), None)
+        self._deadline = deadlines[1]
 
     def cheapest(self) -> tuple[Array | None, Figures | None, Figures | None]:
         """Return way-points, shape (m, n), their figures, and those of the way without regard to costs.

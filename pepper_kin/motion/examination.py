@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import FINEST, Checks
 
 Array = NDArray[np.float64]
 
-STEPS = (0.008, 0.002, 0.0005)
+STEPS = (0.008, 0.002, FINEST)
 """Distances that any point of the body moves between states, from far from everything to near [m]."""
 
 
@@ -54,6 +54,7 @@ class Examiner:
         margins: tuple[float, float],
         *,
         held: bool = True,
+        strictly: bool = False,
     ) -> bool:
         """Whether margins are kept and gravity is held along a piecewise cubic curve.
 
@@ -68,6 +69,8 @@ class Examiner:
             reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
             margins: To the scene and to the robot itself [m].
             held: Whether to ask if the joints can hold still along the curve.
+            strictly: Whether the margin to the scene is proven to be kept at every point, between the states
+                that are looked at as well.
         """
         breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
         parts = cut(breaks, coefficients, reach, STEPS[0])
@@ -76,9 +79,11 @@ class Examiner:
             states = middles(coefficients, parts)
             if held and step == STEPS[0] and not self._held(breaks, coefficients, reach, states):
                 return False
+            proven = margins[0] + step / 2 if strictly else max(margins[0], step / 2)
             if shorter is None:
-                return bool(kept(states).all())
-            far = self._test((max(margins[0], step / 2), max(margins[1], step / 2)), True)
+                last = self._test((proven, margins[1]), False) if strictly else kept
+                return bool(last(states).all())
+            far = self._test((proven, max(margins[1], step / 2)), True)
             near = np.flatnonzero(~far(states))
             if not near.size:
                 return True

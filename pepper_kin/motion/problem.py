@@ -38,6 +38,9 @@ class PathProblem:
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`; infinite where a
             joint that is carried slides without limits.
         held: What hangs on the robot, see `motion_bounds`.
+        least: What the curve must keep from the scene at every point [m].
+        gave_way: Whether the margins are smaller than start and goal allow, since no path was found with
+            greater ones.
     """
 
     checks: Checks
@@ -47,11 +50,13 @@ class PathProblem:
     margins: tuple[float, float]
     reach: Array
     held: tuple[tuple[str, float], ...] = ()
+    least: float = 0.0
+    gave_way: bool = False
 
     @property
     def relaxed_margins(self) -> tuple[float, float]:
         """Half the margins: a curve that rounds the corners of a path along a margin's edge needs room."""
-        return self.margins[0] / 2, self.margins[1] / 2
+        return max(self.margins[0] / 2, self.least), self.margins[1] / 2
 
     def finer(self) -> PathProblem:
         """Return the problem at the resolution that paths have where nothing examines them more closely."""
@@ -72,7 +77,10 @@ class PathProblem:
         reach = self.reach
         if not np.isfinite(reach).all():
             reach = motion_bounds(self.checks.pepper, *hull_of(curve.breaks, curve.coefficients), self.held)
-        return self.examiner.is_clear(curve.breaks, curve.coefficients, reach, margins)
+        kept = max(margins[0], self.least), margins[1]
+        return self.examiner.is_clear(
+            curve.breaks, curve.coefficients, reach, kept, strictly=self.least > 0.0
+        )
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""
@@ -89,6 +97,7 @@ def path_problem(
     free: NDArray[np.int64],
     margin: float,
     resolution: float = RESOLUTION,
+    least: float = 0.0,
 ) -> PathProblem:
     """Return the problem of moving from a start, shape (n,), to one of some goals, shape (m, n).
 
@@ -99,10 +108,11 @@ def path_problem(
         free: Places of the joints that move, shape (k,).
         margin: Distance to keep where the ends allow it [m].
         resolution: Greatest distance between states that are looked at [m], in the metric.
+        least: What the curve must keep from the scene at every point, as the ends do [m].
     """
     pepper = checks.pepper
     kept, kept_self = checks.margins(start, goals, margin)
-    held = tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
+    kept, held = max(kept, least), held_by(checks)
     ends = np.vstack([start, goals])
     spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, ends.min(axis=0) - spare)
@@ -119,7 +129,12 @@ def path_problem(
         resolution=resolution,
         labels=tuple(pepper.joint_names[j] for j in free),
     )
-    return PathProblem(checks, problem, start, free, (kept, kept_self), reach, held)
+    return PathProblem(checks, problem, start, free, (kept, kept_self), reach, held, least)
+
+
+def held_by(checks: Checks) -> tuple[tuple[str, float], ...]:
+    """Return what hangs on the robot, see `motion_bounds`."""
+    return tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
 
 
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:
@@ -130,10 +145,20 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
         LimitError: for a start outside the joint limits.
     """
     check_positive("timeout", timeout, "[s]")
-    if not (np.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    checked_margin(margin)
     q_start = as_joint_vectors(pepper, start, "start")
     if q_start.ndim != 1:
         raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
     check_within_limits(pepper, q_start, "start")
     return np.clip(q_start, pepper.lower_limits, pepper.upper_limits)
+
+
+def checked_margin(margin: float) -> float:
+    """Return a distance to keep [m].
+
+    Raises:
+        InvalidValueError: for what is none.
+    """
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    return margin
