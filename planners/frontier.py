@@ -21,7 +21,7 @@ def spread(states: FloatArray) -> FloatArray:
 def motions_away(
     problem: Problem, states: FloatArray, count: int, seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where random motions away from states, shape (k, n), begin and where they lead, (count, n) each."""
+    """Return where random motions away from states, shape (k, n), begin and lead to; (count, n) each."""
     rng = np.random.default_rng((_STREAM, whole_number("seed", seed)))
     origins = states[rng.integers(len(states), size=count)]
     return origins, rng.uniform(problem.lower, problem.upper, (count, problem.n))
