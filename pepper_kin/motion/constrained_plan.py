@@ -17,9 +17,9 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
-from pepper_kin.motion.costed_plan import figures_of
+from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
-from pepper_kin.motion.margins import checked_least, falling_problems, gave_way
+from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
@@ -31,6 +31,13 @@ Array = NDArray[np.float64]
 
 PLANNER = "cbirrt"
 SHORTCUTS = 60
+SEARCHES = 3
+"""Paths from which the cost is lowered."""
+
+STEPS = 200
+"""Of the descent from the cheapest."""
+
+_LITTLE = 0.01  # [s]: with less left nothing more is searched
 NO_SPLINE = "A path was found, but no spline through way-points of it keeps constraints and margin."
 
 
@@ -117,7 +124,7 @@ def plan_constrained(
     if priced is not None:
         path, figures, before = along.cheapest(result.path, priced, path)
         said["costs"] = () if figures is None else priced.said(figures, before)
-    return along.ended(ended, path, said, margin)
+    return along.ended(ended, path, said, margin, result.path)
 
 
 class _Along:
@@ -157,20 +164,47 @@ class _Along:
         room = self._room
         before = None if plain is None else figures_of(room, costs, plain)
         price = costs.for_planner(room.start, room.free)
-        lowered = planners.descend_cost(
-            room.problem, price, path, manifold=self._manifold, seed=self._seed, timeout=self._timeout
-        )
-        points = self._waypoints((lowered,))
+        end = time.perf_counter() + self._timeout
+
+        def descended(one: planners.Path, steps: int) -> planners.Path:
+            left = max(end - time.perf_counter(), 1e-3)
+            return planners.descend_cost(
+                room.problem,
+                price,
+                one,
+                manifold=self._manifold,
+                seed=self._seed,
+                iterations=steps,
+                timeout=left,
+            )
+
+        others = [self._other(self._seed + k, end - time.perf_counter()) for k in range(1, SEARCHES)]
+        lowered = [descended(one, FIRST_STEPS) for one in (path, *others) if one is not None]
+        lowered.sort(key=price.along)
+        cheapest = descended(lowered[0], STEPS)
+        points = self._waypoints((cheapest, *lowered))
         figures = None if points is None else figures_of(room, costs, points)
         if figures is None or (before is not None and before.total <= figures.total):
             return plain, before, before
         return points, figures, before
 
-    def _waypoints(self, paths: Sequence[planners.Path]) -> Array | None:
-        room = self._room
-        return constrained_waypoints(room.checks.pepper, room.relaxed, self._manifold, paths, room.embed)
+    def _other(self, seed: int, timeout: float) -> planners.Path | None:
+        """Return the path of another search, which may lead another way around; None where there is none."""
+        if timeout < _LITTLE:
+            return None
+        result = planners.cbirrt(
+            self._room.problem, self._manifold, seed=seed, timeout=timeout / SEARCHES,
+            max_iterations=MOST_ITERATIONS,
+        )  # fmt: skip
+        return result.path
 
-    def ended(self, ended: Ending, path: Array | None, said: dict[str, Any], margin: float) -> Plan:
+    def _waypoints(self, paths: Sequence[planners.Path]) -> Array | None:
+        """Return way-points of the first path whose spline is clear, held, and keeps the constraints."""
+        return constrained_waypoints(self._room, self._manifold, paths)
+
+    def ended(
+        self, ended: Ending, path: Array | None, said: dict[str, Any], margin: float, found: planners.Path
+    ) -> Plan:
         """Return the plan of way-points, if there are any and their spline keeps the constraints.
 
         Args:
@@ -178,11 +212,13 @@ class _Along:
             path: Way-points, shape (m, n).
             said: Other fields of the plan.
             margin: The one wished for [m].
+            found: The path that the search found.
         """
         tasks, exact = self._tasks, self._checks.exact
         errors = () if path is None else largest_errors(self._checks.pepper, path, tasks)
         if path is None or not _keeps(tasks, errors):
-            return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **{**said, "costs": ()})
+            message = NO_SPLINE + narrowest(self._room, found)
+            return ended(PlanStatus.NO_PATH_IN_TIME, message, **{**said, "costs": ()})
         curve = as_cubic_path(self._checks.pepper, path)
         words = _words(tasks, path, errors) + gave_way(self._room, curve, margin)
         return ended.solved(exact, path, words, curve, constraint_errors=errors, **said)

@@ -15,7 +15,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
-from pepper_kin.motion.margins import checked_least, falling_problems, gave_way
+from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
@@ -33,7 +33,9 @@ SEARCHES = 2
 MOST_ITERATIONS = 20_000
 """Of a further search."""
 
-_FIRST_STEPS = 45  # of the descent from each; the cheapest then goes on
+FIRST_STEPS = 45
+"""Of the descent from each path; the cheapest then goes on."""
+
 _PIECES = (6, 12, 24, 48, 96, 192)  # of a spline through a path
 _LITTLE = 0.01  # [s]: with less left nothing more is searched
 _CLOSE = 1.01  # what a spline may cost more than the polyline that it follows
@@ -113,7 +115,7 @@ def plan_costed(
         return ended(*why_no_path(room, found.result, seed), **said)
     path, figures, before = found.cheapest()
     if path is None or figures is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(room, found.first), **said)
     said["costs"] = priced.said(figures, before)
     curve = as_cubic_path(pepper, path)
     message = words(path, figures, before) + gave_way(room, curve, margin)
@@ -165,7 +167,7 @@ class _Search:
         assert first is not None
         plain = waypoints_of(room, first, seed=self._seed, timeout=self._left)
         before = None if plain is None else self._figures(plain)
-        lowered = [self._descended(path, _FIRST_STEPS) for path in self._paths(first)]
+        lowered = [self._descended(path, FIRST_STEPS) for path in self._paths(first)]
         candidates = sorted(lowered, key=self._price.along)
         candidates[0] = self._descended(candidates[0])
         for path in candidates:

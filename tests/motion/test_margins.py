@@ -131,6 +131,8 @@ def test_margins_give_way_with_constraints_and_costs_and_in_legs_too(pinned):
         assert plan.success, plan.message
         assert "gave way from 10 to 2.5 mm" in plan.message
         assert swing(pinned, least_margin=0.006, **options).path is None
+        kept = swing(pinned, least_margin=0.003, **options)
+        assert 0.0029 < kept.margin <= least_distance(kept, pinned)
     legs = plan_legs(PEPPER, START, [Leg(GOAL)], pinned, joints=["LShoulderPitch"], timeout=1.0)
     assert "gave way from 10 to 2.5 mm" in legs.report()
 
