@@ -16,6 +16,7 @@ from .constraint_manifold import CompiledManifold, ConstraintManifold
 from .cost_descent import StateCost, descend_cost
 from .deadline import Deadline
 from .frontier import first_invalid_states
+from .manifold_frontier import first_blocked_states
 from .metric import Metric
 from .motion_validator import CompiledMotionValidator, MotionValidator, StateValidityChecker
 from .ompl_planner import OMPL_PLANNERS, available_ompl_planners, ompl_plan
@@ -60,6 +61,7 @@ __all__ = [
     "constrained_shortcut",
     "constrained_smooth",
     "descend_cost",
+    "first_blocked_states",
     "first_invalid_states",
     "ompl_plan",
     "project",

@@ -21,13 +21,14 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints
 
 from .car_curves import PIECES, CarCurve, car_curve, pose_on_curve, shortest_curve
 from .deadline import Deadline, load_code
+from .frontier import spread
 from .motion_validator import machine_code_of
 from .problem import Problem
 from .result import Status
 from .sampling import stream_key, uniform
 from .search_space import STOP, SearchSpace, last_valid_step, space_of
 from .tree import grown
-from .vectors import positive_number, read_only, whole_number
+from .vectors import FloatArray, positive_number, read_only, whole_number
 
 ITERATIONS, START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, SIZE = range(STOP + 1, STOP + 7)
 _COUNTERS = SIZE + 1
@@ -89,6 +90,8 @@ class CarResult:
         states_checked: Number of states whose validity was asked for.
         time: Wall time [s].
         seed: Seed of the run.
+        tree_sizes: Nodes of the trees of the start and of the goals where no path was found; None otherwise.
+        frontier: Some nodes of the smaller one, shape (m, 3); None otherwise.
     """
 
     status: Status
@@ -98,6 +101,8 @@ class CarResult:
     states_checked: int
     time: float
     seed: int
+    tree_sizes: tuple[int, int] | None = None
+    frontier: FloatArray | None = None
 
     @property
     def length(self) -> float:
@@ -134,22 +139,26 @@ def car_connect(
     car = Car(radius, bool(backward), rate, _REACH * radius)
     with machine_code_of(problem, deadline, counters=counters) as code:
         space = space_of(problem, code, problem.spacing)
-        status, curve, goal = _searched(problem, space, car, counters, key, deadline)
+        status, curve, goal, frontier = _searched(problem, space, car, counters, key, deadline)
         if curve is not None:
             curve = _shortened(space, car, curve, counters, deadline, stream_key(seed, _STREAM + 1))
-    states = int(counters[0])
-    return CarResult(status, curve, goal, int(counters[ITERATIONS]), states, deadline.elapsed, seed)
+    states, sizes = int(counters[0]), (int(counters[START_SIZE]), int(counters[GOAL_SIZE]))
+    return CarResult(
+        status, curve, goal, int(counters[ITERATIONS]), states, deadline.elapsed, seed,
+        None if frontier is None else sizes, frontier,
+    )  # fmt: skip
 
 
 def _searched(
     problem: Problem, space: SearchSpace, car: Car, counters: Ints1, key: np.uint64, deadline: Deadline
-) -> tuple[Status, CarCurve | None, int | None]:
+) -> tuple[Status, CarCurve | None, int | None, FloatArray | None]:
+    """Return how it ended, the path, its goal, and some nodes of the smaller tree where there is none."""
     start, goals = problem.start.copy(), problem.goals.copy()
     if last_valid_step(space, start, start, 1, counters) != 1:
-        return Status.START_INVALID, None, None
+        return Status.START_INVALID, None, None, None
     valid = [k for k, goal in enumerate(goals) if last_valid_step(space, goal, goal, 1, counters) == 1]
     if not valid:
-        return Status.GOAL_INVALID, None, None
+        return Status.GOAL_INVALID, None, None, None
     capacity = _FIRST_CAPACITY + len(valid)
     trees = CarTrees(
         np.empty((2, capacity, 3)), np.empty((2, capacity), np.int64), np.zeros((2, 2, PIECES)),
@@ -161,14 +170,16 @@ def _searched(
     while True:
         ended = grow_car(space, car, trees, deadline.time_slice, key)
         if ended == FOUND:
-            return Status.SOLVED, *_path(trees, car)
+            return Status.SOLVED, *_path(trees, car), None
         if ended == FULL:
             capacity *= 2
             trees = trees._replace(
                 poses=grown(trees.poses, capacity, axis=1), parents=grown(trees.parents, capacity, axis=1)
             )
         elif deadline.expired or counters[STOP]:
-            return Status.NO_PATH_IN_TIME, None, None
+            side = int(counters[GOAL_SIZE] < counters[START_SIZE])
+            nodes = spread(trees.poses[side, : counters[START_SIZE + side]])
+            return Status.NO_PATH_IN_TIME, None, None, nodes
 
 
 def _path(trees: CarTrees, car: Car) -> tuple[CarCurve, int]:

@@ -25,6 +25,7 @@ from .constraint_manifold import (
     project_rows,
 )
 from .deadline import Deadline, load_code
+from .frontier import spread
 from .motion_validator import machine_code_of
 from .path import Path
 from .problem import Problem
@@ -38,6 +39,7 @@ _ON_MANIFOLD = 1.0 + 1e-9
 _FIRST_CAPACITY = 512
 _MOST_STEPS = 20_000  # of a walk
 _LONGEST = 4.0  # of the diagonal: length of a walk of whole steps
+_SHUT_IN_SAMPLES, _SHUT_IN_NODES, _SHUT_IN_RATE = 1000, 10, 0.002  # from, below, or below, for each sample
 
 # How growth ends.
 _GOING_ON, _FOUND, _TIME_UP, _FULL = range(4)
@@ -145,6 +147,8 @@ def cbirrt(
         validity_calls=calls,
         time=deadline.elapsed,
         seed=seed,
+        tree_sizes=found.sizes,
+        frontier=found.frontier,
         residual=residual,
     )
 
@@ -174,11 +178,16 @@ def _off_manifold(problem: Problem, manifold: ConstraintManifold) -> tuple[Statu
 
 
 class _Found(NamedTuple):
-    """The end of a search; points, shape (k, n), and the goal are None unless it is solved."""
+    """The end of a search; points, shape (k, n), and the goal are None unless it is solved.
+
+    Where trees have grown in vain, their sizes and some nodes of the smaller one are told.
+    """
 
     status: Status
     points: FloatArray | None = None
     goal_index: int | None = None
+    sizes: tuple[int, int] | None = None
+    frontier: FloatArray | None = None
 
 
 def _search(
@@ -211,11 +220,21 @@ def _search(
             trees = _with_room(trees[0], len(room.chain)), _with_room(trees[1], len(room.chain))
         ended = grow(explorer.space, explorer.surface, *trees, room, deadline.time_slice, key, most)
     if ended != _FOUND:
-        return _Found(Status.NO_PATH_IN_TIME if ended == _TIME_UP else Status.OUT_OF_ITERATIONS)
+        return _failed(trees, int(room.counters[_ITERATIONS]), ended == _TIME_UP)
     to_start = _branch(trees[0], room.counters[_START_NODE])
     to_goal = _branch(trees[1], room.counters[_GOAL_NODE])
     halves = trees[0].states[to_start[::-1]], trees[1].states[to_goal[1:]]
     return _Found(Status.SOLVED, np.concatenate(halves), int(goals[to_goal[-1]]))
+
+
+def _failed(trees: tuple[Tree, Tree], samples: int, late: bool) -> _Found:
+    """Return how a search ended that found nothing; an end whose tree hardly grew is shut in."""
+    start, goal = int(trees[0].size[0]), int(trees[1].size[0])
+    small = trees[0] if start <= goal else trees[1]
+    status = Status.NO_PATH_IN_TIME if late else Status.OUT_OF_ITERATIONS
+    if samples >= _SHUT_IN_SAMPLES and min(start, goal) < max(_SHUT_IN_NODES, _SHUT_IN_RATE * samples):
+        status = Status.START_SHUT_IN if start <= goal else Status.GOAL_SHUT_IN
+    return _Found(status, sizes=(start, goal), frontier=spread(small.states[: small.size[0]]))
 
 
 def _planted(states: FloatArray, parents: np.ndarray, weights: FloatArray) -> Tree:

@@ -5,9 +5,26 @@ from __future__ import annotations
 import numpy as np
 
 from .problem import Problem
-from .vectors import FloatArray, whole_number
+from .vectors import FloatArray, read_only, whole_number
+
+FRONTIER = 64
+"""Most nodes of a stuck tree that planners return."""
 
 _STREAM = 0x5407
+
+
+def spread(states: FloatArray) -> FloatArray:
+    """Return some of the nodes of a tree, shape (m, n), from the first to the last, read-only."""
+    return read_only(states[np.linspace(0, len(states) - 1, min(len(states), FRONTIER)).astype(int)])
+
+
+def motions_away(
+    problem: Problem, states: FloatArray, count: int, seed: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return where random motions away from states, shape (k, n), begin and lead to; (count, n) each."""
+    rng = np.random.default_rng((_STREAM, whole_number("seed", seed)))
+    origins = states[rng.integers(len(states), size=count)]
+    return origins, rng.uniform(problem.lower, problem.upper, (count, problem.n))
 
 
 def first_invalid_states(problem: Problem, states: FloatArray, count: int, *, seed: int = 0) -> FloatArray:
@@ -28,11 +45,8 @@ def first_invalid_states(problem: Problem, states: FloatArray, count: int, *, se
     Raises:
         InvalidValueError: The seed is not allowed, or the checker answers in a wrong shape.
     """
-    rng, validator = np.random.default_rng((_STREAM, whole_number("seed", seed))), problem.validator()
-    origins = states[rng.integers(len(states), size=count)]
-    targets = rng.uniform(problem.lower, problem.upper, (count, problem.n))
-    found = []
-    for origin, target in zip(origins, targets, strict=True):
+    validator, found = problem.validator(), []
+    for origin, target in zip(*motions_away(problem, states, count, seed), strict=True):
         steps = max(1, int(np.ceil(problem.metric.distance(origin, target) / problem.spacing)))
         edge = origin + np.arange(1, steps + 1)[:, None] / steps * (target - origin)
         valid = validator.states_valid(edge)

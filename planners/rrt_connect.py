@@ -10,6 +10,7 @@ import numpy as np
 from pepper_kin.kernels.signatures import Ints1
 
 from .deadline import Deadline, load_code
+from .frontier import spread
 from .motion_validator import CompiledMotionValidator, machine_code_of
 from .path import Path
 from .problem import BETWEEN_DRAWS, GoalSource, Problem
@@ -41,13 +42,12 @@ from .tree_growth import (
     way_point_count,
     with_room,
 )
-from .vectors import FloatArray, positive_number, read_only, whole_number
+from .vectors import FloatArray, positive_number, whole_number
 
 LONGEST_STEP = 0.1  # of the diagonal: longest extension
 ROUND = 16_384  # samples of the shortest round
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
 _MOST_SAMPLES = 100_000_000
-_FRONTIER = 64  # nodes of a stuck tree that are returned
 WIDTH, _NEAR_ROUND, SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
 
 
@@ -268,9 +268,8 @@ class Search:
         if path is None and trees.counters[START_SIZE : GOAL_SIZE + 1].all():
             self._note_trees()
             side = self._stuck_side()
-            last = int(trees.counters[START_SIZE + side]) - 1
-            nodes = np.linspace(0, last, min(last + 1, _FRONTIER)).astype(int)
-            more |= {"tree_sizes": tuple(self._sizes), "frontier": read_only(trees.states[side, nodes])}
+            nodes = trees.states[side, : trees.counters[START_SIZE + side]]
+            more |= {"tree_sizes": tuple(self._sizes), "frontier": spread(nodes)}
         return Result(
             status=status,
             path=path,

@@ -46,7 +46,8 @@ class PlanProblem:
         joints: Joints that may move.
         constraints: IK tasks kept along the whole path.
         costs: Soft costs.
-        margin: Distance kept to all things [m].
+        margin: Distance wished for to all things [m].
+        least_margin: Distance that the curve has to keep from the scene [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
         gap: Of "aorrtc": where it stops.
@@ -64,6 +65,7 @@ class PlanProblem:
     constraints: Sequence[Task | TaskGroup] | None = field(default=None, kw_only=True)
     costs: Sequence[PathCost | Task | TaskGroup] | None = field(default=None, kw_only=True)
     margin: float = field(default=0.01, kw_only=True)
+    least_margin: float = field(default=0.0, kw_only=True)
     seed: int = field(default=0, kw_only=True)
     timeout: float = field(default=5.0, kw_only=True)
     gap: float | None = field(default=None, kw_only=True)

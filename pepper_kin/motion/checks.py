@@ -17,7 +17,7 @@ from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.checker import LEVER
 from pepper_kin.collision.fast import CompiledValidity, fast_checker_for
 from pepper_kin.core.collision.check import row_verdicts, valid_steps
-from pepper_kin.core.collision.curve_check import MotionCheck, kept_margins
+from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_margins
 from pepper_kin.core.collision.gjk import CONTACT, TIE
 from pepper_kin.core.collision.layout import EDGE_NUMBERS, ROOM
 from pepper_kin.kernels.intrinsics import floats_at, words_at
@@ -175,6 +175,20 @@ class Checks:
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether q, shape (m, n), can be held still, with a little to spare; shape (m,)."""
         return self.statics.hold(q)
+
+    def too_near(self, q: Array, what: str, least: float) -> str:
+        """Return a sentence on what an end of a path, shape (n,), is too near to; empty where to nothing.
+
+        Args:
+            q: The configuration.
+            what: Its name, such as "start".
+            least: What a curve must keep from the scene all along, which is looked at `SHORTEST` apart [m].
+        """
+        if least == 0.0 or self.free(q, least + SHORTEST):
+            return ""
+        names = self.exact.with_margins(least + SHORTEST, 0.0).contacts(q)
+        near = "".join(f": {' and '.join(pair)} are nearer" for pair in names[:1])
+        return f"The {what} does not keep least_margin, {1000 * least:.1f} mm{near}."
 
     def validity(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float]

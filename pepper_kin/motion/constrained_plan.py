@@ -17,17 +17,27 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
-from pepper_kin.motion.costed_plan import figures_of
+from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
+from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
+from pepper_kin.motion.problem import PathProblem, checked_start
 from pepper_kin.motion.static_limits import static_limits
+from pepper_kin.trajectory.path import as_cubic_path
 
 Array = NDArray[np.float64]
 
 PLANNER = "cbirrt"
 SHORTCUTS = 60
+SEARCHES = 3
+"""Paths from which the cost is lowered."""
+
+STEPS = 200
+"""Of the descent from the cheapest."""
+
+_LITTLE = 0.01  # [s]: with less left nothing more is searched
 NO_SPLINE = "A path was found, but no spline through way-points of it keeps constraints and margin."
 
 
@@ -41,6 +51,7 @@ def plan_constrained(
     costs: Sequence[PathCost | Task | TaskGroup] | None = None,
     joints: str | Sequence[str] | None = None,
     margin: float = 0.01,
+    least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 10.0,
     balance: float | None = None,
@@ -63,7 +74,8 @@ def plan_constrained(
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ; give more where the constraints leave them no freedom.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that.
+            nearer than that, or where no path keeps it.
+        least_margin: As of `plan`.
         seed: Seed of all random choices.
         timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
         balance: As of `plan`.
@@ -80,13 +92,15 @@ def plan_constrained(
     tasks = as_constraints(pepper, constraints)
     priced = None if costs is None else PathCosts.of(pepper, costs)
     q_start = checked_start(pepper, start, margin, timeout)
+    margins = margin, checked_least(margin, least_margin)
     checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
-    ended = Ending(pepper, begin, seed, PLANNER)
-    fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start)
+    ended = Ending(pepper, begin, seed, PLANNER, margin)
+    fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start, margins[1])
     if fault is not None:
         return ended(*fault)
-    goals, ik, fault = goals_of(checks, q_start, with_constraints(goal, tasks), joints, margin, seed, timeout)
+    asked = with_constraints(goal, tasks)
+    goals, ik, fault = goals_of(checks, q_start, asked, joints, margins, seed, timeout)
     faults = [_off(pepper, tasks, q, "goal") for q in goals]
     goals = goals[[k for k, off in enumerate(faults) if off is None]]
     if not len(goals):
@@ -95,22 +109,22 @@ def plan_constrained(
     if is_there(q_start, goals):
         said: dict[str, Any] = {"ik": ik, "constraint_errors": largest_errors(pepper, q_start[None], tasks)}
         return ended.solved(checks.exact, q_start[None], STAYS, **said)
-    room, manifold = (
-        path_problem(checks, q_start, goals, free, margin),
-        manifold_of(pepper, tasks, q_start, free),
-    )
-    left = max(timeout - (time.perf_counter() - begin), 1e-3)
-    result = planners.cbirrt(room.problem, manifold, seed=seed, timeout=left)
-    said = {"ik": ik, "states_checked": result.states_checked}
+    manifold, states = manifold_of(pepper, tasks, q_start, free), 0
+    for room, share in falling_problems(checks, q_start, goals, free, margins):
+        left = max(share * timeout - (time.perf_counter() - begin), 1e-3)
+        result = planners.cbirrt(room.problem, manifold, seed=seed, timeout=left)
+        states += result.states_checked
+        if result.path is not None:
+            break
+    said = {"ik": ik, "states_checked": states}
     if result.path is None:
-        message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s."
-        return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
+        return ended(*why_no_path(room, result, seed, manifold), **said)
     along = _Along(checks, room, manifold, tasks, seed, timeout / 2)
     path = along.shortest(result.path)
     if priced is not None:
         path, figures, before = along.cheapest(result.path, priced, path)
         said["costs"] = () if figures is None else priced.said(figures, before)
-    return along.ended(ended, path, said)
+    return along.ended(ended, path, said, margin, result.path)
 
 
 class _Along:
@@ -150,26 +164,64 @@ class _Along:
         room = self._room
         before = None if plain is None else figures_of(room, costs, plain)
         price = costs.for_planner(room.start, room.free)
-        lowered = planners.descend_cost(
-            room.problem, price, path, manifold=self._manifold, seed=self._seed, timeout=self._timeout
-        )
-        points = self._waypoints((lowered,))
+        end = time.perf_counter() + self._timeout
+
+        def descended(one: planners.Path, steps: int) -> planners.Path:
+            left = max(end - time.perf_counter(), 1e-3)
+            return planners.descend_cost(
+                room.problem,
+                price,
+                one,
+                manifold=self._manifold,
+                seed=self._seed,
+                iterations=steps,
+                timeout=left,
+            )
+
+        others = [self._other(self._seed + k, end - time.perf_counter()) for k in range(1, SEARCHES)]
+        lowered = [descended(one, FIRST_STEPS) for one in (path, *others) if one is not None]
+        lowered.sort(key=price.along)
+        cheapest = descended(lowered[0], STEPS)
+        points = self._waypoints((cheapest, *lowered))
         figures = None if points is None else figures_of(room, costs, points)
         if figures is None or (before is not None and before.total <= figures.total):
             return plain, before, before
         return points, figures, before
 
-    def _waypoints(self, paths: Sequence[planners.Path]) -> Array | None:
-        room = self._room
-        return constrained_waypoints(room.checks.pepper, room.relaxed, self._manifold, paths, room.embed)
+    def _other(self, seed: int, timeout: float) -> planners.Path | None:
+        """Return the path of another search, which may lead another way around; None where there is none."""
+        if timeout < _LITTLE:
+            return None
+        result = planners.cbirrt(
+            self._room.problem, self._manifold, seed=seed, timeout=timeout / SEARCHES,
+            max_iterations=MOST_ITERATIONS,
+        )  # fmt: skip
+        return result.path
 
-    def ended(self, ended: Ending, path: Array | None, said: dict[str, Any]) -> Plan:
-        """Return the plan of way-points, if there are any and their spline keeps the constraints."""
+    def _waypoints(self, paths: Sequence[planners.Path]) -> Array | None:
+        """Return way-points of the first path whose spline is clear, held, and keeps the constraints."""
+        return constrained_waypoints(self._room, self._manifold, paths)
+
+    def ended(
+        self, ended: Ending, path: Array | None, said: dict[str, Any], margin: float, found: planners.Path
+    ) -> Plan:
+        """Return the plan of way-points, if there are any and their spline keeps the constraints.
+
+        Args:
+            ended: Makes the plan.
+            path: Way-points, shape (m, n).
+            said: Other fields of the plan.
+            margin: The one wished for [m].
+            found: The path that the search found.
+        """
         tasks, exact = self._tasks, self._checks.exact
         errors = () if path is None else largest_errors(self._checks.pepper, path, tasks)
         if path is None or not _keeps(tasks, errors):
-            return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **{**said, "costs": ()})
-        return ended.solved(exact, path, _words(tasks, path, errors), constraint_errors=errors, **said)
+            message = NO_SPLINE + narrowest(self._room, found)
+            return ended(PlanStatus.NO_PATH_IN_TIME, message, **{**said, "costs": ()})
+        curve = as_cubic_path(self._checks.pepper, path)
+        words = _words(tasks, path, errors) + gave_way(self._room, curve, margin)
+        return ended.solved(exact, path, words, curve, constraint_errors=errors, **said)
 
 
 def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tuple[PlanStatus, str] | None:

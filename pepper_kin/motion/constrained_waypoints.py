@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
+from pepper_kin.motion.problem import PathProblem
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 Array = NDArray[np.float64]
@@ -27,27 +28,23 @@ SAMPLES = 6
 
 
 def constrained_waypoints(
-    pepper: PepperModel,
-    problem: planners.Problem,
-    manifold: planners.ConstraintManifold,
-    candidates: Sequence[planners.Path],
-    embed: Callable[[Array], Array],
+    room: PathProblem, manifold: planners.ConstraintManifold, candidates: Sequence[planners.Path]
 ) -> Array | None:
     """Return the fewest equidistant way-points whose spline is valid and keeps the constraints.
 
     `retime` draws a cubic spline through way-points.  On the manifold it is off by the fourth power of their
     distance where the path is smooth, so twice as many are tried until it keeps the tolerances everywhere.
+    The spline keeps half the margins where it is looked at coarsely, and is then examined closely.
 
     Args:
-        pepper: The robot.
-        problem: The planning problem, of the joints that move.
+        room: The planning problem, of the joints that move.
         manifold: The constraints on them.
         candidates: Paths on the manifold, best first.
-        embed: From states of the moving joints, shape (m, k), to whole configurations, shape (m, n).
 
     Returns:
         Way-points, shape (m, n) [rad or m]; None where not even the most dense ones will do.
     """
+    pepper, problem, embed = room.checks.pepper, room.relaxed, room.embed
     moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
     for path in candidates:
         pieces = FEWEST_PIECES
@@ -60,7 +57,7 @@ def constrained_waypoints(
             except (InvalidValueError, LimitError):
                 pieces *= 2
                 continue
-            if _spline_holds(problem, manifold, spline, moving):
+            if _spline_holds(problem, manifold, spline, moving) and room.is_clear(spline, (0.0, 0.0)):
                 return points
             pieces *= 2
     return None

@@ -16,10 +16,12 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.driving import refuse_what_cannot_drive
 from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
+from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import PathProblem, checked_start, path_problem
+from pepper_kin.motion.problem import PathProblem, checked_start
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import way_through
 from pepper_kin.trajectory.path import as_cubic_path
@@ -33,7 +35,9 @@ SEARCHES = 2
 MOST_ITERATIONS = 20_000
 """Of a further search."""
 
-_FIRST_STEPS = 45  # of the descent from each; the cheapest then goes on
+FIRST_STEPS = 45
+"""Of the descent from each path; the cheapest then goes on."""
+
 _PIECES = (6, 12, 24, 48, 96, 192)  # of a spline through a path
 _LITTLE = 0.01  # [s]: with less left nothing more is searched
 _CLOSE = 1.01  # what a spline may cost more than the polyline that it follows
@@ -49,6 +53,7 @@ def plan_costed(
     *,
     joints: str | Sequence[str] | None = None,
     margin: float = 0.01,
+    least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 5.0,
     balance: float | None = None,
@@ -71,7 +76,8 @@ def plan_costed(
         joints: Joints that may move: a group name or joint names.  None: those in which start and goals
             differ; give more where others can lower the cost.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that.
+            nearer than that, or where no path keeps it.
+        least_margin: As of `plan`.
         seed: Seed of all random choices.
         timeout: Time budget [s].
         balance: As of `plan`.
@@ -88,24 +94,29 @@ def plan_costed(
     priced = PathCosts.of(pepper, costs)
     refuse_what_cannot_drive(pepper, joints, PLANNER, True)
     q_start = checked_start(pepper, start, margin, timeout)
+    margins = margin, checked_least(margin, least_margin)
     checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
-    ended = Ending(pepper, begin, seed, PLANNER)
-    ends = ends_of(ended, checks, q_start, goal, joints, margin, timeout)
+    ended = Ending(pepper, begin, seed, PLANNER, margin)
+    ends = ends_of(ended, checks, q_start, goal, joints, margins, timeout)
     if isinstance(ends, Plan):
         return ends
-    ik, room = ends.ik, path_problem(checks, q_start, ends.goals, ends.free, margin)
-    found = _Search(room, priced, seed, begin + timeout)
-    said: dict[str, Any] = {"ik": ik, "states_checked": found.states_checked}
+    ik, states = ends.ik, 0
+    for room, share in falling_problems(checks, q_start, ends.goals, ends.free, margins):
+        found = _Search(room, priced, seed, (begin + share * timeout, begin + timeout))
+        states += found.states_checked
+        if found.first is not None:
+            break
+    said: dict[str, Any] = {"ik": ik, "states_checked": states}
     if found.first is None:
-        elapsed = time.perf_counter() - begin
-        message = f"No path: {found.states_checked} configurations were checked in {elapsed:.2f} s."
-        return ended(PlanStatus.NO_PATH_IN_TIME, message, **said)
+        return ended(*why_no_path(room, found.result, seed), **said)
     path, figures, before = found.cheapest()
     if path is None or figures is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(room, found.first), **said)
     said["costs"] = priced.said(figures, before)
-    return ended.solved(checks.exact, path, words(path, figures, before), **said)
+    curve = as_cubic_path(pepper, path)
+    message = words(path, figures, before) + gave_way(room, curve, margin)
+    return ended.solved(checks.exact, path, message, curve, **said)
 
 
 def words(path: Array, found: Figures, before: Figures | None) -> str:
@@ -121,17 +132,28 @@ class _Search:
     """Paths of one problem, from the first that is found to the cheapest.
 
     Attributes:
-        first: The path found without regard to costs; None where there is none.
+        result: Of the first search, without regard to costs.
+        first: Its path; None where there is none.
         states_checked: Number of configurations asked about by searches.
     """
 
-    def __init__(self, room: PathProblem, costs: PathCosts, seed: int, deadline: float) -> None:
-        self._room, self._costs, self._seed, self._deadline = room, costs, seed, deadline
+    def __init__(
+        self, room: PathProblem, costs: PathCosts, seed: int, deadlines: tuple[float, float]
+    ) -> None:
+        """Search a first path.
+
+        Args:
+            room: What is planned.
+            costs: Soft costs.
+            seed: Seed of all random choices.
+            deadlines: Of the first path, and of all that is done, on the clock of `time.perf_counter` [s].
+        """
+        self._room, self._costs, self._seed, self._deadline = room, costs, seed, deadlines[0]
         self._price = costs.for_planner(room.start, room.free)
         self.states_checked = 0
-        self.first = next(
-            iter(self._path(planners.rrt_connect(room.problem, seed=seed, timeout=self._left))), None
-        )
+        self.result = planners.rrt_connect(room.problem, seed=seed, timeout=self._left)
+        self.first = next(iter(self._path(self.result)), None)
+        self._deadline = deadlines[1]
 
     def cheapest(self) -> tuple[Array | None, Figures | None, Figures | None]:
         """Return way-points, shape (m, n), their figures, and those of the way without regard to costs.
@@ -143,7 +165,7 @@ class _Search:
         way = way_along(room, first, seed=self._seed, timeout=self._left)
         plain = None if way is None else way.points
         before = None if plain is None else self._figures(plain)
-        lowered = [self._descended(path, _FIRST_STEPS) for path in self._paths(first)]
+        lowered = [self._descended(path, FIRST_STEPS) for path in self._paths(first)]
         candidates = sorted(lowered, key=self._price.along)
         candidates[0] = self._descended(candidates[0])
         for path in candidates:

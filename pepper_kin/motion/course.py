@@ -77,7 +77,9 @@ class Course(NamedTuple):
         free: Places of the joints that move, shape (k,).
         limits: Lower and upper limits of all joints, shape (2, n).
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
-        margins: Kept by the path to the scene and to the robot itself; the curve keeps half [m].
+        margins: Kept by the path to the scene and to the robot itself [m].
+        relaxed: Kept by the curve [m].
+        strictly: Whether its margin to the scene is to be proven at every point.
         points: Receives way-points, progress[PIECES] + 1 of them, shape (MOST + 1, n).
         breaks: Receives the breaks of the spline through them, shape (MOST + 1,).
         coefficients: Receives its coefficients, shape (MOST, 4, n).
@@ -97,6 +99,8 @@ class Course(NamedTuple):
     limits: Floats2
     reach: Floats1
     margins: Floats1
+    relaxed: Floats1
+    strictly: bool
     points: Floats2
     breaks: Floats1
     coefficients: Floats3
@@ -186,7 +190,7 @@ def _write_waypoints(course: Course, pieces: int, size: int) -> None:
 def _round(course: Course) -> int:
     """Look for few way-points along a path that is rounded everywhere alike whose spline is clear."""
     line, progress, check = course.line, course.progress, course.check
-    size, margin, self_margin = line.counters[SIZE], 0.5 * course.margins[0], 0.5 * course.margins[1]
+    size, relaxed = line.counters[SIZE], course.relaxed
     measure(line.points, size, course.space.weights, line.lengths[0])
     while progress[PIECES] <= MOST:
         pieces = progress[PIECES]
@@ -199,7 +203,8 @@ def _round(course: Course) -> int:
         low, high = course.limits[0], course.limits[1]
         if bounded_cubic_spline(points, low, high, SAME, breaks, coefficients) > LIMIT_TOLERANCE:
             return LEAVES_LIMITS
-        if is_clear(check, breaks, coefficients, course.reach, margin, self_margin, True):
+        kept, kept_self, strictly = relaxed[0], relaxed[1], course.strictly
+        if is_clear(check, breaks, coefficients, course.reach, kept, kept_self, True, strictly):
             return DONE
         progress[PIECES] *= 2
     return NOT_CLEAR

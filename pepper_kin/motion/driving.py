@@ -6,6 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,12 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS, Wheels
 from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.goals import fault_of
+from pepper_kin.motion.margins import falling_problems, gave_way, narrowest
+from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, path_problem
+from pepper_kin.motion.problem import COARSE, PathProblem
 from pepper_kin.planners.smooth import power_basis
 from pepper_kin.trajectory.path import CubicPath
 
@@ -29,6 +33,11 @@ _WIDER = 1.01
 """The radius of the curves over the turning radius: a spline of that spacing is narrower by 0.7 %."""
 _LEAST_PIECES = 4  # of a drive between two stops
 _SAME = 1e-9
+_NO_LEGS = "No goal can be driven to with the body held as at the start or as at the goal."
+_NO_SPLINE = "A path was found, but no spline along it keeps clear."
+
+
+_Curve: TypeAlias = tuple[CubicPath | None, int, tuple[PlanStatus, str]]
 
 
 def base_places(pepper: PepperModel) -> NDArray[np.int64]:
@@ -62,8 +71,8 @@ def refuse_what_cannot_drive(
 
 
 def plan_drive(
-    ended: Ending, checks: Checks, start: Array, goals: Array, free: NDArray[np.int64], margin: float,
-    deadline: float,
+    ended: Ending, checks: Checks, start: Array, goals: Array, free: NDArray[np.int64],
+    margins: tuple[float, float], deadline: float,
 ) -> Plan:  # fmt: skip
     """Plan to goals that the base has to drive to: with the body held, which moves before or after.
 
@@ -73,34 +82,46 @@ def plan_drive(
         start: Start configuration, shape (n,).
         goals: Goals that are valid, shape (m, n), the best first.
         free: Places of the joints that move, shape (k,).
-        margin: Distance to keep where the ends allow it [m].
+        margins: Distance wished for, and to be kept from the scene [m].
         deadline: On the clock of `time.perf_counter` [s].
     """
-    base = base_places(checks.pepper)
-    message, checked = "No goal can be driven to with the body held as at the start or as at the goal", 0
+    base, checked = base_places(checks.pepper), 0
+    status, message = PlanStatus.NO_PATH_IN_TIME, _NO_LEGS
     for goal in goals:
         for body_first in (False, True):
             legs = _legs(start, goal, base, body_first)
-            if not all(checks.free(q) and checks.holds(q[None])[0] for leg in legs for q in leg):
+            held = [q for leg in legs for q in leg if not (checks.free(q) and checks.holds(q[None])[0])]
+            if held:
+                if message.startswith(_NO_LEGS):
+                    message = _NO_LEGS + _blocked(checks, held[0])
                 continue
-            curves = []
+            curves: list[CubicPath] = []
             shift = np.zeros_like(start)  # of the yaw: full turns that the drive has made
+            gave = ""
             for begin, end in legs:
                 left = deadline - time.perf_counter()
                 left = max(left if body_first else left / 2, 1e-3)  # the other order needs time as well
-                curve, states = _leg(checks, begin + shift, end + shift, base, free, margin, ended.seed, left)
+                leg = _Leg(checks, begin + shift, end + shift, base, free, margins, ended.seed)
+                curve, states, said = leg.curve(left)
                 checked += states
                 if curve is None:
+                    status, message = said
                     break
                 curves.append(curve)
+                gave = gave or said[1]
                 shift[base[2]] += (_end(curve) - end - shift)[base[2]]
             if len(curves) == len(legs):
                 path = _in_turn(curves)
                 points = np.vstack([path.coefficients[:, 0], _end(path)])
-                said = f"Drive of {_length(path, base):.2f} m{_said(legs, base)}."
-                return ended.solved(checks.exact, points, said, curve=path, states_checked=checked)
-            message = "No path: the base's curves, or the body's motion before or after them, touch something"
-    return ended(PlanStatus.NO_PATH_IN_TIME, f"{message}.", states_checked=checked)
+                words = f"Drive of {_length(path, base):.2f} m{_said(legs, base)}.{gave}"
+                return ended.solved(checks.exact, points, words, curve=path, states_checked=checked)
+    return ended(status, message, states_checked=checked)
+
+
+def _blocked(checks: Checks, q: Array) -> str:
+    """Return a sentence on why the body cannot be held so while the base drives."""
+    fault = fault_of(checks.exact, q, "body held so", checks.statics)
+    return "" if fault is None else f" {fault[1]}"
 
 
 def _legs(start: Array, goal: Array, base: NDArray[np.int64], body_first: bool) -> list[tuple[Array, Array]]:
@@ -128,32 +149,62 @@ def _length(path: CubicPath, base: NDArray[np.int64]) -> float:
     return float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
 
 
-def _leg(
-    checks: Checks, begin: Array, end: Array, base: NDArray[np.int64], free: NDArray[np.int64], margin: float,
-    seed: int, timeout: float,
-) -> tuple[CubicPath | None, int]:  # fmt: skip
-    """Return the curve of one leg, or None, and the number of states asked about."""
-    if np.abs(begin - end)[base].max() <= _SAME:
-        moving = np.setdiff1d(free, base)
-        room = path_problem(checks, begin, end[None], moving, margin)
-        result = planners.rrt_connect(room.problem, seed=seed, timeout=timeout)
-        way = None if result.path is None else way_along(room, result.path, seed=seed, timeout=timeout)
-        return (None if way is None else way.curve), result.states_checked
-    wheels, checked = checks.pepper.wheels, 0
-    assert wheels is not None
-    for resolution in (COARSE, RESOLUTION):
-        room = path_problem(checks, begin, end[None], base, margin, resolution)
-        found = planners.car_connect(
-            room.problem, _WIDER * wheels.turning_radius, backward=wheels.backward, seed=seed, timeout=timeout
-        )
-        checked += found.states_checked
-        if found.curve is None:
-            break
-        for spacing in SPACINGS:
-            curve = _driven(room, found.curve, wheels, spacing)
-            if room.is_clear(curve, room.relaxed_margins):
-                return curve, checked
-    return None, checked
+class _Leg(NamedTuple):
+    """A drive with the body held, or a motion of the body with the base held; as `plan_drive` says."""
+
+    checks: Checks
+    begin: Array
+    end: Array
+    base: NDArray[np.int64]
+    free: NDArray[np.int64]
+    margins: tuple[float, float]
+    seed: int
+
+    def curve(self, timeout: float) -> _Curve:
+        """Return the curve, or None; the number of states asked about; and what is to be said of it."""
+        drives = np.abs(self.begin - self.end)[self.base].max() > _SAME
+        moving = self.base if drives else np.setdiff1d(self.free, self.base)
+        began, states = time.perf_counter(), 0
+        said = PlanStatus.NO_PATH_IN_TIME, ""
+        goal = self.end[None]
+        for room, share in falling_problems(self.checks, self.begin, goal, moving, self.margins, COARSE):
+            left = max(share * timeout - (time.perf_counter() - began), 1e-3)
+            curve, checked, said = self._driven(room, left) if drives else self._moved(room, left)
+            states += checked
+            if curve is not None:
+                return curve, states, (PlanStatus.SOLVED, gave_way(room, curve, self.margins[0]))
+        return None, states, said
+
+    def _moved(self, room: PathProblem, timeout: float) -> _Curve:
+        """Return the body's motion with the base held."""
+        room = room.finer()
+        result = planners.rrt_connect(room.problem, seed=self.seed, timeout=timeout)
+        if result.path is None:
+            return None, result.states_checked, why_no_path(room, result, self.seed)
+        way = way_along(room, result.path, seed=self.seed, timeout=timeout)
+        if way is None:
+            said = _NO_SPLINE + narrowest(room, result.path)
+            return None, result.states_checked, (PlanStatus.NO_PATH_IN_TIME, said)
+        return way.curve, result.states_checked, (PlanStatus.SOLVED, "")
+
+    def _driven(self, room: PathProblem, timeout: float) -> _Curve:
+        """Return the base's drive with the body held."""
+        wheels, checked = self.checks.pepper.wheels, 0
+        assert wheels is not None
+        for closer in (room, room.finer()):
+            found = planners.car_connect(
+                closer.problem, _WIDER * wheels.turning_radius, backward=wheels.backward, seed=self.seed,
+                timeout=timeout,
+            )  # fmt: skip
+            checked += found.states_checked
+            if found.curve is None:
+                return None, checked, why_no_path(closer, found, self.seed)
+            for spacing in SPACINGS:
+                curve = _driven(closer, found.curve, wheels, spacing)
+                if closer.is_clear(curve, closer.relaxed_margins):
+                    return curve, checked, (PlanStatus.SOLVED, "")
+            said = _NO_SPLINE + narrowest(closer, found.curve)
+        return None, checked, (PlanStatus.NO_PATH_IN_TIME, said)
 
 
 def _driven(room: PathProblem, curve: planners.CarCurve, wheels: Wheels, spacing: float) -> CubicPath:

@@ -36,6 +36,7 @@ class Examiner:
         margins: tuple[float, float],
         *,
         held: bool = True,
+        strictly: bool = False,
     ) -> bool:
         """Whether margins are kept and gravity is held along a curve; see `core.collision.curve_check`.
 
@@ -45,10 +46,13 @@ class Examiner:
             reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
             margins: To the scene and to the robot itself [m].
             held: Whether to ask if the joints can hold still along the curve.
+            strictly: Whether the margin to the scene is proven to be kept at every point, between the states
+                that are looked at as well.
         """
         breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
         check = self._checks.of_motion(self._standing, self._moving)
-        return bool(self._checks.run(is_clear, check, breaks, coefficients, reach, *margins, held))
+        arguments = check, breaks, coefficients, reach, *margins, held, strictly
+        return bool(self._checks.run(is_clear, *arguments))
 
 
 def hull_of(breaks: Array, coefficients: Array) -> tuple[Array, Array]:

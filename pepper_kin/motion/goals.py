@@ -110,7 +110,7 @@ def ends_of(
     start: Array,
     goal: ArrayLike | Sequence[Any],
     joints: str | Sequence[str] | None,
-    margin: float,
+    margins: tuple[float, float],
     timeout: float,
 ) -> Ends | Plan:
     """Return the ends of a path; a plan where there can be none, or the start is a goal.
@@ -121,13 +121,13 @@ def ends_of(
         start: Start configuration within the limits, shape (n,).
         goal: See `plan`.
         joints: Joints that may move, see `plan`.
-        margin: Distance kept where the ends allow it [m].
+        margins: What is kept where the ends allow it, and what they have to keep [m].
         timeout: Time budget [s], of which inverse kinematics takes a third at most.
     """
-    fault = fault_of_start(checks, start)
+    fault = fault_of_start(checks, start, margins[1])
     if fault is not None:
         return ended(*fault)
-    goals, ik, fault = goals_of(checks, start, goal, joints, margin, ended.seed, timeout)
+    goals, ik, fault = goals_of(checks, start, goal, joints, margins, ended.seed, timeout)
     if fault is not None:
         return ended(*fault, ik=ik)
     free = free_joints(checks.pepper, joints, start, goals)
@@ -141,17 +141,21 @@ def goals_of(
     start: NDArray[np.float64],
     goal: ArrayLike | Sequence[Any],
     joints: str | Sequence[str] | None,
-    margin: float,
+    margins: tuple[float, float],
     seed: int,
     timeout: float,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
+    Of the margins [m] the first is wished for, and the second has to be kept.
+
     Tasks are solved with the margin to the scene first, and without it where that fails;
     several solutions are looked for at once.
     """
     if _are_tasks(goal):
-        return _goals_of_tasks(checks, start, cast("Sequence[Task]", goal), joints, margin, seed, timeout)
+        tasks = cast("Sequence[Task]", goal)
+        found = _goals_of_tasks(checks, start, tasks, joints, margins[0], seed, timeout)
+        return _far_enough(checks, *found, margins[1])
     pepper = checks.pepper
     candidates = np.atleast_2d(as_joint_vectors(pepper, goal, "goal"))
     if candidates.ndim != 2:
@@ -159,7 +163,18 @@ def goals_of(
             "goal", f"shape {candidates.shape}", f"shape ({pepper.n},) or (m, {pepper.n})"
         )
     check_within_limits(pepper, candidates, "goal")
-    return _good_ones(checks, candidates, None)
+    return _far_enough(checks, *_good_ones(checks, candidates, None), margins[1])
+
+
+def _far_enough(
+    checks: Checks, goals: Array, ik: IKResult | None, fault: tuple[PlanStatus, str] | None, least: float
+) -> tuple[Array, IKResult | None, tuple[PlanStatus, str] | None]:
+    """Return the goals that keep a least margin [m], or what the first is too near to."""
+    said = [checks.too_near(q, "goal", least) for q in goals] if least > 0.0 and fault is None else []
+    far = goals[[not near for near in said]] if said else goals
+    if len(far) or not said:
+        return far, ik, fault
+    return far, ik, (PlanStatus.GOAL_TOO_NEAR, said[0])
 
 
 def _goals_of_tasks(
@@ -204,10 +219,13 @@ def _good_ones(
     return candidates[: int(fault is None)], ik, fault
 
 
-def fault_of_start(checks: Checks, q: NDArray[np.float64]) -> tuple[PlanStatus, str] | None:
-    """Return why a path cannot start at q, shape (n,), or None."""
+def fault_of_start(
+    checks: Checks, q: NDArray[np.float64], least: float = 0.0
+) -> tuple[PlanStatus, str] | None:
+    """Return why a path that keeps a least margin [m] cannot start at q, shape (n,), or None."""
     if checks.holds(q[None])[0] and checks.free(q):
-        return None
+        near = checks.too_near(q, "start", least)
+        return (PlanStatus.START_TOO_NEAR, near) if near else None
     return fault_of(checks.exact, q, "start", checks.statics)
 
 

@@ -119,6 +119,7 @@ def plan_legs(
     *,
     joints: str | Sequence[str] | None = None,
     margin: float = 0.01,
+    least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 10.0,
     balance: float | None = None,
@@ -137,7 +138,8 @@ def plan_legs(
         scene: The world around the robot, the same for all legs.
         joints: Joints that may move: a group name or joint names.  None: those in which the ends of a leg
             differ.
-        margin: Distance that is kept to the scene and to the robot itself [m].
+        margin: Distance wished for to the scene and to the robot itself [m].
+        least_margin: As of `plan`, for all legs.
         seed: Seed of all random choices.
         timeout: Time budget [s], shared by the legs.
         balance: As of `plan`, for all legs.
@@ -168,7 +170,7 @@ def plan_legs(
                 joints=joints if leg.joints is None else leg.joints,
                 constraints=kept[k] or None, costs=leg.costs if len(leg.costs) else None,
                 margin=margin, seed=seed + _APART * attempt, timeout=max(left / (len(legs) - k), 0.01),
-                balance=balance, payload=payload,
+                least_margin=least_margin, balance=balance, payload=payload,
             )  # fmt: skip
             found.append(one)
             if one.goal is None:

@@ -16,45 +16,63 @@ _SHUT_IN = {
 }
 
 
-def why_no_path(room: PathProblem, result: planners.Result, seed: int) -> tuple[PlanStatus, str]:
+def why_no_path(
+    room: PathProblem,
+    result: planners.Result | planners.CarResult,
+    seed: int,
+    manifold: planners.ConstraintManifold | None = None,
+) -> tuple[PlanStatus, str]:
     """Return the status of a search without a path, and a sentence that names what was most often in the way.
 
     Args:
-        room: What was planned.
+        room: What was planned, at the least margin that was tried.
         result: What the planner returned.
         seed: Seed of the motions that are tried to find out.
+        manifold: The constraints that the motions have to keep; None for none.
     """
     message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s"
     status = _SHUT_IN.get(result.status, PlanStatus.NO_PATH_IN_TIME)
+    if room.gave_way:
+        message += f" with a margin that gave way to {1000 * room.margins[0]:.2g} mm"
     if result.tree_sizes is None:
         return status, f"{message}."
     start, goal = result.tree_sizes
     message += f"; the tree of the start grew to {start} of them, that of the goal to {goal}."
     if result.frontier is None:
         return status, message
-    states = planners.first_invalid_states(room.problem, result.frontier, _STATES, seed=seed)
-    return status, message + _in_the_way(room, room.embed(states))
+    if manifold is None:
+        states = planners.first_invalid_states(room.problem, result.frontier, _STATES, seed=seed)
+        return status, message + in_the_way(room, room.embed(states))
+    states, ended = planners.first_blocked_states(room.problem, manifold, result.frontier, _STATES, seed=seed)
+    return status, message + in_the_way(room, room.embed(states), ended)
 
 
-def _in_the_way(room: PathProblem, states: Array) -> str:
-    """Return a sentence that names what stops the robot most often at configurations, shape (m, n)."""
-    checker, counts = room.checks.exact.with_margins(*room.margins), Counter[str]()
+def in_the_way(room: PathProblem, states: Array, others: Counter[str] | None = None) -> str:
+    """Return a sentence that names what stops the robot most often; empty where nothing does.
+
+    Args:
+        room: What was planned.
+        states: Configurations at which motions were stopped, shape (m, n).
+        others: How many more motions were stopped by what else, such as constraints.
+    """
+    checker, counts = room.checks.exact.with_margins(*room.margins), Counter(others or {})
     links = Counter[tuple[str, str]]()
     objects = set(checker.scene.objects)
     for q in states:
         named = set()
         for pair in checker.contacts(q):
             things = [name for name in pair if name in objects]
-            others = " and ".join(name for name in pair if name not in objects)
-            named.add(things[0] if things else others)
+            rest = " and ".join(name for name in pair if name not in objects)
+            named.add(things[0] if things else rest)
             if things:
-                links[things[0], others] += 1
+                links[things[0], rest] += 1
         if not named and not room.checks.holds(q[None])[0]:
-            named.add("a joint's torque")
+            named.add(room.checks.statics.short_of(q))
         counts.update(named)
     if not counts:
         return ""
     name, count = counts.most_common(1)[0]
     touched = [(number, link) for (thing, link), number in links.items() if thing == name]
     link = f", mostly of {max(touched)[1]}" if touched else ""
-    return f" Most often in the way there: {name}{link} ({count} of {len(states)} motions)."
+    total = len(states) + sum((others or {}).values())
+    return f" Most often in the way there: {name}{link} ({count} of {total} motions)."

@@ -17,9 +17,10 @@ from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.dense_states import AnyPath, dense_states, given_path, polyline
 from pepper_kin.motion.driving import moves_base
 from pepper_kin.motion.goals import STAYS, free_joints
+from pepper_kin.motion.margins import narrowest
 from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import RESOLUTION, path_problem
+from pepper_kin.motion.problem import RESOLUTION, checked_margin, path_problem
 from pepper_kin.motion.validation import validate
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
@@ -63,10 +64,9 @@ def simplify_path(
         InfeasibleError: for a plan that failed, with its reason.
     """
     check_positive("timeout", timeout, "[s]")
-    if not (np.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    checked_margin(margin)
     checks, given = Checks(pepper, scene), given_path(pepper, path)
-    ended = Ending(pepper, time.perf_counter(), seed, NAME)
+    ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
     found = validate(pepper, path, scene)
     if not found.valid:
         return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)
@@ -83,7 +83,7 @@ def simplify_path(
     line = planners.Path(points[:, free], room.metric.weights)
     way = way_along(room, line, seed=seed, timeout=timeout)
     if way is None:
-        message = "The path is valid, but no spline along it was found that is: it grazes something."
+        message = f"The path is valid, but no spline along it was found that is.{narrowest(room, line)}"
         return ended(PlanStatus.PATH_INVALID, message, states_checked=found.states_checked)
     before = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     after = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())

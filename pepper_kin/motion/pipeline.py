@@ -159,9 +159,10 @@ class Pipeline:
         order = np.zeros(len(goals), np.int64)
         if len(goals) > 1:
             order = np.argsort(room.metric.distance(room.moving_start, goals), kind="stable")
+        margins, relaxed = np.array(room.margins), np.array(room.relaxed_margins)
         return Course(
             space, rooms.trees, rooms.line, check, room.moving_start, goals, order, box.copy(), rooms.found,
-            room.free, room.limits, room.reach, np.array(room.margins), *rooms[3:], progress,
+            room.free, room.limits, room.reach, margins, relaxed, room.strictly, *rooms[3:], progress,
         )  # fmt: skip
 
     def _run(self, course: Course) -> tuple[int, Course]:

@@ -32,9 +32,11 @@ class PlanStatus(Enum):
     START_IN_COLLISION = "start_in_collision"
     START_TOO_HEAVY = "start_too_heavy"
     START_TIPS_OVER = "start_tips_over"
+    START_TOO_NEAR = "start_too_near"
     GOAL_IN_COLLISION = "goal_in_collision"
     GOAL_TOO_HEAVY = "goal_too_heavy"
     GOAL_TIPS_OVER = "goal_tips_over"
+    GOAL_TOO_NEAR = "goal_too_near"
     START_OFF_CONSTRAINT = "start_off_constraint"
     GOAL_OFF_CONSTRAINT = "goal_off_constraint"
     NO_IK = "no_ik"
@@ -54,9 +56,11 @@ _ADVICE = {
     PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
     PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold against gravity.",
     PlanStatus.START_TIPS_OVER: "Start from a posture that leans less, carry less, or ask for less balance.",
+    PlanStatus.START_TOO_NEAR: "Move the robot or the obstacle apart, or reduce least_margin.",
     PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
     PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
     PlanStatus.GOAL_TIPS_OVER: "Give a goal that leans less, carry less, or ask for less balance.",
+    PlanStatus.GOAL_TOO_NEAR: "Give another goal, or reduce least_margin.",
     PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
     PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
     PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
@@ -122,15 +126,26 @@ class Plan:
     trajectory: Trajectory | None = None
     optimised: Optimised | None = None
     evidence: Callable[[], float] | None = field(default=None, repr=False)
+    proof: Callable[[], float] | None = field(default=None, repr=False)
 
     @cached_property
     def clearance(self) -> float:
         """Smallest distance along the path, computed by coal when first asked for [m]; nan unless solved."""
         return float("nan") if self.evidence is None else self.evidence()
 
+    @cached_property
+    def margin(self) -> float:
+        """What the whole curve is proven to keep from the scene, up to the margin asked for [m].
+
+        Worked out when first asked for, by the compiled check and bounds on how far the body moves; see
+        `pepper_kin.motion.margins.proven_margin`.  nan unless solved.
+        """
+        return float("nan") if self.proof is None else self.proof()
+
     def __getstate__(self) -> dict[str, Any]:
-        """Travel with the clearance instead of the means to compute it."""
-        return {**self.__dict__, "clearance": self.clearance, "evidence": None}
+        """Travel with clearance and margin instead of the means to compute them."""
+        known = {"clearance": self.clearance, "margin": self.margin}
+        return {**self.__dict__, **known, "evidence": None, "proof": None}
 
     @property
     def success(self) -> bool:
@@ -151,8 +166,11 @@ class Plan:
 class Ending:
     """Makes the plan that is returned, with what is the same for all endings filled in."""
 
-    def __init__(self, pepper: PepperModel, begin: float, seed: int, planner: str) -> None:
+    def __init__(
+        self, pepper: PepperModel, begin: float, seed: int, planner: str, margin: float = 0.0
+    ) -> None:
         self.joint_names, self.begin, self.seed, self.planner = pepper.joint_names, begin, seed, planner
+        self.margin = margin
 
     def __call__(self, status: PlanStatus, message: str, **more: Any) -> Plan:
         """Return the plan of an ending; `more` are its other fields."""
@@ -176,25 +194,39 @@ class Ending:
             PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]),
             length=length_of(path), curve=curve, **more,
             evidence=partial(_clearance_along, checker.pepper, checker.scene, path, curve),
+            proof=partial(_proven_margin, checker.pepper, checker.scene, path, curve, self.margin),
         )  # fmt: skip
 
 
 def along_trajectory(
-    pepper: PepperModel, plan: Plan, trajectory: Trajectory, scene: Scene | None, message: str
+    pepper: PepperModel, plan: Plan, trajectory: Trajectory, scene: Scene | None, margin: float
 ) -> Plan:
-    """Return a plan whose path and curve are those of a cubic motion with the same ends."""
+    """Return a plan whose path and curve are those of a cubic motion with the same ends.
+
+    The margin is that which was asked for [m].
+    """
     curve = CubicPath(trajectory.breaks, trajectory.coefficients)
     path = np.concatenate([trajectory.coefficients[:, 0], np.reshape(trajectory.end, (1, -1))])
     world = Scene() if scene is None else scene
     return replace(
-        plan, message=message, trajectory=trajectory, path=read_only(path), curve=curve,
-        length=length_of(path), evidence=partial(_clearance_along, pepper, world, path, curve),
+        plan, trajectory=trajectory, path=read_only(path), curve=curve, length=length_of(path),
+        evidence=partial(_clearance_along, pepper, world, path, curve),
+        proof=partial(_proven_margin, pepper, world, path, curve, margin),
     )  # fmt: skip
 
 
 def length_of(path: NDArray[np.float64]) -> float:
     """Return the length of a polyline in joint space, shape (k, n) [rad and m mixed]."""
     return float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+
+
+def _proven_margin(
+    pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None, most: float
+) -> float:
+    """Return what `margins.proven_margin` does, which is loaded when it is asked for."""
+    from pepper_kin.motion.margins import proven_margin
+
+    return proven_margin(pepper, scene, path, curve, most)
 
 
 def _clearance_along(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,11 +20,12 @@ from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
 from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.pipeline import Pipeline, compared, way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start, path_problem
+from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import Way
@@ -49,6 +50,7 @@ def plan(
     constraints: Sequence[Task | TaskGroup] | None = None,
     costs: Sequence[PathCost | Task | TaskGroup] | None = None,
     margin: float = 0.01,
+    least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 5.0,
     gap: float | None = None,
@@ -69,7 +71,9 @@ def plan(
         joints: Joints that may move, a group or names; None: those in which start and goals differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
         costs: Soft costs that are made small together with the length; `plan_costed` then plans.
-        margin: Distance kept to all things [m]; less where start or goal are nearer than that.
+        margin: Distance wished for to all things [m]; less where start or goal are nearer than that, or where
+            no path keeps it: then it gives way, and the message says to what.
+        least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
         seed: Seed of all random choices.
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
         gap: Of "aorrtc": it stops where the path is at most ``1 + gap`` times the straight line to the
@@ -99,12 +103,15 @@ def plan(
         refuse_costs(costs)
     found = _planned(
         pepper, start, goal, scene, planner=planner, joints=joints, constraints=constraints, costs=costs,
-        margin=margin, seed=seed, timeout=timeout, gap=gap, balance=balance, payload=payload,
+        margin=margin, least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance,
+        payload=payload,
     )  # fmt: skip
     if not smooth:
         return found
-    asked: dict[str, Any] = {"margin": margin, "timeout": timeout, "balance": balance, "payload": payload}
-    return smoothed(pepper, found, scene, constraints, **asked)
+    return smoothed(
+        pepper, found, scene, constraints, margins=(margin, least_margin), timeout=timeout, balance=balance,
+        payload=payload,
+    )  # fmt: skip
 
 
 def _planned(
@@ -118,6 +125,7 @@ def _planned(
     constraints: Sequence[Task | TaskGroup] | None,
     costs: Sequence[PathCost | Task | TaskGroup] | None,
     margin: float,
+    least_margin: float,
     seed: int,
     timeout: float,
     gap: float | None,
@@ -129,8 +137,9 @@ def _planned(
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)
     _check_gap(planner, gap)
-    common: dict[str, Any] = {"joints": joints, "margin": margin, "seed": seed, "timeout": timeout}
-    common |= {"balance": balance, "payload": payload}
+    margins = margin, checked_least(margin, least_margin)
+    common: dict[str, Any] = {"joints": joints, "margin": margin, "least_margin": least_margin, "seed": seed}
+    common |= {"timeout": timeout, "balance": balance, "payload": payload}
     if constraints is not None:
         return plan_constrained(pepper, start, goal, scene, constraints, costs=costs, **common)
     if costs is not None:
@@ -138,7 +147,7 @@ def _planned(
     statics = static_limits(pepper, balance, payload)
     q_start = checked_start(pepper, start, margin, timeout)
     return _unguided(
-        Checks(pepper, scene, statics), q_start, goal, planner, gap, joints, (margin, seed, timeout)
+        Checks(pepper, scene, statics), q_start, goal, joints, margins, (planner, gap, seed, timeout)
     )
 
 
@@ -146,31 +155,37 @@ def _unguided(
     checks: Checks,
     q_start: NDArray[np.float64],
     goal: ArrayLike | Sequence[Any],
-    planner: str,
-    gap: float | None,
     joints: str | Sequence[str] | None,
-    asked: tuple[float, int, float],
+    margins: tuple[float, float],
+    how: tuple[str, float | None, int, float],
 ) -> Plan:
-    """Return what `plan` does, without constraints and costs; `asked` are margin, seed and timeout."""
-    margin, seed, timeout = asked
+    """Return what `plan` does, without constraints and costs; `how` are planner, gap, seed and timeout."""
+    planner, gap, seed, timeout = how
     begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
-    ended = Ending(checks.pepper, begin, seed, planner)
-    ends = ends_of(ended, checks, q_start, goal, joints, margin, timeout)
+    ended = Ending(checks.pepper, begin, seed, planner, margins[0])
+    ends = ends_of(ended, checks, q_start, goal, joints, margins, timeout)
     if isinstance(ends, Plan):
         return ends
     ik, goals, free = ends.ik, ends.goals, ends.free
     if moves_base(checks.pepper, free):
-        made = plan_drive(ended, checks, q_start, goals, free, margin, begin + timeout)
+        made = plan_drive(ended, checks, q_start, goals, free, margins, begin + timeout)
         return made if ik is None else replace(made, ik=ik)
     coarse = planner == PLANNERS[0]
-    room = path_problem(checks, q_start, goals, free, margin, COARSE if coarse else RESOLUTION)
-    result, way = _searched(room, planner, seed, begin, timeout, ik is not None, coarse, gap)
-    said: dict[str, Any] = {"ik": ik, "states_checked": result.states_checked, "search": result}
+    spacing, states = COARSE if coarse else RESOLUTION, 0
+    for room, share in falling_problems(checks, q_start, goals, free, margins, spacing):
+        end = share if planner in PLANNERS else 1.0  # OMPL's planners take all of the time
+        search = _Search(planner, gap, seed, begin, end * timeout, timeout)
+        result, way = search(room, ik is not None, coarse)
+        states += result.states_checked
+        if way is not None or end == 1.0:
+            break
+    said: dict[str, Any] = {"ik": ik, "states_checked": states, "search": result}
     if result.path is None:
         return ended(*why_no_path(room, result, seed), **said)
     if way is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE, **said)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(room, result.path), **said)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
+    message += gave_way(room, way.curve, margins[0])
     return ended.solved(checks.exact, way.points, message, way.curve, **said)
 
 
@@ -185,30 +200,44 @@ def _how_short(result: planners.Result) -> str:
     )
 
 
-def _searched(
-    room: PathProblem,
-    planner: str,
-    seed: int,
-    begin: float,
-    timeout: float,
-    compare: bool,
-    coarse: bool,
-    gap: float | None,
-) -> tuple[planners.Result, Way | None]:
-    """Return what a search found, and the way along it; None where no spline is clear.
+class _Search(NamedTuple):
+    """How a path is sought at one margin.
 
-    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
+    Attributes:
+        planner: See `plan`.
+        gap: See there.
+        seed: See there.
+        begin: When planning began, on the clock of `time.perf_counter` [s].
+        first: Time after that in which a first path has to be found [s].
+        timeout: Time after that in which it may be improved [s].
     """
-    left = _left(begin, timeout)
-    if planner == PLANNERS[0] and room.checks.compiled and not _drives(room):
-        result, way = Pipeline(room, seed, left).searched(compare)
-    else:
-        result = find_path(room.problem, planner, seed=seed, timeout=left, compare=compare, gap=gap)
-        time_left = max(_left(begin, timeout), timeout / 20)
-        way = None if result.path is None else way_along(room, result.path, seed=seed, timeout=time_left)
-    if way is None and result.path is not None and coarse:
-        return _searched(room.finer(), planner, seed, begin, timeout, compare, False, gap)
-    return result, way
+
+    planner: str
+    gap: float | None
+    seed: int
+    begin: float
+    first: float
+    timeout: float
+
+    def __call__(self, room: PathProblem, compare: bool, coarse: bool) -> tuple[planners.Result, Way | None]:
+        """Return what a search found, and the way along it; None where no spline is clear.
+
+        What was searched coarsely is searched again, closely, where its spline turns out to touch something.
+        """
+        left = _left(self.begin, self.first)
+        if self.planner == PLANNERS[0] and room.checks.compiled and not _drives(room):
+            result, way = Pipeline(room, self.seed, left).searched(compare)
+        else:
+            result = find_path(
+                room.problem, self.planner, seed=self.seed, timeout=left, compare=compare, gap=self.gap,
+                improve=_left(self.begin, self.timeout),
+            )  # fmt: skip
+            time_left = max(_left(self.begin, self.timeout), self.timeout / 20)
+            path = result.path
+            way = None if path is None else way_along(room, path, seed=self.seed, timeout=time_left)
+        if way is None and result.path is not None and coarse:
+            return self(room.finer(), compare, False)
+        return result, way
 
 
 def _drives(room: PathProblem) -> bool:
@@ -266,6 +295,7 @@ def find_path(
     timeout: float,
     compare: bool,
     gap: float | None = None,
+    improve: float | None = None,
 ) -> planners.Result:
     """Search a path.
 
@@ -273,21 +303,33 @@ def find_path(
         problem: What to plan.
         planner: "rrt_connect", "aorrtc" or a name of OMPL's.
         seed: Seed of all random choices.
-        timeout: Time budget [s].
+        timeout: Time budget [s] in which a path has to be found.
         compare: Whether the path is shortened and ends at another goal where that is nearer from a way-point.
         gap: Of "aorrtc", see `plan`.
+        improve: Time budget of "aorrtc" in all [s]; None: the same.
     """
-    if planner == "aorrtc":
+    begin = time.perf_counter()
+    if planner == "aorrtc" and improve in (None, timeout):
         return planners.aorrtc(problem, seed=seed, timeout=timeout, gap=gap)
+    if planner == "aorrtc":
+        found = planners.rrt_connect(problem, seed=seed, timeout=timeout)
+        if found.path is None:
+            return found
+        left = _left(begin, float(improve or timeout))
+        return _to_a_goal(planners.aorrtc(problem, found.path, seed=seed, timeout=left, gap=gap), found)
     if planner != "rrt_connect":
         return planners.ompl_plan(problem, planner, seed=seed, timeout=timeout)
-    begin = time.perf_counter()
     first = planners.rrt_connect(problem, seed=seed, timeout=timeout)
     if first.path is not None and BASE_JOINTS.intersection(problem.labels or ()):
         better = planners.aorrtc(
             problem, first.path, seed=seed, timeout=_left(begin, timeout), max_iterations=SAMPLES_OF_BASE,
             gap=GAP_OF_BASE,
         )  # fmt: skip
-        goal = first.goal_index if better.goal_index is None else better.goal_index
+        goal = _to_a_goal(better, first).goal_index
         return replace(first, path=better.path, cost=better.cost, goal_index=goal)
     return compared(problem, first, seed, timeout) if compare else first
+
+
+def _to_a_goal(better: planners.Result, first: planners.Result) -> planners.Result:
+    """Return a result that names the goal of the path that it began with where that is still its end."""
+    return replace(better, goal_index=first.goal_index) if better.goal_index is None else better

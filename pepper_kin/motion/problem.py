@@ -42,6 +42,9 @@ class PathProblem:
             joint that is carried slides without limits.
         resolution: Greatest distance between states that are looked at [m], in the metric.
         held: What hangs on the robot, see `motion_bounds`.
+        least: What the curve must keep from the scene at every point [m].
+        gave_way: Whether the margins are smaller than start and goal allow, since no path was found with
+            greater ones.
     """
 
     checks: Checks
@@ -55,11 +58,18 @@ class PathProblem:
     reach: Array
     resolution: float
     held: tuple[tuple[str, float], ...] = ()
+    least: float = 0.0
+    gave_way: bool = False
 
     @property
     def relaxed_margins(self) -> tuple[float, float]:
         """Half the margins: a curve that rounds the corners of a path along a margin's edge needs room."""
-        return self.margins[0] / 2, self.margins[1] / 2
+        return max(self.margins[0] / 2, self.least), self.margins[1] / 2
+
+    @property
+    def strictly(self) -> bool:
+        """Whether the curve's margin to the scene has to be proven between the states looked at as well."""
+        return self.least > 0.0
 
     def finer(self) -> PathProblem:
         """Return the problem at the resolution that paths have where nothing examines them more closely."""
@@ -101,7 +111,8 @@ class PathProblem:
         if not np.isfinite(reach).all():
             reach = motion_bounds(self.checks.pepper, *hull_of(curve.breaks, curve.coefficients), self.held)
         examiner = Examiner(self.checks, self.start, self.free)
-        return examiner.is_clear(curve.breaks, curve.coefficients, reach, margins)
+        kept = max(margins[0], self.least), margins[1]
+        return examiner.is_clear(curve.breaks, curve.coefficients, reach, kept, strictly=self.strictly)
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""
@@ -118,6 +129,7 @@ def path_problem(
     free: NDArray[np.int64],
     margin: float,
     resolution: float = RESOLUTION,
+    least: float = 0.0,
 ) -> PathProblem:
     """Return the problem of moving from a start, shape (n,), to one of some goals, shape (m, n).
 
@@ -128,10 +140,11 @@ def path_problem(
         free: Places of the joints that move, shape (k,).
         margin: Distance to keep where the ends allow it [m].
         resolution: Greatest distance between states that are looked at [m], in the metric.
+        least: What the curve must keep from the scene at every point, as the ends do [m].
     """
-    pepper, attached = checks.pepper, checks.exact.scene.attached
-    held = tuple((item.frame, item.extent) for item in attached.values()) if attached else ()
+    pepper, held = checks.pepper, held_by(checks)
     limits, bounded, reach = _limits(pepper, held)
+    kept, kept_self = checks.margins(start, goals, free, margin)
     if bounded:
         box, metric = _within_limits(pepper, held, free.tobytes())
     else:
@@ -146,13 +159,14 @@ def path_problem(
         start=start,
         goals=goals,
         free=free,
-        margins=checks.margins(start, goals, free, margin),
+        margins=(max(kept, least), kept_self),
         box=box,
         limits=limits,
         metric=metric,
         reach=reach,
         resolution=resolution,
         held=held,
+        least=least,
     )
 
 
@@ -175,6 +189,11 @@ def _within_limits(
     return box, planners.Metric(reach[places])
 
 
+def held_by(checks: Checks) -> tuple[tuple[str, float], ...]:
+    """Return what hangs on the robot, see `motion_bounds`."""
+    return tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
+
+
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:
     """Check what was asked for; return the start, shape (n,).
 
@@ -183,10 +202,20 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
         LimitError: for a start outside the joint limits.
     """
     check_positive("timeout", timeout, "[s]")
-    if not (np.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    checked_margin(margin)
     q_start = as_joint_vectors(pepper, start, "start")
     if q_start.ndim != 1:
         raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
     check_within_limits(pepper, q_start, "start")
     return np.clip(q_start, pepper.lower_limits, pepper.upper_limits)
+
+
+def checked_margin(margin: float) -> float:
+    """Return a distance to keep [m].
+
+    Raises:
+        InvalidValueError: for what is none.
+    """
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    return margin

@@ -41,7 +41,7 @@ def smoothed(
     scene: Scene | None,
     constraints: Sequence[Task | TaskGroup] | None = None,
     *,
-    margin: float,
+    margins: tuple[float, float],
     timeout: float,
     balance: float | None = None,
     payload: Mapping[str, float] | None = None,
@@ -56,7 +56,7 @@ def smoothed(
         plan: What was planned; one without a curve is returned as it is.
         scene: The world around the robot.
         constraints: IK tasks that stay met along the motion.
-        margin: Distance to keep to all things [m].
+        margins: Distance wished for to all things, and what has to be kept from the scene [m].
         timeout: Time budget of planning and optimisation [s]; at least a twentieth is left to the latter.
         balance: As in `retime` [m].
         payload: As in `retime`; what is optimised knows no payloads, and so the plan is retimed.
@@ -73,22 +73,23 @@ def smoothed(
             balance = None
         left = max(timeout - plan.time, _LEAST_SHARE * timeout)
         found = optimise(
-            pepper, plan, scene, margin=margin, timeout=left, balance=balance, constraints=constraints or ()
+            pepper,
+            plan,
+            scene,
+            margin=margins[0],
+            timeout=left,
+            balance=balance,
+            constraints=constraints or (),
         )
     except InfeasibleError as error:
         return replace(plan, message=f"{plan.message} It cannot be timed: {error}")
     said = found.message
     if found.success:
-        if _keeps_what_plans_keep(pepper, scene, found, margin):
-            made = along_trajectory(
-                pepper,
-                plan,
-                found.trajectory,
-                scene,
-                f"{plan.message} Optimised: {said[0].lower()}{said[1:]}",
-            )
-            errors = found.constraint_errors
-            return replace(made, optimised=found, constraint_errors=errors, time=plan.time + found.time)
+        if _keeps_what_plans_keep(pepper, scene, found, margins):
+            made = along_trajectory(pepper, plan, found.trajectory, scene, margins[0])
+            message = f"{plan.message} Optimised: {said[0].lower()}{said[1:]}"
+            errors, time = found.constraint_errors, plan.time + found.time
+            return replace(made, message=message, optimised=found, constraint_errors=errors, time=time)
         said = "The best found keeps less than half the margin, or cannot be held against gravity."
     message = f"{plan.message} Timed along its own path, in {found.before.duration:.3f} s: {said}"
     return replace(
@@ -109,9 +110,12 @@ def _not_optimised(
     return None
 
 
-def _keeps_what_plans_keep(pepper: PepperModel, scene: Scene | None, found: Optimised, margin: float) -> bool:
+def _keeps_what_plans_keep(
+    pepper: PepperModel, scene: Scene | None, found: Optimised, margins: tuple[float, float]
+) -> bool:
     """Whether a motion keeps half the margins of its ends, and can be held, all along."""
     checks, motion = Checks(pepper, scene), found.trajectory
     moved = np.flatnonzero(motion.start != motion.end)
-    kept, kept_self = checks.margins(motion.start, motion.end[None], moved, margin)
-    return is_clear_along(checks, motion, (kept / 2, kept_self / 2), held=True)
+    kept, kept_self = checks.margins(motion.start, motion.end[None], moved, margins[0])
+    kept, strictly = max(kept / 2, margins[1]), margins[1] > 0.0
+    return is_clear_along(checks, motion, (kept, kept_self / 2), held=True, strictly=strictly)

@@ -187,6 +187,11 @@ class StaticLimits:
             f"and balance asks for {asked:.1f} mm and {1000 * ROOM_TO_MOVE:.0f} mm to move with."
         )
 
+    def short_of(self, q: Array) -> str:
+        """Return in a word or two what does not suffice for a posture, shape (n,), that cannot be held."""
+        joint = self.weakest(q)
+        return "balance" if joint is None else f"torque of {self.pepper.joint_names[joint]}"
+
     @cached_property
     def _masses(self) -> Array:
         return np.array([mass for _, mass in self.payload])

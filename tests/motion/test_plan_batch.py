@@ -87,6 +87,7 @@ def test_what_a_helper_returns_is_as_if_it_was_made_here(pepper, helper):
     assert error is None
     assert_same(ours, theirs)
     assert ours.clearance == theirs.clearance
+    assert ours.margin == theirs.margin
     assert ours.ik.report().splitlines()[:3] == theirs.ik.report().splitlines()[:3]
     assert ours.ik.evidence.__self__.pepper is pepper  # no robot was sent back
     assert not ours.path.flags.writeable

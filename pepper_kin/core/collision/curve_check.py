@@ -255,6 +255,7 @@ def _near_ones(
     kept: tuple[float, float],
     step: float,
     held: bool,
+    strictly: bool,
 ) -> int:
     """Move the intervals that have to be cut to the front; return how many, or -1 for a curve not clear.
 
@@ -265,8 +266,12 @@ def _near_ones(
         kept: Margins that all middles have to keep [m].
         step: What no point of the body moves farther than in an interval [m].
         held: Whether joints have to hold the middles.
+        strictly: Whether the margin to the scene is to be kept by all of an interval.
     """
-    far = max(kept[0], 0.5 * step), max(kept[1], 0.5 * step)
+    proven = kept[0] + 0.5 * step if strictly else max(kept[0], 0.5 * step)
+    far = proven, max(kept[1], 0.5 * step)
+    if strictly and step <= SHORTEST:
+        kept = proven, kept[1]
     states, answers, near, all_near = check.states, check.answers, 0, False
     alike = far[0] == kept[0] and far[1] == kept[1]
     if not alike and step > SHORTEST:
@@ -327,7 +332,9 @@ def _held_along(check: MotionCheck, breaks: Array, coefficients: Array, reach: A
     return waiting == 0 or _held(check, waiting)
 
 
-@compiled("boolean(MotionCheck, float64[::1], float64[:, :, ::1], float64[::1], float64, float64, boolean)")
+@compiled(
+    "boolean(MotionCheck, float64[::1], float64[:, :, ::1], float64[::1], float64, float64, boolean, boolean)"
+)
 def is_clear(
     check: MotionCheck,
     breaks: Floats1,
@@ -336,6 +343,7 @@ def is_clear(
     margin: float,
     self_margin: float,
     held: bool,
+    strictly: bool,
 ) -> bool:
     """Return whether margins are kept, and gravity is held, along a piecewise cubic curve.
 
@@ -352,6 +360,8 @@ def is_clear(
         margin: To the scene [m].
         self_margin: To the robot itself [m].
         held: Whether the joints have to hold still along the curve.
+        strictly: Whether the margin to the scene is proven to be kept at every point, between the states
+            that are looked at as well.
     """
     if blocked(check, margin, self_margin):
         return False
@@ -364,7 +374,7 @@ def is_clear(
     write_intervals(breaks, counts, parts)
     while True:
         here = held and not closer and step == LONGEST
-        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, here)
+        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, here, strictly)
         if near <= 0:
             return near == 0
         step /= SHORTER

@@ -11,7 +11,12 @@ from pepper_kin.trajectory import Trajectory
 
 
 def is_clear_along(
-    checks: Checks, motion: Trajectory, margins: tuple[float, float] = (0.0, 0.0), *, held: bool = False
+    checks: Checks,
+    motion: Trajectory,
+    margins: tuple[float, float] = (0.0, 0.0),
+    *,
+    held: bool = False,
+    strictly: bool = False,
 ) -> bool:
     """Whether margins are kept anywhere along a cubic motion; see `Examiner.is_clear`.
 
@@ -20,6 +25,7 @@ def is_clear_along(
         motion: The motion.
         margins: To the scene and to the robot itself [m].
         held: Whether to ask if the joints can hold still along it.
+        strictly: Whether the margin to the scene is proven to be kept at every point.
     """
     things = tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
     reach = motion_bounds(checks.pepper, held=things)
@@ -27,4 +33,5 @@ def is_clear_along(
         reach = motion_bounds(checks.pepper, *hull_of(motion.breaks, motion.coefficients), things)
     moving = np.flatnonzero((motion.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))
     examiner = Examiner(checks, motion.coefficients[0, 0].copy(), moving)
-    return examiner.is_clear(motion.breaks, motion.coefficients, reach, margins, held=held)
+    asked = motion.breaks, motion.coefficients, reach, margins
+    return examiner.is_clear(*asked, held=held, strictly=strictly)

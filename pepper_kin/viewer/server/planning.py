@@ -85,7 +85,7 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
         return Planned(found.report(), None)
     if len(found.path) < 2:
         return Planned("The body is at its targets already: nothing to plan.", None)
-    found = smoothed(pepper, found, scene, margin=MARGIN, timeout=TIMEOUT, balance=BALANCE)
+    found = smoothed(pepper, found, scene, margins=(MARGIN, 0.0), timeout=TIMEOUT, balance=BALANCE)
     trajectory = found.trajectory
     if trajectory is None:
         return Planned(f"{found.message} {found.advice}", None)

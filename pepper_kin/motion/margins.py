@@ -1,0 +1,163 @@
+"""Margins along a path: how they give way where no path keeps them, and what a curve is proven to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import planners
+from pepper_kin.collision import Scene
+from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.core.collision.curve_check import SHORTEST
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.examination import Examiner, hull_of
+from pepper_kin.motion.problem import RESOLUTION, PathProblem, checked_margin, held_by, path_problem
+from pepper_kin.trajectory.path import CubicPath
+
+Array = NDArray[np.float64]
+
+LEAST_SEARCHED = SHORTEST
+"""The smallest margin that is searched with [m]: the curve keeps half of it at states that lie so near to one
+another that nothing touches in between."""
+
+FIRST_SHARE = 0.5
+"""Share of the time in which the margin that is wished for is searched with; smaller ones share the rest."""
+
+_SMALLER = (0.5, 0.25, 0.125)  # of the margin wished for
+_HALVINGS = 6  # of the margin, when it is asked what a curve keeps
+_LOOKED_AT = 60  # states of a path, where it is asked what is nearest
+_NEAR = 0.02  # [m] what is farther away is not in the way
+
+
+def checked_least(margin: float, least: float) -> float:
+    """Return the margin that must be kept all along [m].
+
+    Raises:
+        InvalidValueError: for what is no distance from 0 to the margin, or a margin that is none.
+    """
+    checked_margin(margin)
+    if isinstance(least, bool) or not (np.isfinite(least) and 0.0 <= least <= margin):
+        raise InvalidValueError("least_margin", least, f"a distance from 0 to margin, {margin:g} [m]")
+    return float(least)
+
+
+def falling_problems(
+    checks: Checks, start: Array, goals: Array, free: NDArray[np.int64], margins: tuple[float, float],
+    resolution: float = RESOLUTION,
+) -> Iterator[tuple[PathProblem, float]]:  # fmt: skip
+    """Yield the problem at margins that fall, and the share of the time at which the search of each ends.
+
+    Margins that make no difference, since start or goal do not keep them, are left out.
+
+    Args:
+        checks: The robot in its scene.
+        start: Start configuration, shape (n,).
+        goals: Goal configurations, shape (m, n).
+        free: Places of the joints that move, shape (k,).
+        margins: The margin wished for, and what must be kept [m].
+        resolution: See `path_problem`.
+    """
+    margin, least = margins
+    last = max(least, min(margin, LEAST_SEARCHED))
+    before = path_problem(checks, start, goals, free, margin, resolution, least)
+    if max(before.margins) <= last:
+        yield before, 1.0
+        return
+    yield before, FIRST_SHARE
+    smaller = [*(share * margin for share in _SMALLER if share * margin > last), last]
+    for number, asked in enumerate(smaller, start=1):
+        room = replace(path_problem(checks, start, goals, free, asked, resolution, least), gave_way=True)
+        if room.margins != before.margins or number == len(smaller):
+            yield room, FIRST_SHARE + (1.0 - FIRST_SHARE) * number / len(smaller)
+        before = room
+
+
+def gave_way(room: PathProblem, curve: CubicPath, margin: float) -> str:
+    """Return a sentence on a margin that was not kept as wished for, and to what; empty where it was.
+
+    Args:
+        room: What was planned, at the margin kept.
+        curve: The curve found.
+        margin: The margin wished for [m].
+    """
+    kept = 1000 * room.margins[0]
+    if not room.gave_way:
+        ends = " A margin of {:.2g} mm is kept, since start or goal do not keep more."
+        return "" if room.margins[0] >= margin else ends.format(kept)
+    s = np.linspace(curve.breaks[0], curve.breaks[-1], _LOOKED_AT)
+    piece = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
+    where = _nearest(room, curve.at(piece, s - curve.breaks[piece]))
+    return f" The margin gave way from {1000 * margin:.2g} to {kept:.2g} mm{where}."
+
+
+def narrowest(room: PathProblem, path: planners.Path | planners.CarCurve) -> str:
+    """Return a sentence on where a path of the joints that move passes nearest to something."""
+    where = _nearest(room, room.embed(path(np.linspace(0.0, path.length, _LOOKED_AT))))
+    return f" It is narrowest{where}." if where else ""
+
+
+def _nearest(room: PathProblem, states: Array) -> str:
+    """Return words on what is nearest, and where, at configurations along a path, shape (m, n).
+
+    A thing of the scene is named before a part of the robot, whose margin is only what its joints leave.
+    """
+    checks, where = room.checks, "{:.0f} % along the path"
+    kept = _greatest(lambda margin: bool(checks.free(states, margin).all()), _NEAR)
+    if kept < _NEAR:
+        farther = kept + 2.0 * _NEAR / 2**_HALVINGS
+        place = int(np.argmin(checks.free(states, farther)))
+        pairs = checks.exact.with_margins(farther, 0.0).contacts(states[place])
+        names, distance = pairs[0] if pairs else (), kept
+    else:
+        place = int(np.argmin(checks.exact.clearance(states)))
+        pair = checks.exact.closest_pair(states[place])
+        names, distance = ((), 0.0) if pair is None else (pair.names, pair.distance)
+    if not names:
+        return ""
+    share = where.format(100 * place / (len(states) - 1))
+    return f" where {' and '.join(names)} are {1000 * distance:.1f} mm apart, {share}"
+
+
+def proven_margin(
+    pepper: PepperModel, scene: Scene, path: Array, curve: CubicPath | None, most: float
+) -> float:
+    """Return a distance that is proven to be kept from the scene at every point of a curve [m].
+
+    The greatest is sought among multiples of a 64th of the most.  0 says that the curve has been examined at
+    states half a millimeter apart, none of which touches anything.
+
+    Args:
+        pepper: The robot.
+        scene: The world around it, with what it holds.
+        path: Way-points, shape (k, n).
+        curve: The curve; None where the robot stays at the only way-point.
+        most: The most that is asked for [m].
+    """
+    checks = Checks(pepper, scene)
+    if curve is None:
+        return _greatest(lambda margin: bool(checks.free(path[0], margin)), most)
+    breaks, coefficients = np.ascontiguousarray(curve.breaks), np.ascontiguousarray(curve.coefficients)
+    moving = np.flatnonzero((coefficients[:, 1:] != 0.0).any(axis=(0, 1)))
+    reach = motion_bounds(pepper, held=held_by(checks))
+    if not np.isfinite(reach).all():
+        reach = motion_bounds(pepper, *hull_of(breaks, coefficients), held_by(checks))
+    examiner = Examiner(checks, coefficients[0, 0].copy(), moving)
+    return _greatest(
+        lambda m: examiner.is_clear(breaks, coefficients, reach, (m, 0.0), held=False, strictly=True), most
+    )
+
+
+def _greatest(holds: Callable[[float], bool], most: float) -> float:
+    """Return about the greatest number up to the most that holds, if smaller ones do."""
+    if holds(most):
+        return most
+    low, high = 0.0, most
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
