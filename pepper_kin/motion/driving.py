@@ -65,7 +65,10 @@ def plan_drive(
     ended: Ending, checks: Checks, start: Array, goals: Array, free: NDArray[np.int64], margin: float,
     deadline: float,
 ) -> Plan:  # fmt: skip
-    """Plan to goals that the base has to drive to: with the body held, which moves before or after.
+    """Plan to goals that the base has to drive to: with the body held, which moves before, after, or both.
+
+    It is held as at the start, as at the goal, at zero, or in a posture that the robot has a name for, the
+    first of these that is free at both ends and all along the drive.
 
     Args:
         ended: Makes the plan.
@@ -77,17 +80,18 @@ def plan_drive(
         deadline: On the clock of `time.perf_counter` [s].
     """
     base = base_places(checks.pepper)
-    message, checked = "No goal can be driven to with the body held as at the start or as at the goal", 0
+    message, checked = "No goal can be driven to with the body held as at an end or in a named posture", 0
     for goal in goals:
-        for body_first in (False, True):
-            legs = _legs(start, goal, base, body_first)
+        held = _held(checks, start, goal, base, free)
+        for way, body in enumerate(held):
+            legs = _legs(start, goal, base, body)
             if not all(checks.free(q) and checks.holds(q[None])[0] for leg in legs for q in leg):
                 continue
             curves = []
             shift = np.zeros_like(start)  # of the yaw: full turns that the drive has made
             for begin, end in legs:
                 left = deadline - time.perf_counter()
-                left = max(left if body_first else left / 2, 1e-3)  # the other order needs time as well
+                left = max(left if way == len(held) - 1 else left / 2, 1e-3)  # others need time as well
                 curve, states = _leg(checks, begin + shift, end + shift, base, free, margin, ended.seed, left)
                 checked += states
                 if curve is None:
@@ -103,17 +107,33 @@ def plan_drive(
     return ended(PlanStatus.NO_PATH_IN_TIME, f"{message}.", states_checked=checked)
 
 
-def _legs(start: Array, goal: Array, base: NDArray[np.int64], body_first: bool) -> list[tuple[Array, Array]]:
-    """Return ends of a drive and of the body's motion, in order, without one that leads nowhere."""
-    middle = goal.copy() if body_first else start.copy()
-    middle[base] = (start if body_first else goal)[base]
-    legs = [(start, middle), (middle, goal)]
+def _held(
+    checks: Checks, start: Array, goal: Array, base: NDArray[np.int64], free: NDArray[np.int64]
+) -> list[Array]:
+    """Return the configurations whose bodies may be held along a drive."""
+    pepper, body = checks.pepper, np.setdiff1d(free, base)
+    held = [start, goal]
+    if body.size:
+        for posture in (pepper.neutral(), *map(pepper.posture, pepper.posture_names)):
+            resting = start.copy()
+            resting[body] = posture[body]
+            held.append(resting)
+    return held
+
+
+def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> list[tuple[Array, Array]]:
+    """Return ends of the body's motion, of a drive with it held, and of its motion then, if any."""
+    before, after = held.copy(), held.copy()
+    before[base], after[base] = start[base], goal[base]
+    legs = [(start, before), (before, after), (after, goal)]
     return [(a, b) for a, b in legs if np.abs(a - b).max() > _SAME]
 
 
 def _said(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
     if len(legs) == 1:
         return " with the body held"
+    if len(legs) == 3:
+        return " between two motions of the body"
     first_drives = bool(np.abs(legs[0][0] - legs[0][1])[base].max() > _SAME)
     return ", then the body moves" if first_drives else " after the body has moved"
 
