@@ -33,7 +33,7 @@ _WIDER = 1.01
 """The radius of the curves over the turning radius: a spline of that spacing is narrower by 0.7 %."""
 _LEAST_PIECES = 4  # of a drive between two stops
 _SAME = 1e-9
-_NO_LEGS = "No goal can be driven to with the body held as at the start or as at the goal."
+_NO_LEGS = "No goal can be driven to with the body held as at an end or in a named posture."
 _NO_SPLINE = "A path was found, but no spline along it keeps clear."
 
 
@@ -74,7 +74,10 @@ def plan_drive(
     ended: Ending, checks: Checks, start: Array, goals: Array, free: NDArray[np.int64],
     margins: tuple[float, float], deadline: float,
 ) -> Plan:  # fmt: skip
-    """Plan to goals that the base has to drive to: with the body held, which moves before or after.
+    """Plan to goals that the base has to drive to: with the body held, which moves before, after, or both.
+
+    It is held as at the start, as at the goal, at zero, or in a posture that the robot has a name for, the
+    first of these that is free at both ends and all along the drive.
 
     Args:
         ended: Makes the plan.
@@ -88,8 +91,9 @@ def plan_drive(
     base, checked = base_places(checks.pepper), 0
     status, message = PlanStatus.NO_PATH_IN_TIME, _NO_LEGS
     for goal in goals:
-        for body_first in (False, True):
-            legs = _legs(start, goal, base, body_first)
+        bodies = _held(checks, start, goal, base, free)
+        for way, body in enumerate(bodies):
+            legs = _legs(start, goal, base, body)
             held = [q for leg in legs for q in leg if not (checks.free(q) and checks.holds(q[None])[0])]
             if held:
                 if message.startswith(_NO_LEGS):
@@ -100,7 +104,7 @@ def plan_drive(
             gave = ""
             for begin, end in legs:
                 left = deadline - time.perf_counter()
-                left = max(left if body_first else left / 2, 1e-3)  # the other order needs time as well
+                left = max(left if way == len(bodies) - 1 else left / 2, 1e-3)  # others need time as well
                 leg = _Leg(checks, begin + shift, end + shift, base, free, margins, ended.seed)
                 curve, states, said = leg.curve(left)
                 checked += states
@@ -124,17 +128,33 @@ def _blocked(checks: Checks, q: Array) -> str:
     return "" if fault is None else f" {fault[1]}"
 
 
-def _legs(start: Array, goal: Array, base: NDArray[np.int64], body_first: bool) -> list[tuple[Array, Array]]:
-    """Return ends of a drive and of the body's motion, in order, without one that leads nowhere."""
-    middle = goal.copy() if body_first else start.copy()
-    middle[base] = (start if body_first else goal)[base]
-    legs = [(start, middle), (middle, goal)]
+def _held(
+    checks: Checks, start: Array, goal: Array, base: NDArray[np.int64], free: NDArray[np.int64]
+) -> list[Array]:
+    """Return the configurations whose bodies may be held along a drive."""
+    pepper, body = checks.pepper, np.setdiff1d(free, base)
+    held = [start, goal]
+    if body.size:
+        for posture in (pepper.neutral(), *map(pepper.posture, pepper.posture_names)):
+            resting = start.copy()
+            resting[body] = posture[body]
+            held.append(resting)
+    return held
+
+
+def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> list[tuple[Array, Array]]:
+    """Return ends of the body's motion, of a drive with it held, and of its motion then, if any."""
+    before, after = held.copy(), held.copy()
+    before[base], after[base] = start[base], goal[base]
+    legs = [(start, before), (before, after), (after, goal)]
     return [(a, b) for a, b in legs if np.abs(a - b).max() > _SAME]
 
 
 def _said(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
     if len(legs) == 1:
         return " with the body held"
+    if len(legs) == 3:
+        return " between two motions of the body"
     first_drives = bool(np.abs(legs[0][0] - legs[0][1])[base].max() > _SAME)
     return ", then the body moves" if first_drives else " after the body has moved"
 

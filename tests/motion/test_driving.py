@@ -93,6 +93,21 @@ def test_the_body_moves_before_or_after_the_drive(cart):
     assert_drives(cart, before, beam)
 
 
+def test_the_body_is_folded_where_neither_end_can_be_driven():
+    group = '<group name="whole_body"><joint name="lift"/></group>'
+    state = '<group_state name="folded" group="whole_body"><joint name="lift" value="1.5"/></group_state>'
+    srdf = f'<robot name="cart">{group}{state}</robot>'
+    cart = pk.load_robot(CART, srdf, base="differential", wheels=WHEELS)
+    beam = pk.Scene().add_box("beam", size=(0.2, 24.0, 0.2), position=(1.5, 0.0, 0.85))
+    joints = ("BaseX", "BaseY", "BaseYaw", "lift")
+    plan = pk.plan(cart, cart.neutral(), there(cart, lift=0.1), beam, joints=joints, timeout=8.0)
+    assert plan.success, plan.report()
+    assert "between two motions of the body" in plan.message
+    drives = np.abs(np.diff(plan.path[:, :3], axis=0)).max(axis=1) > 1e-6
+    np.testing.assert_allclose(plan.path[1:, 3][drives], 1.5, atol=1e-9)
+    assert_drives(cart, plan, beam)
+
+
 def test_tasks_are_driven_to(cart):
     target = [pk.ik.FramePosition("tip", (2.8, 0.8, 0.75), tolerance=1e-3)]
     plan = pk.plan(cart, cart.neutral(), target, SCENE, seed=2)
