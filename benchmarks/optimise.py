@@ -5,11 +5,14 @@ smooths a path; `retime` gives the fastest motion along it, and `optimise` start
 for each problem in turn.  Jerk is that of accelerations every 10 ms, in units of the joints' accelerations:
 `retime`'s accelerations jump.
 
-python benchmarks/optimise.py [--problems 24] [--jerk 1e-4]
+python benchmarks/optimise.py [--problems 24] [--jerk 1e-4] [--references 6]
+
+`--references` solves the first problems by ipopt and fatrop, too, from the same start.
 """
 
 import argparse
 import time
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +29,7 @@ CHECKED = ("position", "velocity", "acceleration", "torque", "velocity_continuit
 
 @dataclass
 class Row:
+    planned: pk.motion.Plan
     detour: bool  # whether the straight line collides
     plan: float
     retime: float
@@ -60,10 +64,10 @@ def run(start: np.ndarray, goal: np.ndarray, cost: Cost) -> Row | None:
     again = pk.retime(PEPPER, found.trajectory).duration if found.success else found.figures.duration
     check, before = found.trajectory.check(PEPPER, TABLE), found.before.check(PEPPER)
     straight = start + np.linspace(0, 1, 200)[:, None] * (goal - start)
+    hits = bool(pk.collision.in_collision(PEPPER, straight, TABLE).any())
     return Row(
-        bool(pk.collision.in_collision(PEPPER, straight, TABLE).any()), planned - begin, retimed - planned,
-        found.time, processor, found, again, all(getattr(check, part).ok for part in CHECKED),
-        (before.balance.ok, check.balance.ok),
+        plan, hits, planned - begin, retimed - planned, found.time, processor, found, again,
+        all(getattr(check, part).ok for part in CHECKED), (before.balance.ok, check.balance.ok),
     )  # fmt: skip
 
 
@@ -112,11 +116,38 @@ def show(title: str, rows: list[Row]) -> None:
     print(f"| balance (asked of neither) | {balanced[0]} | {balanced[1]} |")
 
 
+def show_references(plans: list[pk.motion.Plan], cost: Cost) -> None:
+    """Print how the solvers end on the same problems, and at which cost beside Newton's."""
+    print("\n| solver | improved | searches ended | cost over newton's, median | processor time, median |")
+    print("|---|---|---|---|---|")
+    costs: list[float] = []
+    for solver in ("newton", "ipopt", "fatrop"):
+        found, times = [], []
+        for plan in plans:
+            begin = time.process_time()
+            timeout = 60.0 if solver == "ipopt" else None
+            found.append(optimise(PEPPER, plan, TABLE, cost=cost, solver=solver, timeout=timeout))
+            times.append(time.process_time() - begin)
+        values = [f.descent.cost if f.descent else np.inf for f in found]
+        costs = costs or values
+        over = np.median(np.array(values) / np.array(costs))
+        ended = Counter(f.descent.status.value for f in found if f.descent)
+        said = ", ".join(f"{count} {status}" for status, count in ended.items())
+        print(
+            f"| {solver} | {sum(f.success for f in found)} of {len(found)} | {said} | {over:.4f} "
+            f"| {1e3 * np.median(times):.0f} ms |"
+        )
+        for f in found:
+            if not f.success:
+                print(f"<!-- {solver}: {f.report()} -->")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=24)
     parser.add_argument("--jerk", type=float, default=Cost().jerk, help="weight of the jerk")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--references", type=int, default=0, help="problems for ipopt and fatrop, too")
     arguments = parser.parse_args()
     rng, cost = np.random.default_rng(arguments.seed), Cost(jerk=arguments.jerk)
     run(PEPPER.posture("Stand"), PEPPER.posture("StandZero"), cost)  # compiles what is not compiled yet
@@ -125,6 +156,8 @@ def main() -> None:
         row = run(posture(rng), posture(rng), cost)
         if row is not None:
             rows.append(row)
+    if arguments.references:
+        show_references([row.planned for row in rows[: arguments.references]], cost)
     show("All", rows)
     for title, detour in (("The straight line is free", False), ("The straight line collides", True)):
         some = [row for row in rows if row.detour is detour]

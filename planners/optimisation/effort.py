@@ -121,7 +121,7 @@ def minimum_effort(
     unit = limits if scale is None else np.asarray(scale, dtype=float)
     if unit.shape != (n,) or not (np.isfinite(unit).all() and (unit > 0).all()):
         raise InvalidValueError("scale", unit, f"{n} finite torques above 0")
-    problem = _Transcription(torque, first, last, duration / intervals, intervals, bounds, limits, unit)
+    problem = _Transcription(torque, (first, last), duration / intervals, intervals, bounds, limits, unit)
     options = _options(solver, max_iterations)
     if solver == "fatrop":
         options |= {"equality": problem.equality, "structure_detection": "auto"}
@@ -161,10 +161,12 @@ class _Transcription:
     """Variables x_0, j_0, x_1, ..., x_N with x = (q, v, a), and constraints stage by stage."""
 
     def __init__(
-        self, torque: Any, first: FloatArray, last: FloatArray, h: float, intervals: int, bounds: Bounds,
+        self, torque: Any, ends: tuple[FloatArray, FloatArray], h: float, intervals: int, bounds: Bounds,
         limits: FloatArray, unit: FloatArray,
     ) -> None:  # fmt: skip
         import casadi
+
+        first, last = ends
 
         self._n, self._h, self._intervals = first.size // 2, h, intervals
         self._first, self._last = first, last

@@ -42,8 +42,10 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
         core, radius = _core(body.geometry_object.geometry, pose)
         rows.append((frame_joint.get(body.joint, -1), core, radius + body.padding))
     parents = [body.joint for body in all_bodies]
-    listed = [(i, j) for i, j in checked_pairs(pepper, scene, all_bodies) if parents[i] != parents[j]]
-    pairs, gaps = np.array(listed, np.int64).reshape(-1, 2), np.full(len(listed), margin)
+    listed = np.array(checked_pairs(pepper, scene, all_bodies), np.int64).reshape(-1, 2)
+    of = np.array(parents, np.int64)
+    pairs = np.ascontiguousarray(listed[of[listed[:, 0]] != of[listed[:, 1]]])
+    gaps = np.full(len(pairs), margin)
     cores = np.array([row[1] for row in rows]).reshape(-1, COLUMNS)
     radii = np.array([row[2] for row in rows], float)
     frame = np.array([row[0] for row in rows], np.int64)
@@ -100,13 +102,14 @@ def _parent(pepper: PepperModel, link: str) -> int:
 
 
 def _carried(pepper: PepperModel, parents: list[int]) -> NDArray[np.int64]:
-    model = pepper.inner_model
-    carried = np.zeros((len(parents), model.nv), np.int64)
-    for body, parent in enumerate(parents):
-        while parent > 0:
-            carried[body, model.joints[parent].idx_v] = 1
-            parent = model.parents[parent]
-    return carried
+    model, rows = pepper.inner_model, {}
+    for parent in set(parents):
+        row, joint = np.zeros(model.nv, np.int64), parent
+        while joint > 0:
+            row[model.joints[joint].idx_v] = 1
+            joint = model.parents[joint]
+        rows[parent] = row
+    return np.array([rows[parent] for parent in parents], np.int64).reshape(-1, model.nv)
 
 
 def _core(shape: Any, pose: Array) -> tuple[Array, float]:

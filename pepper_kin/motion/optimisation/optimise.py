@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SOLVERS = ("newton", "ipopt", FATROP)
+_LEAST_TIME = 1e-6  # [s] for a search that begins late: it returns the motion that it begins with
 TIMEOUT = 5.0
 """Wall time of a search, if nothing else is said [s]."""
 _STEP = 0.001  # [s], between the states at which the result is examined
@@ -97,8 +100,8 @@ def optimise(
         max_iterations: Newton steps at most; ten times as many of a general solver.
         timeout: Wall time of the search [s], then the best is taken; `TIMEOUT` if omitted; not for "fatrop".
         solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver: references, slower.
-        starts: Number of motions to start from, in turn: that along the path, then two straight lines by a
-            random posture each.  The cheapest result is kept.
+        starts: Number of motions to start from: that along the path, then two straight lines by a random
+            posture each, searched on all cores ("newton").  The cheapest result is kept.
         seed: Seed of these postures.
 
     Returns:
@@ -120,20 +123,47 @@ def optimise(
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
-    problem = SplineProblem(pepper, before, world, weights, limits, margin, intervals, tasks, jerk=rate)
-    judge = _Judge(pepper, problem, before, world, weights, limits, margin, wanted, tasks, rate)
-    best = judge(problem, problem.descend(wanted, max_iterations, seconds, solver))
-    for other, left in _detours(pepper, before, starts, seed, scales, begin + seconds):
-        problem = SplineProblem(pepper, other, world, weights, limits, margin, intervals, tasks, jerk=rate)
-        found = judge(problem, problem.descend(wanted, max_iterations, left, solver))
-        if found.success and not (best.success and _cost_of(best) <= _cost_of(found)):
-            best = found
+
+    def posed(motion: Trajectory) -> SplineProblem:
+        return SplineProblem(
+            pepper, motion, world, weights, limits, margin, intervals, tasks=tasks, jerk=rate
+        )
+
+    problems = [posed(before)]
+    judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
+    problems += map(posed, _detours(pepper, before, starts, seed, scales, begin + seconds))
+    best = _cheapest(judge, problems, _each(problems, wanted, max_iterations, begin + seconds, solver))
     return replace(best, time=time.perf_counter() - begin)
 
 
-def _cost_of(found: Optimised) -> float:
-    """Return the cost that a search ended with; inf without a search."""
-    return float("inf") if found.descent is None else found.descent.cost
+def _each(
+    problems: Sequence[SplineProblem], wanted: float | None, steps: int, end: float, solver: str
+) -> list[Descent]:
+    """Return the outcomes of searches until the clock shows `end` [s]; they leave threads their turn."""
+
+    def search(problem: SplineProblem) -> Descent:
+        return problem.descend(wanted, steps, max(end - time.perf_counter(), _LEAST_TIME), solver)
+
+    if len(problems) == 1 or solver != SOLVERS[0]:
+        return [search(problem) for problem in problems]
+    with ThreadPoolExecutor(min(len(problems), os.cpu_count() or 1)) as threads:
+        return list(threads.map(search, problems))
+
+
+def _cheapest(judge: _Judge, problems: Sequence[SplineProblem], descents: Sequence[Descent]) -> Optimised:
+    """Return the cheapest outcome that passes, or what became of the first where none does."""
+    refused: dict[int, Optimised] = {}
+    for k in sorted(range(len(problems)), key=lambda k: _cost_of(descents[k])):
+        found = judge(problems[k], descents[k])
+        if found.success:
+            return found
+        refused[k] = found
+    return refused[0]
+
+
+def _cost_of(descent: Descent) -> float:
+    """Return the cost that a search ended with; inf where it had no start."""
+    return float("inf") if descent.status is OptimisationStatus.START_INFEASIBLE else descent.cost
 
 
 def _scaled(
@@ -209,10 +239,10 @@ def _timed(
 def _detours(
     pepper: PepperModel, before: Trajectory, starts: int, seed: int, scales: tuple[float, float, float],
     end: float,
-) -> Iterator[tuple[Trajectory, float]]:  # fmt: skip
+) -> Iterator[Trajectory]:  # fmt: skip
     """Return motions along two straight lines from start to goal, by random postures of moving joints.
 
-    Each comes with the time that is left until the clock shows `end` [s].
+    There are no more of them once the clock shows `end` [s].
     """
     rng, first, last = np.random.default_rng(seed), before.start, before.end
     moving = first != last
@@ -226,10 +256,9 @@ def _detours(
             motion = _timed(pepper, np.stack([first, middle, last]), *scales, None)
         except (InfeasibleError, LimitError):
             continue
-        left = end - time.perf_counter()
-        if left <= 0.0:
+        if time.perf_counter() >= end:
             return
-        yield motion, left
+        yield motion
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,8 +81,8 @@ class SplineProblem:
         limits: Limits,
         margin: float,
         intervals: int,
-        tasks: Sequence[Task] = (),
         *,
+        tasks: Sequence[Task] = (),
         all_joints: bool = False,
         jerk: Array | None = None,
     ) -> None:
