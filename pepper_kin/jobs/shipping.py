@@ -68,9 +68,9 @@ def everyday_calls() -> None:
     collision.in_collision(pepper, q, scene)
     planar = load_pepper(base="planar")
     collision.in_collision(planar, np.tile(planar.neutral(), (64, 1)), scene)
+    state = np.tile(planar.neutral(), (64, 1))
+    dynamics.inverse_dynamics(planar, state, state, state)
     for other in (planar, load_pepper(hands="mimic")):
-        state = np.tile(other.neutral(), (64, 1))
-        dynamics.inverse_dynamics(other, state, state, state)
         ik.solve(other, tasks)
 
 

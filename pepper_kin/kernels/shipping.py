@@ -19,7 +19,7 @@ from pepper_kin.kernels.target import Target, baseline_features, host_target, ma
 
 FORMAT = 1
 BASELINE = "x86-64-v3"
-_FILTERS = [{"id": lzma.FILTER_X86}, {"id": lzma.FILTER_LZMA2, "preset": 9}]
+_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 2, "lp": 0, "pb": 0}]
 _WHAT = "the machine code"
 
 
