@@ -79,9 +79,10 @@ def _rooms(n: int, k: int) -> Iterator[_Rooms]:
     if rooms is None:
         line = new_polyline(np.empty((_POINTS, k)))
         spline = np.empty((MOST + 1, n)), np.empty(MOST + 1), np.empty((MOST, 4, n))
-        rooms = _Rooms(
-            with_room(take_trees(k, new_counters()), _NODES), line, np.empty((_POINTS, k)), *spline
-        )
+        trees = take_trees(k, new_counters())
+        if trees.states.shape[1] < _NODES:
+            trees = with_room(trees, _NODES)
+        rooms = _Rooms(trees, line, np.empty((_POINTS, k)), *spline)
     yield rooms
     kept[n, k] = rooms
 

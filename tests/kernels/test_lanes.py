@@ -48,8 +48,8 @@ def every_operation(x: Singles1, y: Singles1, number: float, found: Singles2) ->
     sine, cosine = sine_cosine(a)
     store_lanes(place + 11 * LANE_BYTES, sine)
     store_lanes(place + 12 * LANE_BYTES, cosine)
-    store_lanes(place + 13 * LANE_BYTES, least_lane(a))
-    store_lanes(place + 14 * LANE_BYTES, greatest_lane(a))
+    store_lanes(place + 13 * LANE_BYTES, spread(least_lane(a)))
+    store_lanes(place + 14 * LANE_BYTES, spread(greatest_lane(a)))
     return lanes_below(a, b)
 
 

@@ -13,6 +13,7 @@ from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.examination import Examiner
 from pepper_kin.motion.pipeline import Pipeline
 from pepper_kin.motion.problem import COARSE, path_problem
+from pepper_kin.planners import tree_growth
 from pepper_kin.trajectory.path import as_cubic_path
 
 PEPPER = pk.load_pepper()
@@ -31,6 +32,8 @@ def room():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_path_is_that_of_the_planner_alone_also_where_room_runs_out(monkeypatch, nodes, seed):
     monkeypatch.setattr(pipeline, "_NODES", nodes)
+    monkeypatch.setattr(tree_growth, "_FIRST_CAPACITY", nodes)
+    monkeypatch.setattr(tree_growth, "_left", type(tree_growth._left)())
     monkeypatch.setattr(pipeline, "_local", type(pipeline._local)())
     alone = planners.rrt_connect(room().problem, seed=seed)
     found, way = Pipeline(room(), seed, 5.0).searched(False)

@@ -85,7 +85,7 @@ def test_where_optimisation_gains_nothing_the_retimed_plan_stays():
     """A search without time to make a step offers a slower motion than that along the plan's own path."""
     robot = pk.load_robot(TWO_JOINTS.format(effort=30))
     plain = pk.plan(robot, [0.0, 0.0], [1.0, 0.0])
-    made = smoothed(robot, plain, None, margin=0.01, timeout=1e-9)
+    made = smoothed(robot, plain, None, margins=(0.01, 0.0), timeout=1e-9)
     retimed = pk.retime(robot, plain)
     assert not made.optimised.success, made.message
     assert made.trajectory.duration == pytest.approx(retimed.duration, rel=1e-9)
@@ -96,7 +96,7 @@ def test_where_optimisation_gains_nothing_the_retimed_plan_stays():
 
 
 def test_payloads_and_bases_that_drive_are_timed_along_their_path(pepper, pair):
-    held = smoothed(pepper, pair[0], TABLE, margin=0.01, timeout=5.0, payload={"left": 0.2})
+    held = smoothed(pepper, pair[0], TABLE, margins=(0.01, 0.0), timeout=5.0, payload={"left": 0.2})
     expected = pk.retime(pepper, pair[0], payload={"left": 0.2})
     assert held.trajectory.duration == expected.duration
     assert "a payload is not optimised" in held.message
@@ -112,14 +112,14 @@ def test_payloads_and_bases_that_drive_are_timed_along_their_path(pepper, pair):
 
 
 def test_balance_is_kept_by_the_motion(pepper, pair):
-    made = smoothed(pepper, pair[0], TABLE, margin=0.01, timeout=5.0, balance=0.005)
+    made = smoothed(pepper, pair[0], TABLE, margins=(0.01, 0.0), timeout=5.0, balance=0.005)
     assert made.trajectory.check(pepper, TABLE).balance.value > 0.004, made.message
 
 
 def test_balance_over_a_base_that_moves_is_timed_along_the_path():
     pepper = pk.load_pepper(base="planar")
     plain = pk.plan(pepper, pepper.neutral(), pepper.joint_vector({"BaseX": 0.3, "HeadYaw": 0.4}))
-    made = smoothed(pepper, plain, None, margin=0.01, timeout=5.0, balance=0.005)
+    made = smoothed(pepper, plain, None, margins=(0.01, 0.0), timeout=5.0, balance=0.005)
     assert "balance over a base that moves is not optimised" in made.message
     assert made.trajectory.duration == pk.retime(pepper, plain, balance=0.005).duration
 
@@ -144,7 +144,7 @@ def test_a_plan_that_cannot_be_timed_says_why():
     robot = pk.load_robot(TWO_JOINTS.format(effort=30))
     plain = pk.plan(robot, [0.0, 0.0], [1.0, 0.5])
     weak = pk.load_robot(TWO_JOINTS.replace('effort="30"', 'effort="0.3"').format(effort=30))
-    made = smoothed(weak, plain, None, margin=0.01, timeout=5.0)
+    made = smoothed(weak, plain, None, margins=(0.01, 0.0), timeout=5.0)
     assert made.success
     assert made.trajectory is None
     assert "cannot be timed" in made.message
