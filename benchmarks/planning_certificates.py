@@ -185,7 +185,7 @@ def faults(robot: pk.PepperModel, asked: Asked, plan: pk.Plan) -> tuple[list[str
     least = least_clearance(robot, states, asked.scene)
     if least.distance < TOUCH or least.forbidden is not None:
         pair = least.pair
-        wrong.append(f"touches, {1e3 * least.distance:.4f} mm, {pair and (pair.name_a, pair.name_b)}")
+        wrong.append(f"touches, {1e3 * least.distance:.4f} mm, {pair and pair.names}")
     return wrong, least.distance
 
 
