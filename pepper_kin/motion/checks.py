@@ -95,9 +95,7 @@ class Checks:
         def test(states: Array) -> NDArray[np.bool_]:
             verdicts = code.verdicts(states)
             if (verdicts == TIE).any():
-                ties = np.flatnonzero(verdicts == TIE)
-                exact = checker_for(self.pepper, self.scene, *margins)
-                verdicts[ties] = exact.in_collision(states[ties])
+                self.answer(states, verdicts, margins)
             return np.asarray(verdicts == 0)
 
         return test
@@ -162,7 +160,7 @@ class Checks:
             raise _asking.error
         return result
 
-    def answer(self, states: Array, verdicts: NDArray[np.int64], margins: tuple[float, float]) -> None:
+    def answer(self, states: Array, verdicts: NDArray[Any], margins: tuple[float, float]) -> None:
         """Write coal's verdicts on those of some states, shape (m, n), that have a tie."""
         ties = np.flatnonzero(verdicts == TIE)
         exact = checker_for(self.pepper, self.scene, *margins)
