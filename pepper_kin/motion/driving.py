@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -37,7 +38,9 @@ _NO_LEGS = "No goal can be driven to with the body held as at an end or in a nam
 _NO_SPLINE = "A path was found, but no spline along it keeps clear."
 
 
-_Curve: TypeAlias = tuple[CubicPath | None, int, tuple[PlanStatus, str]]
+_Said: TypeAlias = Callable[[], tuple[PlanStatus, str]]
+"""What is to be said of a search; looking for what was in its way takes longer than many searches."""
+_Curve: TypeAlias = tuple[CubicPath | None, int, _Said]
 
 
 def base_places(pepper: PepperModel) -> NDArray[np.int64]:
@@ -89,15 +92,14 @@ def plan_drive(
         deadline: On the clock of `time.perf_counter` [s].
     """
     base, checked = base_places(checks.pepper), 0
-    status, message = PlanStatus.NO_PATH_IN_TIME, _NO_LEGS
+    longest, why, reason = 0, None, ""
     for goal in goals:
         bodies = _held(checks, start, goal, base, free)
         for way, body in enumerate(bodies):
             legs = _legs(start, goal, base, body)
             held = [q for leg in legs for q in leg if not (checks.free(q) and checks.holds(q[None])[0])]
             if held:
-                if message.startswith(_NO_LEGS):
-                    message = _NO_LEGS + _blocked(checks, held[0])
+                reason = reason or _blocked(checks, held[0])
                 continue
             curves: list[CubicPath] = []
             shift = np.zeros_like(start)  # of the yaw: full turns that the drive has made
@@ -109,16 +111,17 @@ def plan_drive(
                 curve, states, said = leg.curve(left)
                 checked += states
                 if curve is None:
-                    status, message = said
+                    longest, why = (states, said) if states >= longest else (longest, why)
                     break
                 curves.append(curve)
-                gave = gave or said[1]
+                gave = gave or said()[1]
                 shift[base[2]] += (_end(curve) - end - shift)[base[2]]
             if len(curves) == len(legs):
                 path = _in_turn(curves)
                 points = np.vstack([path.coefficients[:, 0], _end(path)])
                 words = f"Drive of {_length(path, base):.2f} m{_said(legs, base)}.{gave}"
                 return ended.solved(checks.exact, points, words, curve=path, states_checked=checked)
+    status, message = (PlanStatus.NO_PATH_IN_TIME, _NO_LEGS + reason) if why is None else why()
     return ended(status, message, states_checked=checked)
 
 
@@ -131,7 +134,7 @@ def _blocked(checks: Checks, q: Array) -> str:
 def _held(
     checks: Checks, start: Array, goal: Array, base: NDArray[np.int64], free: NDArray[np.int64]
 ) -> list[Array]:
-    """Return the configurations whose bodies may be held along a drive."""
+    """Return the configurations whose bodies may be held along a drive, each body once."""
     pepper, body = checks.pepper, np.setdiff1d(free, base)
     held = [start, goal]
     if body.size:
@@ -139,7 +142,10 @@ def _held(
             resting = start.copy()
             resting[body] = posture[body]
             held.append(resting)
-    return held
+    bodies: dict[bytes, Array] = {}
+    for q in held:
+        bodies.setdefault(q[body].tobytes(), q)
+    return list(bodies.values())
 
 
 def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> list[tuple[Array, Array]]:
@@ -185,14 +191,13 @@ class _Leg(NamedTuple):
         drives = np.abs(self.begin - self.end)[self.base].max() > _SAME
         moving = self.base if drives else np.setdiff1d(self.free, self.base)
         began, states = time.perf_counter(), 0
-        said = PlanStatus.NO_PATH_IN_TIME, ""
         goal = self.end[None]
         for room, share in falling_problems(self.checks, self.begin, goal, moving, self.margins, COARSE):
             left = max(share * timeout - (time.perf_counter() - began), 1e-3)
             curve, checked, said = self._driven(room, left) if drives else self._moved(room, left)
             states += checked
             if curve is not None:
-                return curve, states, (PlanStatus.SOLVED, gave_way(room, curve, self.margins[0]))
+                return curve, states, partial(_solved, gave_way(room, curve, self.margins[0]))
         return None, states, said
 
     def _moved(self, room: PathProblem, timeout: float) -> _Curve:
@@ -200,12 +205,11 @@ class _Leg(NamedTuple):
         room = room.finer()
         result = planners.rrt_connect(room.problem, seed=self.seed, timeout=timeout)
         if result.path is None:
-            return None, result.states_checked, why_no_path(room, result, self.seed)
+            return None, result.states_checked, partial(why_no_path, room, result, self.seed)
         way = way_along(room, result.path, seed=self.seed, timeout=timeout)
         if way is None:
-            said = _NO_SPLINE + narrowest(room, result.path)
-            return None, result.states_checked, (PlanStatus.NO_PATH_IN_TIME, said)
-        return way.curve, result.states_checked, (PlanStatus.SOLVED, "")
+            return None, result.states_checked, partial(_no_spline, room, result.path)
+        return way.curve, result.states_checked, _solved
 
     def _driven(self, room: PathProblem, timeout: float) -> _Curve:
         """Return the base's drive with the body held."""
@@ -218,13 +222,22 @@ class _Leg(NamedTuple):
             )  # fmt: skip
             checked += found.states_checked
             if found.curve is None:
-                return None, checked, why_no_path(closer, found, self.seed)
+                return None, checked, partial(why_no_path, closer, found, self.seed)
             for spacing in SPACINGS:
                 curve = _driven(closer, found.curve, wheels, spacing)
                 if closer.is_clear(curve, closer.relaxed_margins):
-                    return curve, checked, (PlanStatus.SOLVED, "")
-            said = _NO_SPLINE + narrowest(closer, found.curve)
-        return None, checked, (PlanStatus.NO_PATH_IN_TIME, said)
+                    return curve, checked, _solved
+            said = partial(_no_spline, closer, found.curve)
+        return None, checked, said
+
+
+def _solved(words: str = "") -> tuple[PlanStatus, str]:
+    return PlanStatus.SOLVED, words
+
+
+def _no_spline(room: PathProblem, found: planners.Path | planners.CarCurve) -> tuple[PlanStatus, str]:
+    """Say that a path was found, and where it is narrowest."""
+    return PlanStatus.NO_PATH_IN_TIME, _NO_SPLINE + narrowest(room, found)
 
 
 def _driven(room: PathProblem, curve: planners.CarCurve, wheels: Wheels, spacing: float) -> CubicPath:
