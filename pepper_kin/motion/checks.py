@@ -16,6 +16,7 @@ from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.checker import LEVER
 from pepper_kin.collision.fast import CompiledValidity, fast_checker_for
+from pepper_kin.collision.fast.tables import tables_of
 from pepper_kin.core.collision.check import row_verdicts, valid_steps
 from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_margins
 from pepper_kin.core.collision.gjk import CONTACT, TIE
@@ -119,6 +120,7 @@ class Checks:
         found = self._checks.get(key)
         if found is not None and found.moving is moves:
             return found
+        heads, tables, _ = tables_of(self.pepper)
         found = MotionCheck(
             verdicts=address,
             ask=_ASK_ADDRESS,
@@ -132,6 +134,8 @@ class Checks:
             effort=self.statics.effort_limits,
             masses=loads.masses,
             edges=loads.edges,
+            heads=heads,
+            tables=tables,
             held_step=self.statics.step,
             states=np.empty((ROOM, n)),
             given=np.empty((ROOM, n + loads.masses.size)),

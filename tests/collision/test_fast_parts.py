@@ -15,7 +15,7 @@ from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Solid, solid_o
 from pepper_kin.collision.fast.structure import bounding_ball
 from pepper_kin.collision.fast.tables import pack_tables
 from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_ROOM, TIE, ConvexCore, nearer_than
-from pepper_kin.core.collision.joint_ranges import violations
+from pepper_kin.core.collision.joint_ranges import curve_keeps_ranges, edge_keeps_ranges, violations
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 
 NO_VERTICES = np.zeros((3, 0))
@@ -223,6 +223,51 @@ def test_compiled_tables_are_those_of_python(margin):
     expected = np.any([table.violated(q, margin) for table in tables], axis=0)
     np.testing.assert_array_equal(left.astype(bool), expected)
     assert 0.2 < expected.mean() < 0.9
+
+
+def leaves_a_range(tables, curve, ends):
+    """Whether a cubic curve, shape (4, n), constant first, leaves a table between two parameters: it is
+    looked at at its ends, where the second joint turns back, and on both sides of each row it passes."""
+    for table in tables:
+        x, y = (np.polynomial.Polynomial(curve[:, joint]) for joint in (table.first, table.second))
+        passes = np.concatenate([(x - position).roots() for position in table.positions])
+        special = np.concatenate([passes, y.deriv().roots() if curve[1:, table.second].any() else []])
+        s = np.real(special[np.abs(np.imag(special)) < 1e-9])
+        s = np.concatenate([s - 1e-8, s, s + 1e-8, ends])
+        s = s[(s >= ends[0]) & (s <= ends[1])]
+        states = np.stack([np.polynomial.polynomial.polyval(s, curve[:, j]) for j in range(curve.shape[1])])
+        if table.violated(states.T, margin=-1e-6).any():
+            return True
+    return False
+
+
+@pytest.mark.parametrize("cubic", [False, True])
+def test_ranges_are_kept_at_every_point_of_a_line_and_of_a_curve(cubic):
+    pepper = pk.load_pepper()
+    tables = dependent_ranges(pepper)
+    heads, rows, _ = pack_tables(tables)
+    rng, counts, between = np.random.default_rng(8), [0, 0], 0
+    for _ in range(1500):
+        a, b = rng.uniform(pepper.lower_limits, pepper.upper_limits, (2, pepper.n))
+        b = a + rng.choice([0.02, 0.1, 0.5]) * (b - a)
+        for table in tables[: 0 if rng.uniform() < 0.2 else None]:  # near the steps
+            row = int(rng.integers(len(table.positions)))
+            a[table.first] = table.positions[row] - rng.uniform(0.0, 0.01)
+            near = [bound[row] for bound in (table.lower, table.upper) if np.isfinite(bound[row])]
+            if near:
+                a[table.second] = rng.choice(near) + rng.normal(0.0, 0.02)
+        curve = np.array([a, b - a, *(rng.normal(0.0, 0.05, (2, pepper.n)) * cubic)])
+        if cubic:
+            answer = curve_keeps_ranges(heads, rows, np.array([0.0, 1.0]), curve[None].copy())
+        else:
+            answer = edge_keeps_ranges(heads, rows, 0.0, a, b)
+            assert answer == edge_keeps_ranges(heads, rows, 0.0, b, a)
+        assert answer != leaves_a_range(tables, curve, (0.0, 1.0))
+        counts[answer] += 1
+        looked = np.polynomial.polynomial.polyval(np.linspace(0.0, 1.0, 9), curve).T
+        between += not answer and not any(table.violated(looked).any() for table in tables)
+    assert min(counts) > 150
+    assert between > 5  # what a look at nine states would have missed
 
 
 def test_a_half_space_is_a_vast_box():

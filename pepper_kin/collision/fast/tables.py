@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from pepper_kin.collision.dependent_ranges import DependentRange
+from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.core.collision.joint_ranges import CELLS
 from pepper_kin.core.collision.layout import Array
+from pepper_kin.model import PepperModel
+
+
+@lru_cache(maxsize=32)
+def tables_of(pepper: PepperModel) -> tuple[Array, Array, Array]:
+    """Return the sections TABLE_HEADS, TABLES and TABLE_CELLS of a robot."""
+    return pack_tables(dependent_ranges(pepper))
 
 
 def pack_tables(ranges: tuple[DependentRange, ...]) -> tuple[Array, Array, Array]:
@@ -16,7 +25,8 @@ def pack_tables(ranges: tuple[DependentRange, ...]) -> tuple[Array, Array, Array
         count = len(table.positions)
         span = float(table.positions[-1] - table.positions[0])
         density = CELLS / span if span > 0 else 0.0
-        heads.append([table.first, table.second, place, count, table.positions[0], density])
+        tightest = table.lower.max(), table.upper.min()
+        heads.append([table.first, table.second, place, count, table.positions[0], density, *tightest])
         rows += [table.positions, table.lower, table.upper]
         cells.append(_cells(table, span / CELLS))
         place += 3 * count

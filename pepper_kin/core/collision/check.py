@@ -15,7 +15,7 @@ from pepper_kin.core.collision.ball_check import (
     tables_of,
 )
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE
-from pepper_kin.core.collision.joint_ranges import violations
+from pepper_kin.core.collision.joint_ranges import edge_keeps_ranges, violations
 from pepper_kin.core.collision.layout import (
     EDGE_NUMBERS,
     ROOM,
@@ -167,22 +167,16 @@ def _state(memory: Array, row: int, a: Array, b: Array, fraction: float) -> None
 
 
 @compiled
-def _within_ranges(memory: Array, a: Array, b: Array, blocks: int) -> bool:
-    """Whether the states of an edge keep the tabulated ranges of joints."""
-    status, heads = section_bits(memory, at.STATUS), section(memory, at.TABLE_HEADS)
-    tables, cells = section(memory, at.TABLES), section(memory, at.TABLE_CELLS)
-    rows, n = section(memory, at.ROWS), section(memory, at.FROZEN).size
-    margin = section(memory, at.NUMBERS)[at.RANGE_MARGIN]
+def _within_ranges(memory: Array, a: Array, b: Array) -> bool:
+    """Whether all of an edge keeps the tabulated ranges of joints."""
+    heads, tables = section(memory, at.TABLE_HEADS), section(memory, at.TABLES)
     if heads.size == 0:
         return True
-    for k in range(blocks):
-        for i in range(LANES):
-            _state(memory, i, a, b, (i + 1) / LANES - k / (LANES * blocks))
-        violations(heads, tables, cells, margin, rows, n, status[:LANES])
-        for i in range(LANES):
-            if status[i] != 0:
-                return False
-    return True
+    rows, n = section(memory, at.ROWS), section(memory, at.FROZEN).size
+    _state(memory, 0, a, b, 0.0)
+    _state(memory, 1, a, b, 1.0)
+    margin = section(memory, at.NUMBERS)[at.RANGE_MARGIN]
+    return edge_keeps_ranges(heads, tables, margin, rows[:n], rows[n : 2 * n])
 
 
 @compiled
@@ -258,7 +252,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
     blocks, waiting = (steps + LANES - 1) // LANES, 0
     if numbers[at.BLOCKED] > 0 or not (_all_within(a, WIDEST) and _all_within(b, WIDEST)):
         return False
-    if not _within_ranges(memory, a, b, blocks):
+    if not _within_ranges(memory, a, b):
         return False
     moving, ramp = at.address_of(memory, at.FREE), load_lanes(at.address_of(memory, at.RAMP))
     begin, end = a.ctypes.data, b.ctypes.data

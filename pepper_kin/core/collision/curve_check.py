@@ -9,6 +9,7 @@ import numpy as np
 
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.gjk import FREE, TIE
+from pepper_kin.core.collision.joint_ranges import curve_keeps_ranges
 from pepper_kin.core.collision.layout import ROOM, Array
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
@@ -41,6 +42,8 @@ class MotionCheck(NamedTuple):
         masses: What is carried [kg], shape (m,).
         edges: What the floor's force and moments are multiplied with, for each edge that the robot could tip
             over; none of the products may be below zero.  Shape (k, 3).
+        heads: Heads of the tables of joints' dependent ranges, see `joint_ranges`.
+        tables: Their rows.
         held_step: Greatest distance that a point of the body moves between states that are to be held [m].
         states: Room, shape (ROOM, n).
         given: Room, shape (ROOM, n + m).
@@ -63,6 +66,8 @@ class MotionCheck(NamedTuple):
     effort: Floats1
     masses: Floats1
     edges: Floats2
+    heads: Floats1
+    tables: Floats1
     held_step: float
     states: Floats2
     given: Floats2
@@ -350,7 +355,7 @@ def is_clear(
     The curve is cut into intervals on which no point of the body moves farther than LONGEST.  Where the
     state in the middle of one keeps a distance of half that, nothing touches in all of the interval.
     Others are cut into shorter intervals, and those again, down to SHORTEST, whose middles need only keep the
-    margins asked for.
+    margins asked for.  Dependent ranges of joints are kept at every point.
 
     Args:
         check: Tells of states.
@@ -364,6 +369,8 @@ def is_clear(
             that are looked at as well.
     """
     if blocked(check, margin, self_margin):
+        return False
+    if not curve_keeps_ranges(check.heads, check.tables, breaks, coefficients):
         return False
     closer = held and check.held_step < LONGEST
     if closer and not _held_along(check, breaks, coefficients, reach):

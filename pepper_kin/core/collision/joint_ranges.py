@@ -9,13 +9,18 @@ from pepper_kin.core.collision.layout import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import double_at, store_word, word_at
 
-HEAD = 6
-"""Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, first position, cells per rad."""
+HEAD = 8
+"""Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, first position, cells per rad, and the
+range that all rows leave."""
 CELLS = 128
 """Cells of equal width into which a table is cut."""
 CELL = 4
 """Numbers for each cell: below the first or above the second the range is surely left; from the third to the
 fourth it is surely kept, at a margin of zero."""
+
+SLACK = 1e-9
+"""A line or a curve may leave a range by this, for rounding [rad or m]."""
+_HALVINGS = 40  # of a piece of a curve
 
 
 @compiled
@@ -73,3 +78,162 @@ def violations(
         if state == 2:
             for k in range(heads.size // HEAD):
                 left[i] |= _violates(heads, tables, margin, rows[n * i : n * i + n], k)
+
+
+@compiled
+def _row_below(rows: Array, count: int, x: float) -> int:
+    """Return the last row that begins at x or before, or -1."""
+    low, high = -1, count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if rows[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def _line_keeps(
+    rows: Array, count: int, margin: float, a: tuple[float, float], b: tuple[float, float]
+) -> bool:
+    """Whether a straight line keeps the range of one table at each of its points.
+
+    Args:
+        rows: Positions of the first joint, and lower and upper ends for the second, shape (3 count,).
+        count: Number of rows.
+        margin: Angle that the second joint keeps from a contact [rad].
+        a: Where the first and the second joint are at one end; the first is not greater than at the other.
+        b: The same at the other end.
+    """
+    slope = (b[1] - a[1]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
+    row = _row_below(rows, count, a[0])
+    if row >= 0 and rows[row] == b[0]:  # exactly on a row, which holds alone
+        low, high = rows[count + row], rows[2 * count + row]
+        return min(a[1], b[1]) >= low + margin - SLACK and max(a[1], b[1]) <= high - margin + SLACK
+    y = a[1]
+    while True:
+        last = row + 1 >= count or rows[row + 1] >= b[0]
+        end = b[1] if last else a[1] + slope * (rows[row + 1] - a[0])
+        below, above = max(row, 0), min(row + 1, count - 1)
+        low = max(rows[count + below], rows[count + above]) + margin - SLACK
+        high = min(rows[2 * count + below], rows[2 * count + above]) - margin + SLACK
+        if min(y, end) < low or max(y, end) > high:
+            return False
+        if last:
+            return True
+        y, row = end, row + 1
+
+
+@compiled
+def _box_keeps(rows: Array, count: int, x: tuple[float, float], y: tuple[float, float]) -> bool:
+    """Whether all of a box keeps the range of one table; x and y are the least and the greatest values."""
+    row = max(_row_below(rows, count, x[0]), 0)
+    while True:
+        if y[0] < rows[count + row] - SLACK or y[1] > rows[2 * count + row] + SLACK:
+            return False
+        if rows[row] >= x[1] or row + 1 == count:
+            return True
+        row += 1
+
+
+@compiled
+def _write_control(coefficients: Array, i: int, h: float, j: int, points: Array) -> None:
+    """Write the Bezier points of a joint on a piece of a curve, shape (4,)."""
+    constant, first = coefficients[i, 0, j], coefficients[i, 1, j] * h
+    second, third = coefficients[i, 2, j] * h * h, coefficients[i, 3, j] * h * h * h
+    points[0], points[1] = constant, constant + first / 3.0
+    points[2], points[3] = constant + (2.0 * first + second) / 3.0, constant + first + second + third
+
+
+@compiled
+def _halve(stack: Array, top: int, k: int) -> None:
+    """Write the Bezier points of the second half of a part of a curve, and above them those of the first."""
+    p, q, r, s = stack[top, k], stack[top, k + 1], stack[top, k + 2], stack[top, k + 3]
+    pq, qr, rs = 0.5 * (p + q), 0.5 * (q + r), 0.5 * (r + s)
+    left, right = 0.5 * (pq + qr), 0.5 * (qr + rs)
+    middle = 0.5 * (left + right)
+    stack[top + 1, k], stack[top + 1, k + 1] = p, pq
+    stack[top + 1, k + 2], stack[top + 1, k + 3] = left, middle
+    stack[top, k], stack[top, k + 1], stack[top, k + 2] = middle, right, rs
+
+
+@compiled
+def _piece_keeps(rows: Array, count: int, stack: Array) -> bool:
+    """Whether a piece of a curve keeps the range of one table: each part whose box does not is halved.
+
+    Args:
+        rows: See `_line_keeps`.
+        count: Number of rows.
+        stack: Room, shape (_HALVINGS + 2, 8); the first row holds the Bezier points of both joints.
+    """
+    top = 0
+    while top >= 0:
+        part = stack[top]
+        x = min(part[0], part[1], part[2], part[3]), max(part[0], part[1], part[2], part[3])
+        y = min(part[4], part[5], part[6], part[7]), max(part[4], part[5], part[6], part[7])
+        if _box_keeps(rows, count, x, y):
+            top -= 1
+        elif top == _HALVINGS or max(x[1] - x[0], y[1] - y[0]) < SLACK:
+            return False
+        else:
+            _halve(stack, top, 0)
+            _halve(stack, top, 4)
+            top += 1
+    return True
+
+
+@compiled
+def edge_keeps_ranges(heads: Array, tables: Array, margin: float, a: Array, b: Array) -> bool:
+    """Whether each configuration on the straight line between two keeps all dependent ranges.
+
+    Args:
+        heads: The section TABLE_HEADS.
+        tables: The section TABLES.
+        margin: Angle that the second joint keeps from a contact [rad].
+        a: One end, shape (n,).
+        b: The other end, shape (n,).
+    """
+    for h in range(0, heads.size, HEAD):
+        first, second, begin, count = int(heads[h]), int(heads[h + 1]), int(heads[h + 2]), int(heads[h + 3])
+        least, greatest = min(a[second], b[second]) - margin, max(a[second], b[second]) + margin
+        if least >= heads[h + 6] and greatest <= heads[h + 7]:
+            continue
+        rows, one, other = tables[begin : begin + 3 * count], a, b
+        if a[first] > b[first]:
+            one, other = b, a
+        if not _line_keeps(rows, count, margin, (one[first], one[second]), (other[first], other[second])):
+            return False
+    return True
+
+
+@compiled
+def curve_keeps_ranges(heads: Array, tables: Array, breaks: Array, coefficients: Array) -> bool:
+    """Whether each configuration on a piecewise cubic curve keeps all dependent ranges, without margin.
+
+    Between states that are looked at a curve could pass a corner of the staircase that a table is.
+
+    Args:
+        heads: The section TABLE_HEADS.
+        tables: The section TABLES.
+        breaks: Ends of the pieces, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n) [rad or m].
+    """
+    if heads.size == 0:
+        return True
+    stack = np.empty((_HALVINGS + 2, 8))
+    control = stack[0]
+    for h in range(0, heads.size, HEAD):
+        first, second, begin, count = int(heads[h]), int(heads[h + 1]), int(heads[h + 2]), int(heads[h + 3])
+        rows = tables[begin : begin + 3 * count]
+        for i in range(coefficients.shape[0]):
+            width = breaks[i + 1] - breaks[i]
+            _write_control(coefficients, i, width, second, control[4:])
+            least = min(control[4], control[5], control[6], control[7])
+            greatest = max(control[4], control[5], control[6], control[7])
+            if least >= heads[h + 6] and greatest <= heads[h + 7]:
+                continue
+            _write_control(coefficients, i, width, first, control[:4])
+            if not _piece_keeps(rows, count, stack):
+                return False
+    return True
