@@ -1,8 +1,8 @@
 """The machine code that comes with the package: one file for a baseline processor.
 
 The file is made by `python -m pepper_kin.jobs.shipping` (see `docs/kernels.md`) from the sources beside it; a
-part whose sources have changed since has another key and is not found.  Each part is compressed and has a
-checksum of its own, so reading one part does not read the others.
+part whose sources have changed since has another key and is not found.  Parts that are much alike, those of
+one package or kernels of one name, are compressed together, with a checksum; reading a part reads these.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import lzma
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pepper_kin.kernels.package_file import read_file, read_head, tell, write_file
 from pepper_kin.kernels.target import Target, baseline_features, host_target, make_target
 
-FORMAT = 1
+FORMAT = 2
 BASELINE = "x86-64-v3"
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 2, "lp": 0, "pb": 0}]
 _WHAT = "the machine code"
@@ -43,18 +43,18 @@ def shipped_part(name: str, key: str) -> tuple[bytes, Target] | None:
     loaded = _index()
     if loaded is None:
         return None
-    entries, data = loaded
+    entries = loaded.entries
     entry = entries.get(key)
     if entry is None:
         if name.startswith("pepper_kin.") and name in {known for known, *_ in entries.values()}:
             tell(f"{_WHAT} that comes with the package was made from other sources of {name}")
         return None
-    _, begin, size, checksum = entry
-    packed = data[begin : begin + size]
-    if hashlib.sha256(packed).hexdigest()[:32] != checksum:
+    _, group, begin, size = entry
+    content = _group(group)
+    if content is None:
         tell(f"{_WHAT} of {name} that comes with the package is damaged")
         return None
-    return lzma.decompress(packed, lzma.FORMAT_RAW, filters=_FILTERS), baseline_target()
+    return content[begin : begin + size], baseline_target()
 
 
 def shipped_keys() -> dict[str, str]:
@@ -72,14 +72,27 @@ def write_shipped(parts: Mapping[str, tuple[str, bytes]], path: Path | None = No
     Returns:
         Size of the file [bytes].
     """
-    entries: dict[str, tuple[str, int, int, str]] = {}
-    body = b""
+    contents: dict[str, bytes] = {}
+    entries: dict[str, tuple[str, str, int, int]] = {}
     for key, (name, content) in parts.items():
+        group = _group_name(name)
+        before = contents.get(group, b"")
+        entries[key] = name, group, len(before), len(content)
+        contents[group] = before + content
+    groups: dict[str, tuple[int, int, str]] = {}
+    body = b""
+    for group, content in contents.items():
         packed = lzma.compress(content, lzma.FORMAT_RAW, filters=_FILTERS)
-        entries[key] = (name, len(body), len(packed), hashlib.sha256(packed).hexdigest()[:32])
+        groups[group] = len(body), len(packed), hashlib.sha256(packed).hexdigest()[:32]
         body += packed
     target = baseline_target()
-    head = {"format": FORMAT, "triple": target.triple, "features": target.features, "entries": entries}
+    head = {
+        "format": FORMAT,
+        "triple": target.triple,
+        "features": target.features,
+        "groups": groups,
+        "entries": entries,
+    }
     return write_file(path or shipped_path(), head, body)
 
 
@@ -88,9 +101,40 @@ def is_usable() -> bool:
     return _index() is not None
 
 
+def _group_name(name: str) -> str:
+    """Return what parts of a name are compressed with: the package of a module, or kernels of the name."""
+    return name.rpartition(".")[0] if name.startswith("pepper_kin.") else name
+
+
+class _Index(NamedTuple):
+    """What the file holds.
+
+    Attributes:
+        groups: Name -> begin and size in the body, and checksum.
+        entries: Key -> name of the part, name of its group, begin and size in that.
+        body: All groups, compressed.
+    """
+
+    groups: dict[str, Any]
+    entries: dict[str, Any]
+    body: bytes
+
+
 @cache
-def _index() -> tuple[dict[str, Any], bytes] | None:
-    """Entries and body of the file, or None where it cannot be used."""
+def _group(name: str) -> bytes | None:
+    """Return the content of a group, or None where it is damaged."""
+    index = _index()
+    assert index is not None
+    begin, size, checksum = index.groups[name]
+    packed = index.body[begin : begin + size]
+    if hashlib.sha256(packed).hexdigest()[:32] != checksum:
+        return None
+    return lzma.decompress(packed, lzma.FORMAT_RAW, filters=_FILTERS)
+
+
+@cache
+def _index() -> _Index | None:
+    """Return what the file holds, or None where it cannot be used."""
     read = read_file(shipped_path(), _WHAT, FORMAT)
     if read is None:
         return None
@@ -102,7 +146,7 @@ def _index() -> tuple[dict[str, Any], bytes] | None:
         what = f"has no {', '.join(missing)}" if missing else f"is {host.triple}"
         tell(f"no machine code comes with the package for this processor, which {what}")
         return None
-    return head["entries"], body
+    return _Index(head["groups"], head["entries"], body)
 
 
 __all__ = [

@@ -13,7 +13,12 @@ from pepper_kin.kernels import package_file, shipping
 from pepper_kin.kernels.target import make_target
 
 KEY, OTHER = "a" * 64, "b" * 64
-PARTS = {KEY: ("pepper_kin.core.one", b"first part " * 50), OTHER: ("a kernel", b"second part " * 50)}
+THIRD = "d" * 64
+PARTS = {
+    KEY: ("pepper_kin.core.one", b"first part " * 50),
+    OTHER: ("a kernel", b"second part " * 50),
+    THIRD: ("pepper_kin.core.three", b"third part " * 50),
+}
 
 
 @pytest.fixture
@@ -29,6 +34,7 @@ def place(tmp_path, monkeypatch):
 
 def forget():
     shipping._index.cache_clear()
+    shipping._group.cache_clear()
     package_file.tell.cache_clear()
 
 
@@ -45,6 +51,7 @@ def test_the_file_fits_the_sources():
 def test_parts_come_back_as_they_were(place, caplog):
     assert ask(caplog)[0] == PARTS[KEY][1]
     assert ask(caplog, "a kernel", OTHER)[0] == PARTS[OTHER][1]
+    assert ask(caplog, "pepper_kin.core.three", THIRD)[0] == PARTS[THIRD][1]
     assert ask(caplog, "a kernel", "c" * 64) is None
     assert not caplog.records
 
@@ -71,7 +78,7 @@ def test_a_flipped_bit_is_found(place, caplog, where):
 def test_another_format_is_refused(place, caplog, monkeypatch):
     monkeypatch.setattr(shipping, "FORMAT", shipping.FORMAT + 1)
     assert ask(caplog) is None
-    assert "has format 1, not 2" in caplog.text
+    assert "has format 2, not 3" in caplog.text
 
 
 def test_a_missing_file_is_told(place, caplog):
