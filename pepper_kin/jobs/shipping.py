@@ -58,6 +58,10 @@ def everyday_calls() -> None:
     Twin(pepper, timestep=0.001).execute(trajectory)
     run_demo(pepper)
     _ik_calls(pepper)
+    for payload in (None, {"left": 0.3}, {"right": 0.3}, {"left": 0.3, "right": 0.3}):
+        for balance in (None, 0.005):
+            held = plan(pepper, pepper.posture("Stand"), tasks[:1], scene, balance=balance, payload=payload)
+            retime(pepper, held, balance=balance, payload=payload)
     q = np.tile(pepper.neutral(), (64, 1))
     for frame in ("LArm_effector", "RArm_effector"):
         kinematics.frame_pose(pepper, q, frame)
@@ -68,9 +72,9 @@ def everyday_calls() -> None:
     collision.in_collision(pepper, q, scene)
     planar = load_pepper(base="planar")
     collision.in_collision(planar, np.tile(planar.neutral(), (64, 1)), scene)
-    state = np.tile(planar.neutral(), (64, 1))
-    dynamics.inverse_dynamics(planar, state, state, state)
     for other in (planar, load_pepper(hands="mimic")):
+        state = np.tile(other.neutral(), (64, 1))
+        dynamics.inverse_dynamics(other, state, state, state)
         ik.solve(other, tasks)
 
 
