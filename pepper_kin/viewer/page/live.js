@@ -119,10 +119,10 @@
     },
     mode: (mode) => (parts.plots.inMotion = mode === "motion"),
     live: (sample) => parts.plots.add(sample),
-    message: (message) => messageLine.show(message),
-    busy: (text) => {
-      element("plan").disabled = text !== null;
-      if (text) messageLine.show({ text, kind: "info" });
+    message: (said) => messageLine.update({ said }),
+    busy: (busy) => {
+      element("plan").disabled = busy !== null;
+      messageLine.update({ busy });
     },
   };
 
@@ -133,7 +133,7 @@
       for (const key of Object.keys(show)) if (key in values) show[key](values[key]);
       window.pepperKin.values = { ...window.pepperKin.values, ...values };
     },
-    refused: ({ text }) => messageLine.show({ text, kind: "bad" }),
+    refused: ({ text }) => messageLine.update({ said: { text, kind: "bad" } }),
     draw: (bytes) => parts.scene.draw(bytes),
     pose: (values, stamp) => {
       parts.scene.pose(values, stamp);

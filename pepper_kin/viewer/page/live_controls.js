@@ -101,9 +101,15 @@ class Layers {
   }
 }
 
-// The message line: what the server says to all, or how it refused this page's last wish.
+// The message line: what the server says to all, how it refused this page's last command, or what it is busy with.
 const messageLine = {
-  show({ text, kind }) {
+  said: { text: "", kind: "info" },
+  busy: null,
+
+  // Take another `said` or `busy`.
+  update(change) {
+    Object.assign(this, change);
+    const { text, kind } = this.busy ? { text: this.busy, kind: "info" } : this.said;
     const line = document.getElementById("message");
     if (line.textContent !== text) line.textContent = text;
     line.className = kind;
