@@ -119,6 +119,8 @@
     },
     mode: (mode) => (parts.plots.inMotion = mode === "motion"),
     live: (sample) => parts.plots.add(sample),
+    alerts: (alerts) => showAlerts(alerts),
+    touching: (touching) => parts.scene.setTouching(touching),
     message: (said) => messageLine.update({ said }),
     busy: (busy) => {
       element("plan").disabled = busy !== null;

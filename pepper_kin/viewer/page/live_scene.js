@@ -4,6 +4,7 @@ class LiveScene {
   // Layers that are seen through the shell, in the order in which they are drawn.
   static SEEN_THROUGH = ["inertia", "zero_moment_point", "frames", "center_of_mass"];
   static GLASS = ["capsules", "spheres"];
+  static BODIES = ["looks", "capsules", "spheres"]; // layers that are red where they touch
 
   constructor(viewer, quality, robot) {
     this.viewer = viewer;
@@ -13,6 +14,7 @@ class LiveScene {
     this.bodies = [];
     this.poses = null;
     this.stamp = 0;
+    this.touching = { bodies: [], objects: [] };
     this.held = new Map(); // bodies that somebody drags here and now: they follow the pointer, not the server
     this.stale = true;
     this.drawnListeners = [];
@@ -62,6 +64,13 @@ class LiveScene {
   setBodies(names) {
     this.bodies = names.map((name) => name.replaceAll("/", "_"));
     this.stale = true;
+  }
+
+  // What touches something is red: bodies of the robot by their pose's name, objects by their own.
+  setTouching(touching) {
+    this.touching = touching;
+    this.stale = true;
+    this.viewer.set_dirty();
   }
 
   // A sketch takes the processor's time, not the screen's: it begins as soon as all poses that wait are taken, not
@@ -157,14 +166,23 @@ class LiveScene {
   find() {
     this.stale = this.sketched = false;
     const parts = new Map(this.bodies.map((name) => [name, []]));
+    const red = new Set(this.touching.bodies.map((name) => name.replaceAll("/", "_")));
     const collect = (node) => {
       for (const [name, child] of Object.entries(node.children)) {
         if (name !== "links") collect(child);
         else for (const [body, part] of Object.entries(child.children)) parts.get(body)?.push(part.object);
       }
     };
+    const tint = (node) => {
+      for (const [name, child] of Object.entries(node.children)) {
+        if (name === "links") Object.entries(child.children).forEach(([body, part]) => stage.tint(part.object, red.has(body)));
+        else if (LiveScene.BODIES.includes(name)) tint(child);
+      }
+    };
     const robot = this.viewer.scene_tree.find(this.robotRoot);
     collect(robot);
+    for (const node of [robot, robot.children[this.sketches]]) if (node) tint(node);
+    this.tintObjects(robot.children.held);
     this.parts = [...parts.values()];
     stage.castShadows(this.viewer);
     robot.children.targets?.object.traverse((object) => (object.castShadow = false));
@@ -183,6 +201,14 @@ class LiveScene {
         if (object.material) object.material.side = MeshCat.THREE.FrontSide;
       });
     });
+  }
+
+  tintObjects(held) {
+    const red = new Set(this.touching.objects.map((name) => name.replaceAll("/", "_")));
+    const world = this.viewer.scene_tree.find(this.otherRoots[0]);
+    for (const node of [world, held]) {
+      for (const [name, child] of Object.entries(node?.children ?? {})) stage.tint(child.object, red.has(name));
+    }
   }
 
   // Corners of what layers draw, in three.js' world axes, for the camera.

@@ -6,6 +6,7 @@ const stage = (() => {
   const TYPED_ARRAYS = { Uint8Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array };
   const FIELD_OF_VIEW = 32; // degrees, vertical: little distortion, like a photograph from a few metres
   const HORIZON = "#eef2f6";
+  const CONTACT = new THREE.Color("#e01b10"); // of what touches
   const VIEWS = { // azimuth from the front towards the robot's left, elevation, in degrees
     "three-quarter": [38, 14],
     front: [0, 6],
@@ -192,6 +193,16 @@ const stage = (() => {
     return points;
   }
 
+  // Draw everything below an object in red, or in its own colors again.
+  function tint(object, on) {
+    object.traverse(({ material, userData }) => {
+      if (!material?.color) return;
+      userData.ownColor ??= material.color.getHex();
+      material.color.setHex(userData.ownColor);
+      if (on) material.color.lerp(CONTACT, 0.75);
+    });
+  }
+
   // Glass throws no shadow; solids throw that of their far side, which cannot speckle the lit one.
   function castShadows(viewer) {
     viewer.scene.traverse((object) => {
@@ -220,5 +231,5 @@ const stage = (() => {
     addFloor(viewer);
   }
 
-  return { open, furnish, look, fitWindow, subject, corners, castShadows, VIEWS };
+  return { open, furnish, look, fitWindow, subject, corners, castShadows, tint, VIEWS };
 })();

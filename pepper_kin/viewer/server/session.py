@@ -17,9 +17,10 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.server import obstacles
+from pepper_kin.viewer.server.alerts import Alerts
 from pepper_kin.viewer.server.board import Board
 from pepper_kin.viewer.server.body_poses import BodyPoses
-from pepper_kin.viewer.server.document import Document
+from pepper_kin.viewer.server.document import blank_document
 from pepper_kin.viewer.server.explaining import at_target, on_the_way
 from pepper_kin.viewer.server.follower import RATE, Follower
 from pepper_kin.viewer.server.layers import LAYERS, LOOKS, TARGETS, layers_of
@@ -52,10 +53,11 @@ class Session:
 
     def __init__(self, pepper: PepperModel, send: Callable[[bytes], None], tasks: LongTasks) -> None:
         self.pepper = pepper
-        self.document = Document()
+        self.document = blank_document()
         self.board = Board(send)
         self.targets = Targets(pepper)
         self.readings = Readings(pepper)
+        self.alerts = Alerts(pepper)
         self._world = World(pepper, self.board, OBSTACLE_ROOT, (*ROBOT_ROOT, "held"))
         self.mode = FREE
         self.stamp = 0
@@ -88,10 +90,6 @@ class Session:
         for layer in (*self.available, SKETCHES):
             self.board.show((*ROBOT_ROOT, layer), layer == LOOKS)
         self.document.set("bodies", list(self._poses.names))
-        self.document.set("message", {"text": "", "kind": "info", "count": 0})
-        self.document.set("busy", None)
-        self.document.set("ready", {"servo": False, "planner": False})
-        self.document.set("motion", None)
 
     @property
     def q(self) -> Array:
@@ -363,7 +361,7 @@ class Session:
     @property
     def resting(self) -> bool:
         """Whether nothing happens until somebody does something."""
-        if self._unread or self._scene_waits:
+        if self._unread or self._scene_waits or self.alerts.pending:
             return False
         if self.mode == FOLLOWING and self._follower is not None:
             return self._follower.resting
@@ -389,7 +387,18 @@ class Session:
             self._take_motion()
         if self._unread and self._now - self._read_at >= READING_STEP:
             self._read_at, self._unread = self._now, False
-            self.document.set("live", self.readings.take(self._now, self._q, self._v, self._a, self.scene))
+            self._read()
+        self.alerts.pass_time(self._now)
+        self.document.set("alerts", self.alerts.as_list())
+
+    def _read(self) -> None:
+        self.document.set("live", self.readings.take(self._now, self._q, self._v, self._a, self.scene))
+        self.alerts.touch(self._q, self.scene)
+        self.document.set("touching", self.alerts.touching(self.scene))
+        if self.mode == FREE:
+            self.alerts.strain(self._now, self._q, np.zeros_like(self._q), np.zeros_like(self._q))
+        elif self.mode == MOTION:
+            self.alerts.calm()
 
     def _tick_follower(self, follower: Follower, seconds: float) -> None:
         done = follower.advance(seconds)
@@ -397,6 +406,7 @@ class Session:
             return
         state, self._a = done
         self._q, self._v = np.array(state.q), np.array(state.v)
+        self.alerts.strain(self._now, self._q, self._v, self._a)
         self.touch()
         tasks = self.targets.tasks()
         if self._answered or not tasks:
