@@ -21,7 +21,13 @@ from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.viewer.browser import CameraView, screenshot
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
-from pepper_kin.viewer.motion_frames import MotionFrames, frames_of_samples, kept_samples
+from pepper_kin.viewer.motion_frames import (
+    MotionFrames,
+    Series,
+    frames_of_samples,
+    kept_samples,
+    limited_series,
+)
 from pepper_kin.viewer.recording import write_frames_page
 from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
 from pepper_kin.viewer.target_listener import TargetListener
@@ -269,6 +275,7 @@ class Viewer:
         *,
         title: str | None = None,
         series: Mapping[str, ArrayLike] | None = None,
+        limits: Mapping[str, float] | None = None,
         fps: float = 40.0,
     ) -> Path:
         """Save a page that plays and scrubs a motion in 3D: one file, no server, no network.
@@ -279,7 +286,9 @@ class Viewer:
                 takes what was shown or played last, at first the robot standing.
             title: Title of the page; None takes the robot's name.
             series: Curves to plot beside the motion, name (with unit) to one value per sample; None plots
-                what the motion brings along (a run: the torque of each joint).
+                what the motion brings along (a run: the torque of each joint; a trajectory: its velocity).
+            limits: Largest magnitude that a curve of `series` may have, by its name, in its unit; its axis
+                then shows shares of it.  What the motion brings along has its limits.
             fps: Most frames per second to keep.
 
         Returns:
@@ -290,7 +299,11 @@ class Viewer:
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         chosen = self._motion if motion is None else joint_motion(self._pepper, motion)
-        frames = self._frames(chosen, chosen.series if series is None else series, fps)
+        own = series is None
+        curves = limited_series(
+            chosen.series if own else series or {}, chosen.limits if own else limits or {}
+        )
+        frames = self._frames(chosen, curves, fps)
         return write_frames_page(
             path,
             (*self._robot, *self._surroundings.values()),
@@ -382,7 +395,7 @@ class Viewer:
             self._server.close()
             self._server = None
 
-    def _frames(self, motion: JointMotion, series: Mapping[str, ArrayLike], fps: float) -> MotionFrames:
+    def _frames(self, motion: JointMotion, series: Mapping[str, Series], fps: float) -> MotionFrames:
         """Compute poses at the frames alone: those of every sample would cost most of the time."""
         kept = kept_samples(motion.times, fps)
         poses = frame_poses(self._pepper, motion.positions[kept], self._drawn_links)

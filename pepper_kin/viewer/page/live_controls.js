@@ -42,8 +42,8 @@ class Joints {
         this.read(value, slider.valueAsNumber, joint);
       });
       const range = make(
-        "div", { className: "range" }, make("span", {}, joint.lower.toFixed(2)), slider,
-        make("span", {}, joint.upper.toFixed(2)),
+        "div", { className: "range" }, make("span", {}, Axes.fixed(joint.lower, 2)), slider,
+        make("span", {}, Axes.fixed(joint.upper, 2)),
       );
       const row = make("div", { className: "joint" }, make("label", { htmlFor: joint.name }, joint.name), value, range);
       list.append(row);
@@ -72,8 +72,8 @@ class Joints {
   }
 
   read(output, value, joint) {
-    const degrees = joint.unit === "rad" ? ` (${((value * 180) / Math.PI).toFixed(0)}°)` : "";
-    const text = `${value.toFixed(3)} ${joint.unit}${degrees}`;
+    const degrees = joint.unit === "rad" ? ` (${Axes.fixed((value * 180) / Math.PI, 0)}°)` : "";
+    const text = `${Axes.fixed(value, 3)} ${joint.unit}${degrees}`;
     if (output.textContent !== text) output.textContent = text;
   }
 
