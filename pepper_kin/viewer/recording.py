@@ -161,9 +161,10 @@ def _motion_data(
     }
 
 
-def _legend_entry(ball: Drawable) -> dict[str, str]:
+def _legend_entry(ball: Drawable) -> dict[str, Any]:
     red, green, blue = (round(255 * channel) for channel in ball.color[:3])
-    return {"name": ball.name, "color": f"rgb({red}, {green}, {blue})"}
+    place = ball.transform_shape_to_link[:3, 3].tolist()
+    return {"name": ball.name, "color": f"rgb({red}, {green}, {blue})", "position": place}
 
 
 def _page(title: str, content: dict[str, Any]) -> str:

@@ -18,7 +18,8 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, Shape
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.viewer.browser import CameraView, screenshot
+from pepper_kin.viewer.browser import screenshot
+from pepper_kin.viewer.camera import Camera, CameraView
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
 from pepper_kin.viewer.motion_frames import (
@@ -320,7 +321,7 @@ class Viewer:
         *,
         at_time: float | None = None,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView = "three-quarter",
+        view: CameraView | Camera = "three-quarter",
     ) -> Path:
         """Save a picture (PNG), drawn by a headless Chromium; the same input gives the same pixels.
 
@@ -329,7 +330,7 @@ class Viewer:
             motion: As for `save_html`.
             at_time: Time of the motion [s], within it; None takes its start.
             size: Width and height [pixel].
-            view: "three-quarter", "front", "side" or "top".
+            view: "three-quarter", "front", "side" or "top", or a `Camera`.
 
         Returns:
             The path of the file.
@@ -357,7 +358,7 @@ class Viewer:
         *,
         fps: float = 30.0,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView = "three-quarter",
+        view: CameraView | Camera = "three-quarter",
         on_frame: Callable[[int, int], None] = lambda done, total: None,
     ) -> Path:
         """Save a film (MP4 or GIF), drawn by a headless Chromium; the same input gives the same pixels.
@@ -367,7 +368,7 @@ class Viewer:
             motion: As for `save_html`.
             fps: Frames per second, in (0, 240], for .gif at most 50.
             size: Width and height [pixel]; even numbers for .mp4.
-            view: "three-quarter", "front", "side" or "top".
+            view: "three-quarter", "front", "side" or "top", or a `Camera`.
             on_frame: Called with the number of frames done and of all.
 
         Returns:

@@ -15,6 +15,7 @@ class LiveScene {
     this.poses = null;
     this.stamp = 0;
     this.touching = { bodies: [], objects: [] };
+    this.wanted = []; // places of the targets that are set
     this.held = new Map(); // bodies that somebody drags here and now: they follow the pointer, not the server
     this.stale = true;
     this.drawnListeners = [];
@@ -160,6 +161,10 @@ class LiveScene {
         object.quaternion.set(values[at + 3], values[at + 4], values[at + 5], values[at + 6]);
       }
     });
+    const count = this.bodies.filter((name) => !name.startsWith("@")).length;
+    let [x, y] = [0, 0];
+    for (let k = 0; k < count; k++) [x, y] = [x + values[7 * k] / count, y + values[7 * k + 1] / count];
+    stage.lightUp(this.viewer, x, y);
   }
 
   // Look up the objects that move with each body: one in every layer that draws something of it.
@@ -211,10 +216,33 @@ class LiveScene {
     }
   }
 
-  // Corners of what layers draw, in three.js' world axes, for the camera.
-  corners(...layers) {
+  // Points that the picture must have, in three.js' world axes: where the body is, the targets that it is to reach,
+  // and the box around the way of a motion (two opposite corners), if there is one.
+  needed(way) {
+    const values = this.poses ?? [];
+    const bodies = this.bodies.map((name, k) => (name.startsWith("@") ? null : values.slice(7 * k, 7 * k + 3)));
+    const points = [...bodies.filter((place) => place?.length === 3), ...this.wanted];
+    if (way) {
+      const [[x, y, z], [X, Y, Z]] = way;
+      for (const a of [x, X]) for (const b of [y, Y]) for (const c of [z, Z]) points.push([a, b, c]);
+    }
+    return points.map(([x, y, z]) => new MeshCat.THREE.Vector3(x, z, -y));
+  }
+
+  // Points that the camera should see: what must be seen, all of the body, its targets, and what stands wholly near.
+  subject(way) {
     this.arrange();
     this.viewer.scene.updateMatrixWorld(true);
-    return layers.flatMap((layer) => stage.corners(this.viewer.scene_tree.find([...this.robotRoot, layer]).object));
+    const below = (path) => stage.corners(this.viewer.scene_tree.find(path).object);
+    const points = [
+      ...this.needed(way), ...this.wanted.flatMap((place) => stage.around(place)),
+      ...["looks", "targets"].flatMap((layer) => below([...this.robotRoot, layer])), ...below(["markers"]),
+    ];
+    const near = new MeshCat.THREE.Box3().setFromPoints(points).expandByScalar(1);
+    for (const object of this.viewer.scene_tree.find(this.otherRoots[0]).object.children) {
+      const around = stage.corners(object);
+      if (around.every((corner) => near.containsPoint(corner))) points.push(...around);
+    }
+    return points;
   }
 }

@@ -28,6 +28,7 @@ GHOSTS = 3
 _GHOST_COLOR: Color = (0.93, 0.36, 0.20, 0.13)
 _TRACE_COLOR: Color = (0.93, 0.36, 0.20, 1.0)
 _TRACE_POINTS, _TRACE_RADIUS = 60, 0.006
+_WAY_POINTS = 60
 _MOVED = 0.01  # [m] a link that moves less casts no ghost
 
 Array = NDArray[np.float64]
@@ -42,12 +43,14 @@ class Shown:
         motion: Joint positions over time.
         curves: Its plots.
         ghost: Its trace and some bodies along it, fixed to the world.
+        way: Two opposite corners of the box that holds the body all along, shape (2, 3) [m].
     """
 
     title: str
     motion: JointMotion
     curves: Curves
     ghost: tuple[Drawable, ...]
+    way: Array
 
 
 @dataclass(frozen=True)
@@ -111,8 +114,19 @@ def show_motion(
     """Compute what a page shows of a motion; `frames` are those whose traces are drawn, None for none."""
     motion = joint_motion(pepper, source)
     return Shown(
-        title, motion, curves_of(pepper, source, motion, scene), _ghost(pepper, motion.positions, frames)
+        title,
+        motion,
+        curves_of(pepper, source, motion, scene),
+        _ghost(pepper, motion.positions, frames),
+        _way(pepper, motion.positions),
     )
+
+
+def _way(pepper: PepperModel, positions: Array) -> Array:
+    """Return the box around the origins of all links along a motion, shape (2, 3) [m]."""
+    kept = np.unique(np.linspace(0, len(positions) - 1, _WAY_POINTS).round().astype(int))
+    places = frame_poses(pepper, positions[kept], pepper.frame_names)[..., :3, 3].reshape(-1, 3)
+    return np.stack([places.min(axis=0), places.max(axis=0)])
 
 
 def _ghost(pepper: PepperModel, positions: Array, frames: list[str] | None) -> tuple[Drawable, ...]:

@@ -304,7 +304,8 @@ class Session:
         self.document.set(
             "motion",
             {
-                "title": shown.title, "start": playback.start, "end": playback.end, **shown.curves.as_dict(),
+                "title": shown.title, "start": playback.start, "end": playback.end,
+                "way": np.round(shown.way, 3).tolist(), **shown.curves.as_dict(),
             },
         )  # fmt: skip
         self.board.draw(GHOST_ROOT, shown.ghost)
