@@ -171,6 +171,41 @@ def test_obstacles_are_added_moved_sized_and_removed(open_live, until, server):
     assert (np.abs(picture(page) - bare).max(axis=2) > 40).sum() < 50
 
 
+def test_each_obstacle_has_a_color_of_its_own_that_a_visitor_may_change(open_live, until, server):
+    page = open_live(server.url)
+    for _ in range(5):
+        page.click("button[name=add-box]")
+    until(page, "pepperKin.values.obstacles?.length === 5")
+    colors = page.evaluate("pepperKin.values.obstacles.map(({ color }) => color.join())")
+    assert len(set(colors)) == 5
+    shown = page.evaluate(
+        "[...document.querySelectorAll('#obstacles input[type=color]')].map((i) => i.value)"
+    )
+    assert len(set(shown)) == 5
+    page.locator("[aria-label='Color of box 2']").fill("#12ab34")
+    until(page, "pepperKin.values.obstacles[1].color[1] > 0.66")
+    drawn = """(name) => {
+        let found = null;
+        pepperKin.viewer.scene_tree.find(['obstacles', name]).object.traverse(({ material }) => {
+            if (material) found = material.color.getHexString();
+        });
+        return found;
+    }"""
+    for _ in range(100):
+        if page.evaluate(drawn, "box 2") == "12ab34":
+            break
+        page.wait_for_timeout(20)
+    assert page.evaluate(drawn, "box 2") == "12ab34"
+    assert page.evaluate(drawn, "box 1") == shown[0][1:]
+    assert server.call(lambda session: session.scene.objects["box 2"].color) == (
+        18 / 255,
+        171 / 255,
+        52 / 255,
+        1.0,
+    )
+    assert page.evaluate("document.documentElement.scrollWidth") <= 800
+
+
 def test_an_obstacle_is_dragged_in_the_picture(open_live, until, server):
     server.call(lambda session: session.add_obstacle("ball", np.array([0.5, 0.3, 1.0])))
     page = open_live(server.url)

@@ -114,6 +114,10 @@ def test_obstacles_keep_name_turn_and_colour_when_moved_and_sized(session):
         InvalidValueError, match=r"size of 'shelf': got \[0.1\], expected x and y and z, each in"
     ):
         session.change_obstacle("shelf", size=np.array([0.1]))
+    with pytest.raises(
+        InvalidValueError, match=r"color of 'shelf': got \[2.0, 0.0, 0.0\], expected red, green, blue"
+    ):
+        session.change_obstacle("shelf", color=np.array([2.0, 0.0, 0.0]))
     assert [session.add_obstacle("ball") for _ in range(2)] == ["ball 1", "ball 2"]
     session.remove_obstacle("ball 1")
     assert session.add_obstacle("ball") == "ball 1"

@@ -274,9 +274,11 @@ class Session:
         self.set_scene(scene)
         return name
 
-    def change_obstacle(self, name: str, position: Array | None = None, size: Array | None = None) -> None:
-        """Move or size an obstacle.  See `obstacles.changed`."""
-        self.set_scene(obstacles.changed(self.scene, name, position, size))
+    def change_obstacle(
+        self, name: str, position: Array | None = None, size: Array | None = None, color: Array | None = None
+    ) -> None:
+        """Move, size or color an obstacle.  See `obstacles.changed`."""
+        self.set_scene(obstacles.changed(self.scene, name, position, size, color))
 
     def remove_obstacle(self, name: str) -> None:
         """Remove an obstacle, or what the robot holds.
