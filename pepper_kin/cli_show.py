@@ -23,7 +23,7 @@ from pepper_kin.cli_terminal import (
 from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
-    from pepper_kin.viewer.browser import CameraView
+    from pepper_kin.viewer.camera import CameraView
 
 app = typer.Typer()
 
@@ -78,6 +78,12 @@ def render(
             autocompletion=one_of(VIEWS),
         ),
     ] = None,
+    camera: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(
+            help="In place of --view: where the camera is and where it looks, X Y Z X Y Z in meters."
+        ),
+    ] = None,
     at_time: Annotated[
         float | None, typer.Option(help="Time that a picture shows, in seconds; 0 if left out.")
     ] = None,
@@ -92,8 +98,11 @@ def render(
     from pepper_kin.collision import Scene
     from pepper_kin.jobs import read_motion
     from pepper_kin.model import load_pepper
-    from pepper_kin.viewer import render_motion
+    from pepper_kin.viewer import Camera, render_motion
 
+    if camera is not None and view is not None:
+        raise InvalidValueError("--camera", camera, f"to be left out with --view {view}")
+    seen = cast("CameraView | None", view) if camera is None else Camera(camera[:3], camera[3:])
     pixels = None if size is None else _size(size)
     pepper = load_pepper(base=base, hands=hands)
     motion = read_motion(file, pepper)
@@ -103,7 +112,7 @@ def render(
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)
     with progress("rendering") as told:
         path = render_motion(
-            pepper, motion, output, scene=around, fps=fps, size=pixels, view=cast("CameraView | None", view),
+            pepper, motion, output, scene=around, fps=fps, size=pixels, view=seen,
             at_time=at_time, on_frame=told,
         )  # fmt: skip
     print_written([path], as_json)

@@ -8,6 +8,7 @@ from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.browser import find_chromium, screenshot
+    from pepper_kin.viewer.camera import Camera
     from pepper_kin.viewer.drawable import Drawable, marker
     from pepper_kin.viewer.joint_motion import JointMotion
     from pepper_kin.viewer.reach_page import save_reach_html
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from pepper_kin.viewer.viewer import Viewer
 
 __all__ = [
+    "Camera",
     "Drawable",
     "JointMotion",
     "Viewer",
@@ -34,6 +36,7 @@ __getattr__, __dir__ = lazily(
     {
         "find_chromium": "browser",
         "screenshot": "browser",
+        "Camera": "camera",
         "Drawable": "drawable",
         "marker": "drawable",
         "JointMotion": "joint_motion",

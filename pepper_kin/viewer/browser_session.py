@@ -14,9 +14,11 @@ import time
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+from urllib.parse import urlencode
 
 from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS, find_chromium
+from pepper_kin.viewer.camera import Camera, CameraView, view_options
 
 _ADVICE = "open the page by hand to see why"
 # Drawn and read in one go, so that no frame of the browser's own comes between: same time, same pixels.
@@ -41,7 +43,7 @@ class BrowserSession:
     Args:
         html_path: A page as written by `write_motion_page`.
         size: Width and height of the pictures [pixel].
-        view: "three-quarter", "front", "side" or "top".
+        view: "three-quarter", "front", "side" or "top", or a `Camera`.
         timeout: Longest wait for any one answer [s].
 
     Raises:
@@ -54,10 +56,11 @@ class BrowserSession:
         html_path: str | Path,
         size: tuple[int, int],
         *,
-        view: str = "three-quarter",
+        view: CameraView | Camera = "three-quarter",
         timeout: float = 60.0,
     ) -> None:
-        self._address = f"{Path(html_path).resolve().as_uri()}#panel=0&view={view}"
+        options = {"panel": "0"} | view_options(view)
+        self._address = f"{Path(html_path).resolve().as_uri()}#{urlencode(options)}"
         self._size, self._timeout = size, timeout
         self._count, self._received, self._session = 0, b"", ""
 

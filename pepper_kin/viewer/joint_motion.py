@@ -27,11 +27,13 @@ class JointMotion:
         times: Sample times, shape (T,), strictly increasing [s].
         positions: Joint positions at those times, shape (T, n) [rad or m].
         series: Curves, name (with unit) to values of shape (T,).
+        limits: Largest magnitude that a curve may have, by its name, in its unit.
     """
 
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         times = read_only(as_finite(self.times, "times", (None,)))
@@ -43,6 +45,7 @@ class JointMotion:
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "series", MappingProxyType(curves))
+        object.__setattr__(self, "limits", MappingProxyType(dict(self.limits)))
 
 
 class ExecutedMotion(Protocol):
@@ -113,9 +116,8 @@ def _of_trajectory(pepper: PepperModel, trajectory: Trajectory) -> JointMotion:
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
     samples = trajectory.sample(_TRAJECTORY_STEP)
-    return JointMotion(
-        samples.time, samples.position, _curves(pepper, "velocity", ("rad/s", "m/s"), samples.velocity)
-    )
+    curves = _curves(pepper, "velocity", ("rad/s", "m/s"), samples.velocity)
+    return JointMotion(samples.time, samples.position, curves, _limits(curves, pepper.velocity_limits))
 
 
 def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
@@ -126,7 +128,8 @@ def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
         raise InvalidValueError("motion", type(run).__name__, allowed) from error
     positions = as_joint_vectors(pepper, positions, "positions of the run")
     torques = as_joint_vectors(pepper, torques, "torques of the run")
-    return JointMotion(times, positions, _curves(pepper, "torque", ("N m", "N"), torques))
+    curves = _curves(pepper, "torque", ("N m", "N"), torques)
+    return JointMotion(times, positions, curves, _limits(curves, pepper.effort_limits))
 
 
 def _curves(
@@ -136,4 +139,13 @@ def _curves(
     return {
         f"{joint} {quantity} [{units[unit == 'm']}]": values[:, index]
         for index, (joint, unit) in enumerate(zip(pepper.joint_names, pepper.joint_units, strict=True))
+    }
+
+
+def _limits(curves: Mapping[str, object], limits: NDArray[np.float64]) -> dict[str, float]:
+    """Return the limits of one curve per joint, where a joint has one."""
+    return {
+        name: float(limit)
+        for name, limit in zip(curves, limits, strict=True)
+        if np.isfinite(limit) and limit > 0
     }

@@ -8,9 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.viewer.drawable import rigid_transforms
+
+
+@dataclass(frozen=True)
+class Series:
+    """A curve beside the motion.
+
+    Attributes:
+        values: One value for each sample, shape (T,).
+        limit: Largest magnitude that it may have, in its unit; None where it has no limit.
+    """
+
+    values: ArrayLike
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -22,12 +35,14 @@ class SampledSeries:
         value: Value at each frame, shape (F,).
         low: Smallest value nearer to this frame than to its neighbours, shape (F,).
         high: Largest such value, shape (F,).
+        limit: Largest magnitude that it may have, in its unit; None where it has no limit.
     """
 
     name: str
     value: NDArray[np.float64]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -47,11 +62,33 @@ class MotionFrames:
     series: tuple[SampledSeries, ...]
 
 
+def limited_series(series: Mapping[str, ArrayLike], limits: Mapping[str, float]) -> dict[str, Series]:
+    """Return curves with their limits.
+
+    Args:
+        series: Curves, name (with unit) to values of shape (T,).
+        limits: Largest magnitudes, by the names of some curves.
+
+    Raises:
+        UnknownNameError: for a limit of no curve.
+        InvalidValueError: for a limit that is not above 0 and finite.
+    """
+    for name, limit in limits.items():
+        if name not in series:
+            raise UnknownNameError("curve", name, series)
+        if not (np.isfinite(limit) and limit > 0):
+            raise InvalidValueError(f"limit of {name!r}", limit, "a finite number above 0")
+    return {
+        name: Series(values, float(limits[name]) if name in limits else None)
+        for name, values in series.items()
+    }
+
+
 def motion_frames(
     times: ArrayLike,
     link_poses: ArrayLike,
     link_count: int,
-    series: Mapping[str, ArrayLike],
+    series: Mapping[str, Series],
     fps: float,
 ) -> MotionFrames:
     """Check a motion and keep at most `fps` of its samples per second, the first and the last among them.
@@ -60,7 +97,7 @@ def motion_frames(
         times: Sample times, shape (T,), strictly increasing [s].
         link_poses: Transforms from link to world, shape (T, L, 4, 4) [m].
         link_count: L.
-        series: Curves to show, name (with unit) to values of shape (T,).
+        series: Curves to show, by name (with unit).
         fps: Most frames per second to keep.
 
     Returns:
@@ -108,7 +145,7 @@ def frames_of_samples(
     kept: NDArray[np.intp],
     kept_poses: ArrayLike,
     link_count: int,
-    series: Mapping[str, ArrayLike],
+    series: Mapping[str, Series],
 ) -> MotionFrames:
     """Assemble frames where poses are known at the kept samples only.
 
@@ -117,7 +154,7 @@ def frames_of_samples(
         kept: Indices from `kept_samples`, shape (F,).
         kept_poses: Transforms from link to world at those, shape (F, L, 4, 4) [m].
         link_count: L.
-        series: Curves to show, name (with unit) to values at all samples, shape (T,).
+        series: Curves to show, by name (with unit), with values at all samples.
 
     Returns:
         The frames.
@@ -131,7 +168,7 @@ def frames_of_samples(
     # q and -q are one orientation; choose signs so that neighbouring frames blend along the short way.
     turns = np.where(np.einsum("fli,fli->fl", quaternions[1:], quaternions[:-1]) < 0.0, -1.0, 1.0)
     quaternions[1:] *= np.cumprod(turns, axis=0)[..., None]
-    curves = tuple(_sampled(name, values, instants.size, kept) for name, values in series.items())
+    curves = tuple(_sampled(name, curve, instants.size, kept) for name, curve in series.items())
     return MotionFrames(instants[kept], poses[..., :3, 3], quaternions, curves)
 
 
@@ -171,9 +208,13 @@ def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
     return instants
 
 
-def _sampled(name: str, values: ArrayLike, samples: int, kept: NDArray[np.intp]) -> SampledSeries:
-    curve = as_finite(values, f"series {name!r}", (samples,))
+def _sampled(name: str, series: Series, samples: int, kept: NDArray[np.intp]) -> SampledSeries:
+    curve = as_finite(series.values, f"series {name!r}", (samples,))
     borders = np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2])
     return SampledSeries(
-        name, curve[kept], np.minimum.reduceat(curve, borders), np.maximum.reduceat(curve, borders)
+        name,
+        curve[kept],
+        np.minimum.reduceat(curve, borders),
+        np.maximum.reduceat(curve, borders),
+        series.limit,
     )

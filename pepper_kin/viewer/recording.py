@@ -17,9 +17,9 @@ from pepper_kin import atomic_file
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.drawing import draw_commands, link_path, meshcat_bundle
-from pepper_kin.viewer.motion_frames import MotionFrames, motion_frames
+from pepper_kin.viewer.motion_frames import MotionFrames, limited_series, motion_frames
 
-_SCRIPTS = ("stage.js", "motion.js", "plots.js", "panel.js")
+_SCRIPTS = ("stage.js", "motion.js", "axes.js", "plots.js", "panel.js")
 
 # Numbers by which MessagePack extensions of meshcat's Python side name JavaScript's typed arrays.
 _ARRAY_TYPES = {0x12: "Uint8Array", 0x15: "Int32Array", 0x16: "Uint32Array", 0x17: "Float32Array"}
@@ -34,6 +34,7 @@ def write_motion_page(
     *,
     title: str,
     series: Mapping[str, ArrayLike] | None = None,
+    limits: Mapping[str, float] | None = None,
     markers: Sequence[Drawable] = (),
     fps: float = 40.0,
 ) -> Path:
@@ -50,6 +51,8 @@ def write_motion_page(
         link_poses: Transforms from link to world, shape (T, L, 4, 4) [m].
         title: Title of the page.
         series: Curves to plot beside the motion, name (with unit) to values of shape (T,).
+        limits: Largest magnitude that a curve may have, by its name, in its unit; the axis of such a curve
+            shows shares of it, with lines at the limits.
         markers: Targets, as made by `marker`; they are listed by name in the page.
         fps: Most frames per second to keep.
 
@@ -57,13 +60,14 @@ def write_motion_page(
         The path of the file.
 
     Raises:
-        InvalidValueError: Wrong shapes, times that do not increase, NaN or infinite values, or transforms
-            that are not rigid.
-        UnknownNameError: A drawable sits on a link that is not in `link_names`.
+        InvalidValueError: Wrong shapes, times that do not increase, NaN or infinite values, transforms that
+            are not rigid, or a limit that is not above 0.
+        UnknownNameError: A drawable sits on a link that is not in `link_names`, or a limit is of no curve.
         FileFormatError: A mesh file cannot be read, or the path cannot be written.
     """
     names = tuple(link_names)
-    frames = motion_frames(times, link_poses, len(names), dict(series or {}), fps)
+    curves = limited_series(series or {}, limits or {})
+    frames = motion_frames(times, link_poses, len(names), curves, fps)
     return write_frames_page(path, drawables, names, frames, title=title, markers=markers)
 
 
@@ -147,6 +151,7 @@ def _motion_data(
         "series": [
             {
                 "name": curve.name,
+                "limit": curve.limit,
                 "value": buffers.floats(curve.value),
                 "low": buffers.floats(curve.low),
                 "high": buffers.floats(curve.high),
@@ -156,9 +161,10 @@ def _motion_data(
     }
 
 
-def _legend_entry(ball: Drawable) -> dict[str, str]:
+def _legend_entry(ball: Drawable) -> dict[str, Any]:
     red, green, blue = (round(255 * channel) for channel in ball.color[:3])
-    return {"name": ball.name, "color": f"rgb({red}, {green}, {blue})"}
+    place = ball.transform_shape_to_link[:3, 3].tolist()
+    return {"name": ball.name, "color": f"rgb({red}, {green}, {blue})", "position": place}
 
 
 def _page(title: str, content: dict[str, Any]) -> str:

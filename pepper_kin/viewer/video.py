@@ -7,15 +7,15 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import atomic_file
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
-from pepper_kin.viewer.browser import CameraView
 from pepper_kin.viewer.browser_session import BrowserSession
+from pepper_kin.viewer.camera import Camera, CameraView, view_options
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -33,7 +33,7 @@ def write_video(
     *,
     fps: float = 30.0,
     size: tuple[int, int] = (1280, 800),
-    view: CameraView = "three-quarter",
+    view: CameraView | Camera = "three-quarter",
     on_frame: Callable[[int, int], None] = lambda done, total: None,
     timeout: float = 60.0,
 ) -> Path:
@@ -46,7 +46,7 @@ def write_video(
         video_path: The film to write, .mp4 (H.264) or .gif; it appears when it is whole.
         fps: Frames per second, in (0, 240]; a GIF has 50 at most and rounds each to a hundredth of a second.
         size: Width and height [pixel]; even numbers for .mp4.
-        view: "three-quarter", "front", "side" or "top".
+        view: "three-quarter", "front", "side" or "top", or a `Camera`.
         on_frame: Called with the number of frames done and of all.
         timeout: Longest wait for one picture [s].
 
@@ -70,7 +70,7 @@ def write_video(
     return atomic_file.write_bytes(video_path, content)
 
 
-def check_video(suffix: str, fps: float, size: tuple[int, int], view: str) -> None:
+def check_video(suffix: str, fps: float, size: tuple[int, int], view: CameraView | Camera) -> None:
     """Refuse what no film can be made of, before anything is drawn; see `write_video`."""
     if suffix not in VIDEO_SUFFIXES:
         raise UnknownNameError("video suffix", suffix, VIDEO_SUFFIXES)
@@ -82,8 +82,7 @@ def check_video(suffix: str, fps: float, size: tuple[int, int], view: str) -> No
     if not fits:
         even = "even " if step == 2 else ""
         raise InvalidValueError("size", size, f"width and height in pixels, {even}numbers in 2 ... 4096")
-    if view not in get_args(CameraView):
-        raise UnknownNameError("camera view", view, get_args(CameraView))
+    view_options(view)
     if suffix == ".mp4":
         _av()
 

@@ -18,10 +18,17 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, Shape
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.viewer.browser import CameraView, screenshot
+from pepper_kin.viewer.browser import screenshot
+from pepper_kin.viewer.camera import Camera, CameraView
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
-from pepper_kin.viewer.motion_frames import MotionFrames, frames_of_samples, kept_samples
+from pepper_kin.viewer.motion_frames import (
+    MotionFrames,
+    Series,
+    frames_of_samples,
+    kept_samples,
+    limited_series,
+)
 from pepper_kin.viewer.recording import write_frames_page
 from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
 from pepper_kin.viewer.target_listener import TargetListener
@@ -269,6 +276,7 @@ class Viewer:
         *,
         title: str | None = None,
         series: Mapping[str, ArrayLike] | None = None,
+        limits: Mapping[str, float] | None = None,
         fps: float = 40.0,
     ) -> Path:
         """Save a page that plays and scrubs a motion in 3D: one file, no server, no network.
@@ -279,7 +287,9 @@ class Viewer:
                 takes what was shown or played last, at first the robot standing.
             title: Title of the page; None takes the robot's name.
             series: Curves to plot beside the motion, name (with unit) to one value per sample; None plots
-                what the motion brings along (a run: the torque of each joint).
+                what the motion brings along (a run: the torque of each joint; a trajectory: its velocity).
+            limits: Largest magnitude that a curve of `series` may have, by its name, in its unit; its axis
+                then shows shares of it.  What the motion brings along has its limits.
             fps: Most frames per second to keep.
 
         Returns:
@@ -290,7 +300,11 @@ class Viewer:
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         chosen = self._motion if motion is None else joint_motion(self._pepper, motion)
-        frames = self._frames(chosen, chosen.series if series is None else series, fps)
+        own = series is None
+        curves = limited_series(
+            chosen.series if own else series or {}, chosen.limits if own else limits or {}
+        )
+        frames = self._frames(chosen, curves, fps)
         return write_frames_page(
             path,
             (*self._robot, *self._surroundings.values()),
@@ -307,7 +321,7 @@ class Viewer:
         *,
         at_time: float | None = None,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView = "three-quarter",
+        view: CameraView | Camera = "three-quarter",
     ) -> Path:
         """Save a picture (PNG), drawn by a headless Chromium; the same input gives the same pixels.
 
@@ -316,7 +330,7 @@ class Viewer:
             motion: As for `save_html`.
             at_time: Time of the motion [s], within it; None takes its start.
             size: Width and height [pixel].
-            view: "three-quarter", "front", "side" or "top".
+            view: "three-quarter", "front", "side" or "top", or a `Camera`.
 
         Returns:
             The path of the file.
@@ -344,7 +358,7 @@ class Viewer:
         *,
         fps: float = 30.0,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView = "three-quarter",
+        view: CameraView | Camera = "three-quarter",
         on_frame: Callable[[int, int], None] = lambda done, total: None,
     ) -> Path:
         """Save a film (MP4 or GIF), drawn by a headless Chromium; the same input gives the same pixels.
@@ -354,7 +368,7 @@ class Viewer:
             motion: As for `save_html`.
             fps: Frames per second, in (0, 240], for .gif at most 50.
             size: Width and height [pixel]; even numbers for .mp4.
-            view: "three-quarter", "front", "side" or "top".
+            view: "three-quarter", "front", "side" or "top", or a `Camera`.
             on_frame: Called with the number of frames done and of all.
 
         Returns:
@@ -382,7 +396,7 @@ class Viewer:
             self._server.close()
             self._server = None
 
-    def _frames(self, motion: JointMotion, series: Mapping[str, ArrayLike], fps: float) -> MotionFrames:
+    def _frames(self, motion: JointMotion, series: Mapping[str, Series], fps: float) -> MotionFrames:
         """Compute poses at the frames alone: those of every sample would cost most of the time."""
         kept = kept_samples(motion.times, fps)
         poses = frame_poses(self._pepper, motion.positions[kept], self._drawn_links)

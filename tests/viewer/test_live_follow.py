@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 
 import numpy as np
@@ -92,7 +93,7 @@ def test_a_dragged_target_takes_the_hand_along(open_live, until, fresh, pepper):
         return [d.x, -d.z, d.y];
     }""")
     assert abs(np.dot(forward, np.array(target) - start)) < 1e-3
-    until(page, "/Every task is within its tolerance/.test(document.getElementById('message').textContent)")
+    until(page, "document.getElementById('message').textContent === 'The left hand is at its target.'")
     q = at_rest(fresh)
     wrist = pk.kinematics.frame_pose(pepper, q, "l_wrist")[:3, 3]
     place = "pepperKin.parts.scene.place('l_wrist')"
@@ -135,7 +136,8 @@ def test_a_target_out_of_reach_is_explained(open_live, until, fresh):
     page.locator("#left-hand-x").press("Enter")
     until(
         page,
-        "/left hand stops .* short of \\(2.500/.test(document.getElementById('message').textContent)",
+        "/^The left hand cannot get closer: the target is 1[.]\\d m out of reach/"
+        ".test(document.getElementById('message').textContent)",
         60,
     )
     assert page.get_attribute("#message", "class") == "bad"
@@ -162,7 +164,9 @@ def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, 
     np.testing.assert_allclose(fresh.call(lambda session: session.q), q, atol=1e-12)
     page.click("#plan")
     until(page, "pepperKin.values.motion !== null", 60)
-    assert "Path of" in page.inner_text("#message")
+    assert re.match(
+        r"A motion of \d\.\d\d s is ready, .* \d\.\d mm clear of everything", page.inner_text("#message")
+    )
     ghost = "pepperKin.viewer.scene_tree.find(['ghost']).object.children.length"
     assert page.evaluate(ghost) > 0
     page.select_option("#speed", "4")
@@ -192,7 +196,7 @@ def test_an_answer_stands_while_the_body_still_settles(fresh, pepper):
     fresh.call(lambda session: session.move_target("left hand", place))
     near(fresh, pepper, place, 1e-4)
     deadline = time.monotonic() + 20
-    while not fresh.call(lambda session: session.document["message"]["text"]).count("arrived"):
+    while not fresh.call(lambda session: session.document["message"]["text"]).count("is at its target"):
         assert time.monotonic() < deadline
         time.sleep(0.02)
     fresh.call(lambda session: session.plan())

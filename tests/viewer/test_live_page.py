@@ -18,6 +18,22 @@ from pepper_kin.viewer.server import ViewerServer
 
 pytestmark = pytest.mark.browser
 
+INK = """(id) => {
+    const canvas = document.getElementById(`plot-${id}`);
+    const { data, width, height } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    const red = [];
+    let ink = 0;
+    for (let y = 0; y < height; y++) {
+        let count = 0;
+        for (let x = 44; x < width; x++) {
+            const [r, g, b, a] = data.slice(4 * (y * width + x), 4 * (y * width + x) + 4);
+            if (a > 100 && r > 1.8 * g && r > 1.8 * b) count += 1;
+            if (a > 100 && y > 5 && y < height - 15) ink += 1;
+        }
+        if (count > 0.3 * (width - 44)) red.push(y);
+    }
+    return [red, ink, height];
+}"""
 WRIST = "pepperKin.parts.scene.place('l_wrist')"
 
 
@@ -69,7 +85,9 @@ def test_a_slider_moves_the_arm_in_picture_and_numbers(open_live, until, server,
     np.testing.assert_allclose(page.evaluate(WRIST), expected, atol=1e-5)
     changed = np.abs(picture(page) - before).max(axis=2) > 40
     assert 500 < changed.sum() < 0.2 * changed.size
-    assert page.inner_text("label[for=LShoulderPitch] + output").startswith("-0.500 rad")
+    assert page.inner_text("label[for=LShoulderPitch] + output") == "-0.500 rad (-29°)"
+    page.locator("#HeadYaw").fill("-0.004")
+    until(page, "document.querySelector('label[for=HeadYaw] + output').textContent === '-0.004 rad (0°)'")
 
 
 def test_every_joint_has_a_slider_with_its_limits(open_live, server, pepper):
@@ -153,6 +171,41 @@ def test_obstacles_are_added_moved_sized_and_removed(open_live, until, server):
     assert (np.abs(picture(page) - bare).max(axis=2) > 40).sum() < 50
 
 
+def test_each_obstacle_has_a_color_of_its_own_that_a_visitor_may_change(open_live, until, server):
+    page = open_live(server.url)
+    for _ in range(5):
+        page.click("button[name=add-box]")
+    until(page, "pepperKin.values.obstacles?.length === 5")
+    colors = page.evaluate("pepperKin.values.obstacles.map(({ color }) => color.join())")
+    assert len(set(colors)) == 5
+    shown = page.evaluate(
+        "[...document.querySelectorAll('#obstacles input[type=color]')].map((i) => i.value)"
+    )
+    assert len(set(shown)) == 5
+    page.locator("[aria-label='Color of box 2']").fill("#12ab34")
+    until(page, "pepperKin.values.obstacles[1].color[1] > 0.66")
+    drawn = """(name) => {
+        let found = null;
+        pepperKin.viewer.scene_tree.find(['obstacles', name]).object.traverse(({ material }) => {
+            if (material) found = material.color.getHexString();
+        });
+        return found;
+    }"""
+    for _ in range(100):
+        if page.evaluate(drawn, "box 2") == "12ab34":
+            break
+        page.wait_for_timeout(20)
+    assert page.evaluate(drawn, "box 2") == "12ab34"
+    assert page.evaluate(drawn, "box 1") == shown[0][1:]
+    assert server.call(lambda session: session.scene.objects["box 2"].color) == (
+        18 / 255,
+        171 / 255,
+        52 / 255,
+        1.0,
+    )
+    assert page.evaluate("document.documentElement.scrollWidth") <= 800
+
+
 def test_an_obstacle_is_dragged_in_the_picture(open_live, until, server):
     server.call(lambda session: session.add_obstacle("ball", np.array([0.5, 0.3, 1.0])))
     page = open_live(server.url)
@@ -213,13 +266,16 @@ def test_a_motion_runs_to_its_end_and_its_curves_are_plotted(open_live, until, s
     index = np.argmin(np.abs(np.array(motion["times"]) - 1.0))
     q = waving.positions[np.argmin(np.abs(waving.times - motion["times"][index]))]
     assert motion["clearance"][index] == pytest.approx(float(pk.collision.clearance(pepper, q)), abs=1e-5)
-    ink = """(id) => {
-        const context = document.getElementById(id).getContext('2d');
-        return context.getImageData(0, 0, 300, 58).data.some((x) => x > 0);
-    }"""
     page.wait_for_timeout(400)
-    assert page.evaluate(ink, "torque")
-    assert page.evaluate(ink, "clearance")
+    for kind, limit, high in (("torque", 1.0, 1.0), ("speed", 1.0, 1.0), ("clearance", 0.0, 0.05)):
+        values = np.array(motion[kind], dtype=float)
+        assert values.min() >= 0
+        top = 1.06 * max(high, values.max())
+        red, ink, height = page.evaluate(INK, kind)
+        floor, ceiling = height - 15, 5  # below: the times; above: room
+        assert np.abs(np.array(red) - (floor - limit / top * (floor - ceiling))).min() <= 1, kind
+        assert ink > 100, kind
+    assert page.is_visible("#plot-balance")
 
 
 def test_two_pages_see_and_move_the_same(open_live, until, server):

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
+from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer import JointMotion
 from pepper_kin.viewer.server.document import Document
 from pepper_kin.viewer.server.layers import INERTIA, LOOKS, layers_of
@@ -113,6 +114,10 @@ def test_obstacles_keep_name_turn_and_colour_when_moved_and_sized(session):
         InvalidValueError, match=r"size of 'shelf': got \[0.1\], expected x and y and z, each in"
     ):
         session.change_obstacle("shelf", size=np.array([0.1]))
+    with pytest.raises(
+        InvalidValueError, match=r"color of 'shelf': got \[2.0, 0.0, 0.0\], expected red, green, blue"
+    ):
+        session.change_obstacle("shelf", color=np.array([2.0, 0.0, 0.0]))
     assert [session.add_obstacle("ball") for _ in range(2)] == ["ball 1", "ball 2"]
     session.remove_obstacle("ball 1")
     assert session.add_obstacle("ball") == "ball 1"
@@ -219,6 +224,14 @@ def test_a_motions_curves_are_those_of_dynamics_and_distance(pepper):
     position, velocity, acceleration = trajectory(curves.times[k])
     torque = pk.dynamics.newton_euler(pepper, position, velocity, acceleration)
     np.testing.assert_allclose(curves.torque[k], np.abs(torque) / pepper.effort_limits, atol=1e-6)
+    np.testing.assert_allclose(curves.speed[k], np.abs(velocity) / pepper.velocity_limits, atol=1e-9)
+    point = pk.dynamics.zero_moment_point(pepper, position, velocity, acceleration)
+    corners = support_polygon(pepper)
+    sides = np.roll(corners, -1, axis=0) - corners
+    inside = (sides[:, 0] * (point - corners)[:, 1] - sides[:, 1] * (point - corners)[:, 0]) / np.hypot(
+        *sides.T
+    )
+    assert curves.balance[k] == pytest.approx(inside.min(), abs=1e-6)
     assert curves.clearance[k] == pytest.approx(float(pk.collision.clearance(pepper, position)))
 
 

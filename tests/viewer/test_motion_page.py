@@ -23,7 +23,8 @@ def motion_page(machine, tmp_path):
         machine.times,
         machine.poses,
         title="Machine <b>",
-        series={"height [m]": np.linspace(1, 2, 5)},
+        series={"height [m]": np.linspace(1, 2, 5), "bar torque [N m]": np.linspace(-6.0, 9.0, 5)},
+        limits={"bar torque [N m]": 10.0},
         markers=[marker("goal", [0.3, 0.3, 0.9])],
     )
 
@@ -184,7 +185,18 @@ def test_plots_and_legend_name_what_they_show(opened):
     assert page.inner_text("h1") == "Machine <b>"
     assert page.inner_text("#legend").strip() == "goal"
     page.evaluate("pepperKin.seek(1)")
-    assert page.inner_text("#plots").split() == ["height", "[m]", "1.50"]
+    assert page.inner_text("#plots").split() == [
+        "height",
+        "[m]",
+        "1.50",
+        "bar",
+        "torque",
+        "1.50",
+        "N",
+        "m,",
+        "15",
+        "%",
+    ]
     page.keyboard.press("p")
     assert not page.is_visible("#plots")
 
@@ -199,3 +211,51 @@ def test_everything_stays_on_the_screen(opened):
             assert box["x"] + box["width"] <= width
             assert box["y"] + box["height"] <= height
         assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+INK = """([index, ratio]) => {
+    const canvas = document.querySelectorAll('#plots canvas')[index];
+    const { data, width, height } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    const rows = (test) => [...Array(height).keys()].filter((y) => {
+        let count = 0;
+        for (let x = 45; x < width - 4; x++) {
+            const [r, g, b, a] = data.slice(4 * (y * width + x), 4 * (y * width + x) + 4);
+            if (a > 120 && test(r, g, b)) count += 1;
+        }
+        return count > ratio * (width - 49);
+    });
+    return { red: rows((r, g, b) => r > 1.8 * g && r > 1.8 * b), height };
+}"""
+
+
+def test_a_curve_with_a_limit_has_lines_at_the_limits(opened):
+    """Both limits of the torque lie on the axis, as far from its ends as the page says; heights have none."""
+    page = opened(width=1100)
+    page.wait_for_timeout(200)
+    drawn = page.evaluate(INK, [1, 0.3])
+    floor, ceiling = drawn["height"] - 15, 5  # below: the times; above: room
+    middle, reach = (floor + ceiling) / 2, (floor - ceiling) / 2 / 1.06
+    rows = np.array(drawn["red"])
+    assert np.abs(rows - (middle - reach)).min() <= 1
+    assert np.abs(rows - (middle + reach)).min() <= 1
+    assert np.all(np.minimum(np.abs(rows - (middle - reach)), np.abs(rows - (middle + reach))) <= 1.5)
+    assert page.evaluate(INK, [0, 0.3])["red"] == []
+
+
+def test_pressing_on_a_curve_seeks_to_the_time_below_the_pointer(opened):
+    page = opened(width=1100)
+    box = page.locator("#plots canvas").first.bounding_box()
+    page.mouse.click(box["x"] + 40 + 0.25 * (box["width"] - 40), box["y"] + 20)
+    assert page.evaluate("pepperKin.time") == pytest.approx(0.5, abs=0.02)
+
+
+def test_rounding_leaves_no_sign_before_zero(opened):
+    page = opened()
+    assert page.evaluate("[-0.004, -0, 0.3, -1.26, -0.6].map((x) => Axes.fixed(x, 0))") == [
+        "0",
+        "0",
+        "0",
+        "-1",
+        "-1",
+    ]
+    assert page.evaluate("Axes.fixed(-0.0004, 3)") == "0.000"

@@ -111,6 +111,8 @@ def test_a_run_plays_with_its_torques(pepper, waving, tmp_path, content_of):
     curves = {curve["name"]: curve for curve in motion["series"]}
     assert list(curves) == [f"{joint} torque [N m]" for joint in pepper.joint_names]
     np.testing.assert_allclose(curves["HeadYaw torque [N m]"]["high"].max(), 4.0, atol=1e-3)
+    limits = [curve["limit"] for curve in motion["series"]]
+    np.testing.assert_allclose(limits, pepper.effort_limits, rtol=1e-12)
 
 
 def test_a_reach_shows_its_targets_and_its_world(pepper, waving, tmp_path, content_of):

@@ -5,7 +5,8 @@
   const view = element("view");
   const options = new URLSearchParams(location.hash.slice(1));
   let parts = null; // what is made of the server's first words
-  let looked = false;
+  let looked = null; // the view that the camera has, once it has one
+  let own = stage.cameraOf(options); // a camera of one's own: nothing but its owner moves it
 
   function openViewer() {
     const { renderer, software } = Quality.makeRenderer();
@@ -16,11 +17,11 @@
     viewer.set_3d_pane_size = () => resize(view.clientWidth, view.clientHeight);
     new ResizeObserver(() => viewer.set_3d_pane_size()).observe(view);
     stage.furnish(viewer, () => {
-      const covered = element("top").offsetHeight;
-      return {
-        height: view.clientHeight,
-        free: { width: view.clientWidth, height: Math.max(view.clientHeight - 2 * covered, 50) },
-      };
+      const height = view.clientHeight;
+      const top = element("top").offsetHeight + 12;
+      const bottom = Math.min(element("bottom").offsetHeight + 12, height / 3);
+      const free = { width: view.clientWidth, height: Math.max(height - top - bottom, 50) };
+      return { height, free, drop: (top - bottom) / 2 };
     });
     return { viewer, quality: new Quality(viewer, software) };
   }
@@ -39,8 +40,22 @@
   const send = (command) => link.send(command);
 
   function look(name) {
-    const points = parts.scene.corners("looks", parts.robot.roots.targets);
-    if (points.length) stage.look(viewer, points, name);
+    const points = parts.scene.subject(parts.way);
+    if (!points.length) return;
+    stage.layFloor(viewer, points);
+    stage.look(viewer, points, name);
+    looked = name;
+  }
+
+  // Look again when a target, the body or the way of a motion has left the picture.
+  function lookAgain() {
+    if (!looked || own || parts.drag.hold) return;
+    const points = parts.scene.needed(parts.way);
+    const outside = points.some((point) => {
+      const { x, y, z } = point.project(viewer.camera);
+      return Math.abs(x) > 1 || Math.abs(y) > 1 || z > 1;
+    });
+    if (outside) look(looked);
   }
 
   function handles(robot, scene, targets) {
@@ -84,7 +99,7 @@
     scene.forget([robot.roots.robot, robot.roots.obstacles, ["markers"], ["ghost"]]);
     const targets = new TargetRows(robot, send);
     parts = {
-      robot, session, scene, targets, things: [],
+      robot, session, scene, targets, things: [], way: null,
       joints: new Joints(robot, send), layers: new Layers(robot, send), obstacles: new ObstacleRows(robot, send),
       timeline: new Timeline(send), plots: new Plots(robot),
       drag: parts?.drag ?? new Drag(view, viewer, handles(robot, scene, targets)),
@@ -101,7 +116,11 @@
       parts.layers.update(shown);
       viewer.set_dirty();
     },
-    targets: (targets) => parts.targets.update(targets),
+    targets: (targets) => {
+      parts.targets.update(targets);
+      parts.scene.wanted = Object.values(targets).filter(({ on }) => on).map(({ position }) => position);
+      lookAgain();
+    },
     follow: (on) => (element("follow").checked = on),
     obstacles: (things) => {
       parts.things = things;
@@ -109,6 +128,8 @@
     },
     motion: (motion) => {
       parts.timeline.setMotion(motion);
+      parts.way = motion?.way ?? null;
+      lookAgain();
       parts.plots.motion = motion;
       parts.plots.draw();
     },
@@ -119,10 +140,12 @@
     },
     mode: (mode) => (parts.plots.inMotion = mode === "motion"),
     live: (sample) => parts.plots.add(sample),
-    message: (message) => messageLine.show(message),
-    busy: (text) => {
-      element("plan").disabled = text !== null;
-      if (text) messageLine.show({ text, kind: "info" });
+    alerts: (alerts) => showAlerts(alerts),
+    touching: (touching) => parts.scene.setTouching(touching),
+    message: (said) => messageLine.update({ said }),
+    busy: (busy) => {
+      element("plan").disabled = busy !== null;
+      messageLine.update({ busy });
     },
   };
 
@@ -133,21 +156,27 @@
       for (const key of Object.keys(show)) if (key in values) show[key](values[key]);
       window.pepperKin.values = { ...window.pepperKin.values, ...values };
     },
-    refused: ({ text }) => messageLine.show({ text, kind: "bad" }),
+    refused: ({ text }) => messageLine.update({ said: { text, kind: "bad" } }),
     draw: (bytes) => parts.scene.draw(bytes),
     pose: (values, stamp) => {
       parts.scene.pose(values, stamp);
-      if (!looked) {
-        looked = true;
-        look(stage.VIEWS[options.get("view")] ? options.get("view") : "three-quarter");
-      }
+      if (looked) return;
+      look(stage.VIEWS[options.get("view")] ? options.get("view") : "three-quarter");
+      if (own) stage.stand(viewer, own);
     },
     offline: () => (element("offline").hidden = false),
   };
 
   document.querySelectorAll("[data-view]").forEach((button) => {
-    button.addEventListener("click", () => parts && look(button.dataset.view));
+    button.addEventListener("click", () => {
+      if (!parts) return;
+      own = null;
+      stage.forgetCamera(button.dataset.view);
+      look(button.dataset.view);
+    });
   });
+  stage.keepCamera(viewer, () => (own = stage.standing(viewer)));
+  setInterval(() => parts?.scene.poses && lookAgain(), 500);
   window.pepperKin = {
     viewer,
     quality,

@@ -42,8 +42,8 @@ class Joints {
         this.read(value, slider.valueAsNumber, joint);
       });
       const range = make(
-        "div", { className: "range" }, make("span", {}, joint.lower.toFixed(2)), slider,
-        make("span", {}, joint.upper.toFixed(2)),
+        "div", { className: "range" }, make("span", {}, Axes.fixed(joint.lower, 2)), slider,
+        make("span", {}, Axes.fixed(joint.upper, 2)),
       );
       const row = make("div", { className: "joint" }, make("label", { htmlFor: joint.name }, joint.name), value, range);
       list.append(row);
@@ -72,8 +72,8 @@ class Joints {
   }
 
   read(output, value, joint) {
-    const degrees = joint.unit === "rad" ? ` (${((value * 180) / Math.PI).toFixed(0)}°)` : "";
-    const text = `${value.toFixed(3)} ${joint.unit}${degrees}`;
+    const degrees = joint.unit === "rad" ? ` (${Axes.fixed((value * 180) / Math.PI, 0)}°)` : "";
+    const text = `${Axes.fixed(value, 3)} ${joint.unit}${degrees}`;
     if (output.textContent !== text) output.textContent = text;
   }
 
@@ -101,9 +101,21 @@ class Layers {
   }
 }
 
-// The message line: what the server says to all, or how it refused this page's last wish.
+// Warnings of what is so now: contact, torque, balance.
+function showAlerts(alerts) {
+  const list = document.getElementById("alerts");
+  list.replaceChildren(...alerts.map(({ kind, text }) => make("li", { className: kind }, text)));
+}
+
+// The message line: what the server says to all, how it refused this page's last command, or what it is busy with.
 const messageLine = {
-  show({ text, kind }) {
+  said: { text: "", kind: "info" },
+  busy: null,
+
+  // Take another `said` or `busy`.
+  update(change) {
+    Object.assign(this, change);
+    const { text, kind } = this.busy ? { text: this.busy, kind: "info" } : this.said;
     const line = document.getElementById("message");
     if (line.textContent !== text) line.textContent = text;
     line.className = kind;

@@ -1,9 +1,16 @@
 "use strict";
-// Two small plots: how much of its torque each joint uses, and the smallest clearance.  They show the last
-// seconds, or the whole of a motion with a mark at its present time.
+// Small plots: torque and speed of each joint as shares of their limits, the smallest clearance, and how far inside
+// the wheels the zero-moment point is.  They show the last seconds, or the whole of a motion with a mark at its time.
 class Plots {
   static SPAN = 12; // seconds
   static STEP = 100; // milliseconds between two paintings: curves cost more than a robot where there is no card
+  // Of each plot: the factor and unit of what is shown, its limit, and the least that its axis spans [own unit].
+  static KINDS = {
+    torque: { scale: 100, unit: "%", limit: 1, span: [0, 1] },
+    speed: { scale: 100, unit: "%", limit: 1, span: [0, 1] },
+    clearance: { scale: 1000, unit: "mm", limit: 0, span: [0, 0.05] },
+    balance: { scale: 1000, unit: "mm", limit: 0, span: [0, 0.1] },
+  };
 
   constructor(robot) {
     this.joints = robot.joints.map((joint) => joint.name);
@@ -11,8 +18,8 @@ class Plots {
     this.motion = null;
     this.inMotion = false;
     this.time = 0;
-    [this.torque, this.clearance] = ["torque", "clearance"].map((id) => document.getElementById(id));
-    this.readings = ["torque-reading", "clearance-reading"].map((id) => document.getElementById(id));
+    this.canvases = new Map(Object.keys(Plots.KINDS).map((kind) => [kind, document.getElementById(`plot-${kind}`)]));
+    this.canvases.get("balance").closest("figure").hidden = !robot.balance;
     this.asked = false;
     this.kept = new Map();
     window.onresize = () => this.draw();
@@ -45,36 +52,38 @@ class Plots {
     if (now) this.read(now);
     const shown = this.inMotion && this.motion ? this.wholeMotion() : this.lastSeconds();
     if (!shown) return;
-    this.curves(this.torque, shown, this.joints.map((_, k) => shown.torque.map((row) => row[k])), 1, 0.5);
-    this.curves(this.clearance, shown, [shown.clearance], 0, 0.05);
+    for (const [kind, canvas] of this.canvases) if (shown[kind]?.length) this.plot(canvas, Plots.KINDS[kind], shown, shown[kind]);
   }
 
   read(sample) {
-    const most = sample.torque.indexOf(Math.max(...sample.torque));
-    this.readings[0].textContent = `${(100 * sample.torque[most]).toFixed(0)} % ${this.joints[most]}`;
-    this.readings[1].textContent = sample.clearance === null
-      ? "–" : `${(1000 * sample.clearance).toFixed(1)} mm ${sample.pair.join(" – ")}`;
+    const say = (kind, text) => (document.getElementById(`plot-${kind}-reading`).textContent = text);
+    for (const kind of ["torque", "speed"]) {
+      const most = sample[kind].indexOf(Math.max(...sample[kind]));
+      say(kind, `${Axes.fixed(100 * sample[kind][most], 0)} % ${this.joints[most]}`);
+    }
+    const length = (value) => (value === null ? "–" : `${Axes.fixed(1000 * value, 1)} mm`);
+    say("clearance", `${length(sample.clearance)} ${sample.pair.join(" – ")}`);
+    say("balance", length(sample.balance));
   }
 
   wholeMotion() {
-    const { times, torque, clearance, start, end } = this.motion;
-    return { times, torque, clearance, start, end, mark: this.time };
+    const middle = (this.motion.start + this.motion.end) / 2;
+    const digits = this.motion.end - this.motion.start < 1 ? 2 : 1;
+    const ticks = [this.motion.start, middle, this.motion.end].map((time) => [time, `${Axes.fixed(time, digits)} s`]);
+    return { ...this.motion, ticks, mark: this.time };
   }
 
   lastSeconds() {
     const end = this.samples[this.samples.length - 1]?.time;
     if (end === undefined) return null;
     const kept = this.samples.filter((sample) => sample.time >= end - Plots.SPAN);
-    return {
-      times: kept.map((sample) => sample.time),
-      torque: kept.map((sample) => sample.torque),
-      clearance: kept.map((sample) => sample.clearance ?? 0),
-      start: end - Plots.SPAN, end, mark: null,
-    };
+    const curves = Object.fromEntries(Object.keys(Plots.KINDS).map((kind) => [kind, kept.map((sample) => sample[kind])]));
+    const ticks = [[end - Plots.SPAN, `−${Plots.SPAN} s`], [end - Plots.SPAN / 2, `−${Plots.SPAN / 2} s`], [end, "now"]];
+    return { ...curves, times: kept.map((sample) => sample.time), start: end - Plots.SPAN, end, ticks, mark: null };
   }
 
-  // Draw curves over time; `limit` is a line to stay away from, `least` the least height of the plot.
-  curves(canvas, { times, start, end, mark }, curves, limit, least) {
+  // Draw the curves of one kind over time: rows hold one value, or one for each joint.
+  plot(canvas, kind, shown, rows) {
     const ratio = window.devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
     if (!width || !height) return;
@@ -82,38 +91,40 @@ class Plots {
     // Painted by the processor: so small a picture is not worth the way to a graphics card and back.
     const context = canvas.getContext("2d", { willReadFrequently: true });
     context.clearRect(0, 0, width, height);
-    const x = (time) => ((time - start) / Math.max(end - start, 1e-9)) * width;
-    const key = mark === null ? null : this.motion;
+    const values = rows.flat().filter((value) => value !== null);
+    const [low, high] = [Math.min(kind.span[0], ...values), Math.max(kind.span[1], ...values)];
+    const room = 0.06 * (high - low);
+    const range = { start: shown.start, end: shown.end, low: low < kind.span[0] ? low - room : low, high: high + room };
+    const axes = new Axes({ width, height, ratio }, range);
+    const key = shown.mark === null ? null : this.motion;
+    const scheme = Axes.color("--ink");
     let kept = this.kept.get(canvas);
-    if (!key || kept?.key !== key || kept.width !== width || kept.height !== height) {
-      this.paths(context, times.map(x), curves, { width, height, ratio, limit, least });
+    if (!key || kept?.key !== key || kept.width !== width || kept.height !== height || kept.scheme !== scheme) {
+      this.paths(context, axes, kind, shown, rows);
       // The curves of a motion stay as they are: only the mark moves over them.
-      kept = key && { key, width, height, picture: context.getImageData(0, 0, width, height) };
+      kept = key && { key, width, height, scheme, picture: context.getImageData(0, 0, width, height) };
       this.kept.set(canvas, kept);
     } else {
       context.putImageData(kept.picture, 0, 0);
     }
-    context.fillStyle = "rgba(29, 39, 51, 0.65)";
-    if (mark !== null) context.fillRect(Math.min(x(mark), width - 1), 0, ratio, height);
+    if (shown.mark !== null) axes.mark(context, shown.mark);
   }
 
-  paths(context, xs, curves, { width, height, ratio, limit, least }) {
-    const all = curves.flat();
-    const high = Math.max(least, ...all) * 1.08;
-    const low = Math.min(0, ...all);
-    const y = (value) => height - 1 - ((value - low) / (high - low)) * (height - 2);
-    context.lineWidth = ratio;
-    context.strokeStyle = "rgba(179, 38, 30, 0.55)";
-    if (limit <= high) this.line(context, [[0, y(limit)], [width, y(limit)]]);
-    curves.forEach((values, k) => {
-      context.strokeStyle = curves.length === 1 ? "#1f6feb" : `hsl(${(211 + 47 * k) % 360} 62% 45%)`;
-      this.line(context, values.map((value, at) => [xs[at], y(value)]));
-    });
-  }
-
-  line(context, points) {
-    context.beginPath();
-    points.forEach(([x, y]) => context.lineTo(x, y));
-    context.stroke();
+  paths(context, axes, { scale, unit, limit, span }, { times, ticks }, rows) {
+    const label = (value) => [value, `${Axes.fixed(scale * value, 0)} ${unit}`];
+    // The limits themselves, and the ends of the axis where they are far from those.
+    const heights = [span[0], span[1], axes.low, axes.high].filter((value, k, all) => (
+      k < 2 || all.slice(0, k).every((other) => Math.abs(other - value) > 0.25 * (axes.high - axes.low))
+    ));
+    axes.draw(context, { ticks: heights.map(label), limits: [limit], times: ticks });
+    context.lineWidth = axes.ratio;
+    const count = Array.isArray(rows[0]) ? rows[0].length : 1;
+    for (let k = 0; k < count; k++) {
+      context.strokeStyle = count === 1 ? Axes.color("--accent") : `hsl(${(211 + 47 * k) % 360} 62% 50%)`;
+      axes.line(context, rows.map((row, at) => {
+        const value = count === 1 ? row : row[k];
+        return value === null ? null : [axes.x(times[at]), axes.y(value)];
+      }));
+    }
   }
 }

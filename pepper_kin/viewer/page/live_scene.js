@@ -4,6 +4,7 @@ class LiveScene {
   // Layers that are seen through the shell, in the order in which they are drawn.
   static SEEN_THROUGH = ["inertia", "zero_moment_point", "frames", "center_of_mass"];
   static GLASS = ["capsules", "spheres"];
+  static BODIES = ["looks", "capsules", "spheres"]; // layers that are red where they touch
 
   constructor(viewer, quality, robot) {
     this.viewer = viewer;
@@ -13,6 +14,8 @@ class LiveScene {
     this.bodies = [];
     this.poses = null;
     this.stamp = 0;
+    this.touching = { bodies: [], objects: [] };
+    this.wanted = []; // places of the targets that are set
     this.held = new Map(); // bodies that somebody drags here and now: they follow the pointer, not the server
     this.stale = true;
     this.drawnListeners = [];
@@ -62,6 +65,13 @@ class LiveScene {
   setBodies(names) {
     this.bodies = names.map((name) => name.replaceAll("/", "_"));
     this.stale = true;
+  }
+
+  // What touches something is red: bodies of the robot by their pose's name, objects by their own.
+  setTouching(touching) {
+    this.touching = touching;
+    this.stale = true;
+    this.viewer.set_dirty();
   }
 
   // A sketch takes the processor's time, not the screen's: it begins as soon as all poses that wait are taken, not
@@ -151,20 +161,33 @@ class LiveScene {
         object.quaternion.set(values[at + 3], values[at + 4], values[at + 5], values[at + 6]);
       }
     });
+    const count = this.bodies.filter((name) => !name.startsWith("@")).length;
+    let [x, y] = [0, 0];
+    for (let k = 0; k < count; k++) [x, y] = [x + values[7 * k] / count, y + values[7 * k + 1] / count];
+    stage.lightUp(this.viewer, x, y);
   }
 
   // Look up the objects that move with each body: one in every layer that draws something of it.
   find() {
     this.stale = this.sketched = false;
     const parts = new Map(this.bodies.map((name) => [name, []]));
+    const red = new Set(this.touching.bodies.map((name) => name.replaceAll("/", "_")));
     const collect = (node) => {
       for (const [name, child] of Object.entries(node.children)) {
         if (name !== "links") collect(child);
         else for (const [body, part] of Object.entries(child.children)) parts.get(body)?.push(part.object);
       }
     };
+    const tint = (node) => {
+      for (const [name, child] of Object.entries(node.children)) {
+        if (name === "links") Object.entries(child.children).forEach(([body, part]) => stage.tint(part.object, red.has(body)));
+        else if (LiveScene.BODIES.includes(name)) tint(child);
+      }
+    };
     const robot = this.viewer.scene_tree.find(this.robotRoot);
     collect(robot);
+    for (const node of [robot, robot.children[this.sketches]]) if (node) tint(node);
+    this.tintObjects(robot.children.held);
     this.parts = [...parts.values()];
     stage.castShadows(this.viewer);
     robot.children.targets?.object.traverse((object) => (object.castShadow = false));
@@ -185,10 +208,41 @@ class LiveScene {
     });
   }
 
-  // Corners of what layers draw, in three.js' world axes, for the camera.
-  corners(...layers) {
+  tintObjects(held) {
+    const red = new Set(this.touching.objects.map((name) => name.replaceAll("/", "_")));
+    const world = this.viewer.scene_tree.find(this.otherRoots[0]);
+    for (const node of [world, held]) {
+      for (const [name, child] of Object.entries(node?.children ?? {})) stage.tint(child.object, red.has(name));
+    }
+  }
+
+  // Points that the picture must have, in three.js' world axes: where the body is, the targets that it is to reach,
+  // and the box around the way of a motion (two opposite corners), if there is one.
+  needed(way) {
+    const values = this.poses ?? [];
+    const bodies = this.bodies.map((name, k) => (name.startsWith("@") ? null : values.slice(7 * k, 7 * k + 3)));
+    const points = [...bodies.filter((place) => place?.length === 3), ...this.wanted];
+    if (way) {
+      const [[x, y, z], [X, Y, Z]] = way;
+      for (const a of [x, X]) for (const b of [y, Y]) for (const c of [z, Z]) points.push([a, b, c]);
+    }
+    return points.map(([x, y, z]) => new MeshCat.THREE.Vector3(x, z, -y));
+  }
+
+  // Points that the camera should see: what must be seen, all of the body, its targets, and what stands wholly near.
+  subject(way) {
     this.arrange();
     this.viewer.scene.updateMatrixWorld(true);
-    return layers.flatMap((layer) => stage.corners(this.viewer.scene_tree.find([...this.robotRoot, layer]).object));
+    const below = (path) => stage.corners(this.viewer.scene_tree.find(path).object);
+    const points = [
+      ...this.needed(way), ...this.wanted.flatMap((place) => stage.around(place)),
+      ...["looks", "targets"].flatMap((layer) => below([...this.robotRoot, layer])), ...below(["markers"]),
+    ];
+    const near = new MeshCat.THREE.Box3().setFromPoints(points).expandByScalar(1);
+    for (const object of this.viewer.scene_tree.find(this.otherRoots[0]).object.children) {
+      const around = stage.corners(object);
+      if (around.every((corner) => near.containsPoint(corner))) points.push(...around);
+    }
+    return points;
   }
 }

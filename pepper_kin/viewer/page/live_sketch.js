@@ -110,7 +110,10 @@ class Sketch {
     const part = (name) => this.viewer.scene_tree.find(["Stage", name, "<object>"]).object;
     const [sky, key, rim] = ["sky", "key", "rim"].map(part);
     const shine = (light, color = light.color) => ({ value: new THREE.Color().copy(color).multiplyScalar(light.intensity) });
-    const way = (light) => ({ value: light.position.clone().normalize() });
+    const way = (light) => { // a light may follow the robot: its way stays the same
+      const { x = 0, z = 0 } = light.target?.position ?? {};
+      return { value: light.position.clone().sub(new THREE.Vector3(x, -z, 0)).normalize() };
+    };
     return {
       sky: shine(sky), ground: shine(sky, sky.groundColor), key: shine(key), keyWay: way(key), rim: shine(rim), rimWay: way(rim),
     };

@@ -77,16 +77,21 @@ class ObstacleRows {
     size.forEach((input) => (input.min = "0.005"));
     const remove = make("button", { type: "button", ariaLabel: `Remove ${name}`, title: "Remove" }, "✕");
     remove.addEventListener("click", () => this.send({ do: "remove", name }));
+    const color = make("input", { type: "color", ariaLabel: `Color of ${name}`, title: "Color" });
+    color.addEventListener("input", () => {
+      const channels = [1, 3, 5].map((at) => parseInt(color.value.slice(at, at + 2), 16) / 255);
+      this.send({ do: "change", name, color: channels });
+    });
     const row = make(
       "div", { className: "thing block" },
-      make("span", { className: "name" }, remove, make("span", {}, name)), ...position,
+      make("span", { className: "name" }, remove, color, make("span", {}, name)), ...position,
     );
     row.dataset.name = name;
     if (labels.length) {
       const blanks = Array.from({ length: 3 - size.length }, () => make("span"));
       row.append(make("span", { className: "label" }, labels.length === 3 ? "size" : labels.join(", ")), ...size, ...blanks);
     }
-    return { row, kind, position, size };
+    return { row, kind, position, size, color };
   }
 
   update(things) {
@@ -103,7 +108,9 @@ class ObstacleRows {
         this.rows.set(thing.name, made);
         this.list.append(made.row);
       }
-      const { position, size } = this.rows.get(thing.name);
+      const { position, size, color } = this.rows.get(thing.name);
+      const shade = `#${thing.color.map((part) => Math.round(255 * part).toString(16).padStart(2, "0")).join("")}`;
+      if (document.activeElement !== color && color.value !== shade) color.value = shade;
       position.forEach((input, k) => showValue(input, Math.round(thing.position[k] * 1000) / 1000));
       size.forEach((input, k) => showValue(input, Math.round(thing.size[k] * 1000) / 1000));
     }

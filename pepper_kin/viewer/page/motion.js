@@ -45,6 +45,9 @@ class Motion {
       this.links[k].position.set(at(0), at(1), at(2));
       this.links[k].quaternion.fromArray(quaternion);
     }
+    // The middle of all links, roughly: where the shadow falls.
+    const middle = (axis) => this.links.reduce((sum, { position }) => sum + position[axis], 0) / Math.max(count, 1);
+    stage.lightUp(this.viewer, middle("x"), middle("y"));
     this.viewer.set_dirty();
     this.listeners.forEach((listener) => listener(this));
   }

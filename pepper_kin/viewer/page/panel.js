@@ -43,8 +43,12 @@
       stage.look(viewer, points, name);
     };
     document.querySelectorAll("[data-view]").forEach((button) => {
-      button.addEventListener("click", () => look(button.dataset.view));
+      button.addEventListener("click", () => {
+        stage.forgetCamera(button.dataset.view);
+        look(button.dataset.view);
+      });
     });
+    stage.keepCamera(viewer);
     // meshcat sets the pane's size itself after loading and on resizing: come after it.
     window.addEventListener("load", () => stage.fitWindow(viewer));
     window.addEventListener("resize", () => stage.fitWindow(viewer));
@@ -116,9 +120,13 @@
     connectTimeline(motion);
     const showPlots = connectPlots(viewer, motion, content.motion.series);
     showPlots(content.motion.series.length > 0 && (options.get("plots") ?? (innerWidth > 900 ? "1" : "0")) === "1");
-    const look = connectCamera(viewer, stage.subject(viewer, motion));
+    const subject = stage.subject(viewer, motion, content.markers);
+    stage.layFloor(viewer, subject);
+    const look = connectCamera(viewer, subject);
     connectKeys(motion);
     look(stage.VIEWS[options.get("view")] ? options.get("view") : "three-quarter");
+    const camera = stage.cameraOf(options);
+    if (camera) stage.stand(viewer, camera);
     motion.seek(Number(options.get("t") ?? motion.start) || motion.start);
     if (options.get("play") === "1") motion.play();
     window.pepperKin = {

@@ -5,7 +5,10 @@ const stage = (() => {
   const THREE = MeshCat.THREE;
   const TYPED_ARRAYS = { Uint8Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array };
   const FIELD_OF_VIEW = 32; // degrees, vertical: little distortion, like a photograph from a few metres
+  const KEY = [2.2, 1.6, 4.2]; // where the light stands that throws shadows, from what it shines on [m]
+  const REACH = 5; // how far the floor's lines are seen [m]
   const HORIZON = "#eef2f6";
+  const CONTACT = new THREE.Color("#e01b10"); // of what touches
   const VIEWS = { // azimuth from the front towards the robot's left, elevation, in degrees
     "three-quarter": [38, 14],
     front: [0, 6],
@@ -42,7 +45,7 @@ const stage = (() => {
     const sky = new THREE.HemisphereLight(0xffffff, 0xcbd3dc, 0.66);
     sky.position.set(0, 0, 1); // in the scene's own axes
     const key = new THREE.DirectionalLight(0xfff6ea, 0.38);
-    key.position.set(2.2, 1.6, 4.2);
+    key.position.set(...KEY);
     key.castShadow = true;
     key.shadow.mapSize.set(1024, 1024);
     Object.assign(key.shadow.camera, { left: -2, right: 2, top: 2, bottom: -2, near: 1, far: 9 });
@@ -58,6 +61,7 @@ const stage = (() => {
   // Lines every half metre, finer ones every tenth, that fade out with the distance from the origin.
   function floorGrid() {
     const material = new THREE.ShaderMaterial({
+      uniforms: { reach: { value: REACH } },
       transparent: true,
       depthWrite: false,
       side: THREE.DoubleSide,
@@ -69,6 +73,7 @@ const stage = (() => {
           gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
         }`,
       fragmentShader: `
+        uniform float reach;
         varying vec2 place;
         float lines(float spacing, float width) {
           vec2 cell = place / spacing;
@@ -78,12 +83,12 @@ const stage = (() => {
           return coverage * (1.0 - smoothstep(0.2, 0.6, max(pixel.x, pixel.y)));
         }
         void main() {
-          float fade = 1.0 - smoothstep(1.0, 5.0, length(place));
+          float fade = 1.0 - smoothstep(0.2 * reach, reach, length(place));
           float ink = max(0.30 * lines(0.5, 1.2), 0.12 * lines(0.1, 1.0));
           gl_FragColor = vec4(0.28, 0.36, 0.46, ink * fade);
         }`,
     });
-    return new THREE.Mesh(new THREE.PlaneGeometry(12, 12), material);
+    return new THREE.Mesh(new THREE.PlaneGeometry(2.4 * REACH, 2.4 * REACH), material);
   }
 
   function addFloor(viewer) {
@@ -101,6 +106,76 @@ const stage = (() => {
     viewer.set_property(["Background"], "bottom_color", color(HORIZON));
   }
 
+  // Lay the floor below everything that will be seen: points in three.js' world axes.
+  function layFloor(viewer, points) {
+    const box = new THREE.Box3().setFromPoints(points);
+    const [middle, size] = [box.getCenter(new THREE.Vector3()), box.getSize(new THREE.Vector3())];
+    const reach = Math.max(REACH, Math.hypot(size.x, size.z) / 2 + REACH / 2);
+    for (const name of ["grid", "shade"]) {
+      const mesh = viewer.scene_tree.find(["Stage", name, "<object>"]).object;
+      // By whole cells, so that the lines stay where they are in the world.
+      mesh.position.set(0.5 * Math.round(2 * middle.x), 0.5 * Math.round(-2 * middle.z), 0);
+      if (reach === REACH) mesh.position.set(0, 0, 0);
+      mesh.geometry.dispose();
+      mesh.geometry = new THREE.PlaneGeometry(2.4 * reach, 2.4 * reach);
+      mesh.updateMatrixWorld(true);
+    }
+    viewer.scene_tree.find(["Stage", "grid", "<object>"]).object.material.uniforms.reach.value = reach;
+    viewer.set_dirty();
+  }
+
+  // Let the light that throws shadows shine on what is at x, y of the world [m]: a base may drive far.
+  function lightUp(viewer, x, y) {
+    const key = viewer.scene_tree.find(["Stage", "key", "<object>"]).object;
+    const [east, north] = [Math.round(x), Math.round(y)]; // by whole meters: shadows do not crawl
+    if (key.target.position.x === east && key.target.position.z === -north) return;
+    key.position.set(KEY[0] + east, KEY[1] + north, KEY[2]);
+    key.target.position.set(east, 0, -north);
+    key.target.updateMatrixWorld(true);
+  }
+
+  // Stand at a place of one's own: position and target in the world's axes, six numbers.
+  function stand(viewer, [px, py, pz, tx, ty, tz]) {
+    viewer.camera.fov = FIELD_OF_VIEW;
+    viewer.camera.near = 0.05;
+    viewer.controls.target.set(tx, tz, -ty);
+    viewer.camera.position.set(px, pz, -py);
+    viewer.controls.update();
+    viewer.camera.updateProjectionMatrix();
+    viewer.set_dirty();
+  }
+
+  // The six numbers of where the camera is, with millimeters.
+  function standing(viewer) {
+    const [p, t] = [viewer.camera.position, viewer.controls.target];
+    return [p.x, -p.z, p.y, t.x, -t.z, t.y].map((x) => Number(x.toFixed(3)));
+  }
+
+  // A camera from the address' options, or null.
+  function cameraOf(options) {
+    const numbers = (options.get("camera") ?? "").split(",").map(Number);
+    return numbers.length === 6 && numbers.every(Number.isFinite) ? numbers : null;
+  }
+
+  // Keep the camera of somebody who has turned it in the page's address: it is there again after a reload.
+  function keepCamera(viewer, onMoved) {
+    viewer.controls.addEventListener("end", () => {
+      const options = new URLSearchParams(location.hash.slice(1));
+      options.delete("view");
+      options.set("camera", standing(viewer).join(","));
+      history.replaceState(null, "", `#${options.toString().replaceAll("%2C", ",")}`);
+      onMoved?.();
+    });
+  }
+
+  // A named view takes the place of a camera that the address has.
+  function forgetCamera(name) {
+    const options = new URLSearchParams(location.hash.slice(1));
+    options.delete("camera");
+    options.set("view", name);
+    history.replaceState(null, "", `#${options}`);
+  }
+
   // Stand where the points fill the part of the window that the panels leave free.
   function look(viewer, points, name) {
     const [azimuth, elevation] = VIEWS[name].map(THREE.MathUtils.degToRad);
@@ -116,17 +191,19 @@ const stage = (() => {
       const values = seen.map((coordinates) => coordinates[k]);
       return (Math.min(...values) + Math.max(...values)) / 2;
     });
-    const { height, free } = room();
+    const { height, free, drop = 0 } = room();
     const slope = Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW / 2)) / height;
     const distances = seen.map(([x, y, depth]) => depth - middle[2] + Math.max(
       Math.abs(x - middle[0]) / (slope * free.width), Math.abs(y - middle[1]) / (slope * free.height),
     ));
     const target = new THREE.Vector3();
     axes.forEach((axis, k) => target.addScaledVector(axis, middle[k]));
+    const distance = 1.08 * Math.max(0.3, ...distances);
+    target.addScaledVector(axes[1], 2 * slope * distance * drop);
     viewer.camera.fov = FIELD_OF_VIEW;
     viewer.camera.near = 0.05;
     viewer.controls.target.copy(target);
-    viewer.camera.position.copy(target).addScaledVector(backward, 1.08 * Math.max(0.3, ...distances));
+    viewer.camera.position.copy(target).addScaledVector(backward, distance);
     viewer.controls.update();
     viewer.set_dirty();
   }
@@ -174,11 +251,19 @@ const stage = (() => {
     return found;
   }
 
-  // Points that the camera should see: the robot all along its motion, and what stands wholly near it.
-  function subject(viewer, motion) {
-    const points = [];
-    for (let k = 0; k <= 12; k++) {
-      motion.seek(motion.start + (k / 12) * motion.duration);
+  // Corners of the box around a target's ball: its place in the world [m], in three.js' axes.
+  function around([x, y, z], radius = 0.03) {
+    return [-1, 1].flatMap((a) => [-1, 1].flatMap((b) => [-1, 1].map((c) => (
+      new THREE.Vector3(x + a * radius, z + b * radius, -y + c * radius)
+    ))));
+  }
+
+  // Points that the camera should see: the robot all along its motion, all targets, and what stands wholly near.
+  function subject(viewer, motion, markers) {
+    const points = markers.flatMap(({ position }) => around(position));
+    const steps = motion.duration ? 48 : 0;
+    for (let k = 0; k <= steps; k++) {
+      motion.seek(motion.start + (k / Math.max(steps, 1)) * motion.duration);
       viewer.scene.updateMatrixWorld(true);
       points.push(...corners(viewer.scene_tree.find(["links"]).object));
     }
@@ -190,6 +275,16 @@ const stage = (() => {
     }
     if (points.length === 0) points.push(new THREE.Vector3(0, 0, 0), new THREE.Vector3(0, 1.2, 0));
     return points;
+  }
+
+  // Draw everything below an object in red, or in its own colors again.
+  function tint(object, on) {
+    object.traverse(({ material, userData }) => {
+      if (!material?.color) return;
+      userData.ownColor ??= material.color.getHex();
+      material.color.setHex(userData.ownColor);
+      if (on) material.color.lerp(CONTACT, 0.75);
+    });
   }
 
   // Glass throws no shadow; solids throw that of their far side, which cannot speckle the lit one.
@@ -220,5 +315,8 @@ const stage = (() => {
     addFloor(viewer);
   }
 
-  return { open, furnish, look, fitWindow, subject, corners, castShadows, VIEWS };
+  return {
+    open, furnish, look, stand, standing, cameraOf, keepCamera, forgetCamera, fitWindow, subject, around, layFloor, lightUp,
+    corners, castShadows, tint, VIEWS,
+  };
 })();

@@ -5,6 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 
+def blank_document() -> Document:
+    """Return the state before anything has been said, planned or loaded."""
+    document = Document()
+    document.set("message", {"text": "", "kind": "info", "count": 0})
+    document.set("busy", None)
+    document.set("ready", {"servo": False, "planner": False})
+    document.set("motion", None)
+    document.set("alerts", [])
+    document.set("touching", {"bodies": [], "objects": []})
+    return document
+
+
 class Document:
     """Values by name, each with the count of changes at which it last changed.
 

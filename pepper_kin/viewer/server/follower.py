@@ -22,6 +22,7 @@ _REST_TICKS = 40
 _GAIN = 1e-3
 """An error that does not shrink by this much [m or rad] in `_STALL_TICKS` ticks shrinks no more."""
 _STALL_TICKS = 60
+_ARRIVED_TICKS = 25
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ class Follower:
         self._servo = Servo(pepper, inside, RATE, scene, timeout=math.inf)
         self._owed, self._eager = 0.0, False
         self._rested = 0
-        self._least, self._lost = math.inf, 0
+        self._least, self._lost, self._met = math.inf, 0, 0
 
     def aim(self, tasks: list[Task]) -> None:
         """Take the tasks as they are now."""
@@ -65,7 +66,12 @@ class Follower:
         self._servo.set_scene(scene)
 
     def _expect(self) -> None:
-        self._rested, self._least, self._lost = 0, math.inf, 0
+        self._rested, self._least, self._lost, self._met = 0, math.inf, 0, 0
+
+    @property
+    def arrived(self) -> bool:
+        """Whether its targets have been met for a while, and not just in passing."""
+        return self._met >= _ARRIVED_TICKS
 
     @property
     def stalled(self) -> bool:
@@ -109,7 +115,9 @@ class Follower:
         state = self._servo.step()
         self._rested = self._rested + 1 if float(np.abs(state.v).max()) < _STILL else 0
         error = sum(state.errors)
-        if state.status is ServoStatus.ARRIVED or error < self._least - _GAIN:
+        met = state.status is ServoStatus.ARRIVED
+        self._met = self._met + 1 if met else 0
+        if met or error < self._least - _GAIN:
             self._least, self._lost = error, 0
         else:
             self._lost += 1

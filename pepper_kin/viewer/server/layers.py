@@ -25,7 +25,7 @@ LAYERS = {
     SPHERES: "Spheres",
     FRAMES: "Frames",
     INERTIA: "Inertia ellipsoids",
-    MASS: "Centre of mass",
+    MASS: "Center of mass",
     ZMP: "Zero-moment point",
 }
 """Layers by name, with their title."""

@@ -40,7 +40,7 @@ def merged(
         segments: Corners around a round shape.
         rings: Steps from its pole to its equator.
     """
-    carriers = _carriers(pepper)
+    carriers = carriers_of(pepper)
     surfaces: dict[Path, Surface] = {}
     groups: dict[tuple[str, Color], list[tuple[NDArray[np.float64], NDArray[np.int64]]]] = {}
     for shape in shapes:
@@ -55,7 +55,7 @@ def merged(
     )
 
 
-def _carriers(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]]]:
+def carriers_of(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]]]:
     """Return for each link one that moves with it, the same for all that move together, and the way there."""
     model, found = pepper.inner_model, {}
     first: dict[int, tuple[str, Any]] = {}

@@ -11,12 +11,25 @@ from numpy.typing import NDArray
 from pepper_kin.collision import Scene, SceneObject
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Cylinder, Sphere
+from pepper_kin.viewer.drawable import Color
 
 KINDS = ("box", "ball", "cylinder")
 PLACE = (0.55, 0.0, 0.80)
 """Where a new obstacle stands unless told otherwise [m]: before the robot, within reach."""
 LEAST, MOST = 0.005, 5.0
 """Lengths that an obstacle may have [m]."""
+
+COLORS: tuple[Color, ...] = (
+    (0.32, 0.55, 0.75, 1.0),
+    (0.47, 0.68, 0.36, 1.0),
+    (0.88, 0.66, 0.22, 1.0),
+    (0.58, 0.46, 0.72, 1.0),
+    (0.28, 0.62, 0.60, 1.0),
+    (0.80, 0.50, 0.58, 1.0),
+    (0.62, 0.62, 0.66, 1.0),
+    (0.76, 0.56, 0.38, 1.0),
+)
+"""Colors of obstacles that are added in the page, in turn: none is the red of contact."""
 
 _SIZES = {"box": (0.15, 0.15, 0.15), "ball": (0.08,), "cylinder": (0.06, 0.3)}
 
@@ -40,17 +53,23 @@ def added(
     number = next(k for k in range(1, len(scene.names) + 2) if f"{kind} {k}" not in scene.names)
     name = f"{kind} {number}"
     geometry = _geometry(name, kind, np.array(_SIZES[kind]) if size is None else size)
-    return scene.add(name, geometry, PLACE if position is None else position), name
+    taken = [thing.color for thing in scene.objects.values()]
+    color = min(COLORS, key=taken.count)  # the first that is used least
+    return scene.add(name, geometry, PLACE if position is None else position, color=color), name
 
 
 def changed(
-    scene: Scene, name: str, position: NDArray[np.float64] | None, size: NDArray[np.float64] | None
+    scene: Scene,
+    name: str,
+    position: NDArray[np.float64] | None,
+    size: NDArray[np.float64] | None,
+    color: NDArray[np.float64] | None = None,
 ) -> Scene:
-    """Return a scene with one obstacle elsewhere or of another size; its orientation stays.
+    """Return a scene with one obstacle elsewhere, of another size or color; its orientation stays.
 
     Raises:
         UnknownNameError: for an unknown obstacle.
-        InvalidValueError: for a size that it cannot have.
+        InvalidValueError: for a size or a color (red, green, blue in [0, 1]) that it cannot have.
     """
     thing = _standing(scene, name)
     if position is not None:
@@ -62,6 +81,11 @@ def changed(
         if kind not in KINDS:
             raise InvalidValueError(f"size of {name!r}", kind, "a box, ball or cylinder: others keep theirs")
         thing = replace(thing, geometry=_geometry(name, kind, size))
+    if color is not None:
+        if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
+            raise InvalidValueError(f"color of {name!r}", color.tolist(), "red, green, blue, each in 0 ... 1")
+        red, green, blue = (float(channel) for channel in color)
+        thing = replace(thing, color=(red, green, blue, thing.color[3]))
     objects = {key: thing if key == name else value for key, value in scene.objects.items()}
     return Scene(objects, scene.attached, scene.allowed)
 
@@ -79,6 +103,7 @@ def as_list(scene: Scene) -> list[dict[str, Any]]:
             "name": name,
             "kind": kind_of(thing),
             "size": _size(thing),
+            "color": [round(channel, 3) for channel in thing.color[:3]],
             "position": np.round(thing.transform_object_to_world[:3, 3], 4).tolist(),
         }
         for name, thing in scene.objects.items()

@@ -16,6 +16,7 @@ _SCRIPTS = (
     "live_sketch.js",
     "live_scene.js",
     "live_drag.js",
+    "axes.js",
     "live_controls.js",
     "live_things.js",
     "live_motion.js",

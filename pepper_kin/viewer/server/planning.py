@@ -12,10 +12,11 @@ from pepper_kin.ik import LookAt
 from pepper_kin.ik.tasks import Task
 from pepper_kin.kinematics import frame_pose, frame_poses
 from pepper_kin.model import PepperModel
-from pepper_kin.motion import plan
+from pepper_kin.motion import Plan, plan
 from pepper_kin.motion.smoothed_plan import smoothed
 from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion
+from pepper_kin.viewer.server.explaining import no_closer
 from pepper_kin.viewer.server.readings import Curves, curves_of
 
 TIMEOUT, MARGIN = 5.0, 0.01
@@ -27,6 +28,7 @@ GHOSTS = 3
 _GHOST_COLOR: Color = (0.93, 0.36, 0.20, 0.13)
 _TRACE_COLOR: Color = (0.93, 0.36, 0.20, 1.0)
 _TRACE_POINTS, _TRACE_RADIUS = 60, 0.006
+_WAY_POINTS = 60
 _MOVED = 0.01  # [m] a link that moves less casts no ghost
 
 Array = NDArray[np.float64]
@@ -41,12 +43,14 @@ class Shown:
         motion: Joint positions over time.
         curves: Its plots.
         ghost: Its trace and some bodies along it, fixed to the world.
+        way: Two opposite corners of the box that holds the body all along, shape (2, 3) [m].
     """
 
     title: str
     motion: JointMotion
     curves: Curves
     ghost: tuple[Drawable, ...]
+    way: Array
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
     """
     found = plan(pepper, q, tasks, scene, seed=seed, timeout=TIMEOUT)
     if found.path is None:
-        return Planned(found.report(), None)
+        return Planned(_why_no_plan(pepper, q, tasks, scene, found), None)
     if len(found.path) < 2:
         return Planned("The body is at its targets already: nothing to plan.", None)
     found = smoothed(pepper, found, scene, margins=(MARGIN, 0.0), timeout=TIMEOUT, balance=BALANCE)
@@ -90,11 +94,18 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
     if trajectory is None:
         return Planned(f"{found.message} {found.advice}", None)
     report = (
-        f"{found.message} Its clearance is {1000 * found.clearance:.1f} mm; within every limit it takes "
-        f"{trajectory.duration:.2f} s. Found in {found.time:.2f} s: press play."
+        f"A motion of {trajectory.duration:.2f} s is ready, within every limit and at least "
+        f"{1000 * found.clearance:.1f} mm clear of everything. Press play."
     )
     frames = [task.frame for task in tasks if task.unit == "m" and task.frame is not None]
     return Planned(report, show_motion(pepper, trajectory, scene, "Planned motion", frames))
+
+
+def _why_no_plan(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, found: Plan) -> str:
+    """Say in a sentence or two why there is no plan."""
+    if found.ik is not None and not found.ik.success:
+        return no_closer(pepper, q, tasks, scene, found.ik)
+    return f"No way there was found. {found.report()}"
 
 
 def show_motion(
@@ -103,8 +114,19 @@ def show_motion(
     """Compute what a page shows of a motion; `frames` are those whose traces are drawn, None for none."""
     motion = joint_motion(pepper, source)
     return Shown(
-        title, motion, curves_of(pepper, source, motion, scene), _ghost(pepper, motion.positions, frames)
+        title,
+        motion,
+        curves_of(pepper, source, motion, scene),
+        _ghost(pepper, motion.positions, frames),
+        _way(pepper, motion.positions),
     )
+
+
+def _way(pepper: PepperModel, positions: Array) -> Array:
+    """Return the box around the origins of all links along a motion, shape (2, 3) [m]."""
+    kept = np.unique(np.linspace(0, len(positions) - 1, _WAY_POINTS).round().astype(int))
+    places = frame_poses(pepper, positions[kept], pepper.frame_names)[..., :3, 3].reshape(-1, 3)
+    return np.stack([places.min(axis=0), places.max(axis=0)])
 
 
 def _ghost(pepper: PepperModel, positions: Array, frames: list[str] | None) -> tuple[Drawable, ...]:

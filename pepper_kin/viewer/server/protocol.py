@@ -5,7 +5,7 @@ A command is an object with the field "do", its name, and the fields below; all 
     joint           name, value               posture         name
     show            layer, on                 follow          on
     target          name, position, stamp?    release         name?
-    add             kind, position?, size?    change          name, position?, size?
+    add             kind, position?, size?    change          name, position?, size?, color?
     remove          name                      plan
     play                                      pause
     seek            time                      speed           value
@@ -91,7 +91,7 @@ _FIELDS: dict[str, dict[str, Reader]] = {
     "target": {"name": _text, "position": _place, "stamp?": _count},
     "release": {"name?": _text},
     "add": {"kind": _text, "position?": _place, "size?": _numbers},
-    "change": {"name": _text, "position?": _place, "size?": _numbers},
+    "change": {"name": _text, "position?": _place, "size?": _numbers, "color?": _numbers},
     "remove": {"name": _text},
     "plan": {},
     "play": {},

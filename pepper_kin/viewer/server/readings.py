@@ -14,6 +14,7 @@ from pepper_kin.dynamics import center_of_mass, inverse_dynamics, zero_moment_po
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.viewer.joint_motion import ExecutedMotion, JointMotion, Playable
 
 KEPT = 300
@@ -26,8 +27,17 @@ Array = NDArray[np.float64]
 
 def torque_use(pepper: PepperModel, torque: Array) -> Array:
     """Return torques as shares of the limits, shape (..., n); joints without a limit count as zero."""
-    limits = pepper.effort_limits
-    return np.where(np.isfinite(limits), np.abs(torque) / np.where(np.isfinite(limits), limits, 1.0), 0.0)
+    return _shares(torque, pepper.effort_limits)
+
+
+def speed_use(pepper: PepperModel, v: Array) -> Array:
+    """Return joint velocities as shares of the limits, shape (..., n); joints without one count as zero."""
+    return _shares(v, pepper.velocity_limits)
+
+
+def _shares(values: Array, limits: Array) -> Array:
+    limited = np.isfinite(limits) & (limits > 0)
+    return np.where(limited, np.abs(values) / np.where(limited, limits, 1.0), 0.0)
 
 
 class Readings:
@@ -49,9 +59,12 @@ class Readings:
     def take(self, time: float, q: Array, v: Array, a: Array, scene: Scene) -> dict[str, Any]:
         """Take a sample at joint positions, velocities and accelerations, shape (n,) each."""
         pair = closest_pair(self._pepper, q, scene)
+        balance = balance_of(self._pepper, q[None], v[None], a[None])
         sample = {
             "time": round(time, 3),
             "torque": np.round(torque_use(self._pepper, inverse_dynamics(self._pepper, q, v, a)), 4).tolist(),
+            "speed": np.round(speed_use(self._pepper, v), 4).tolist(),
+            "balance": _finite(balance)[0] if len(balance) else None,
             "clearance": None if pair is None else round(float(pair.distance), 5),
             "pair": [] if pair is None else list(pair.names),
         }
@@ -69,6 +82,20 @@ def balance_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> tuple[A
     return mass, np.array([*point, 0.004])
 
 
+def balance_of(pepper: PepperModel, q: Array, v: Array, a: Array) -> Array:
+    """Return how far inside the wheels the zero-moment point is, shape (k,) [m]; empty without such wheels.
+
+    Where the floor would have to pull there is no such point, and the distance is minus infinity.
+    """
+    polygon = support_polygon(pepper)
+    return np.zeros(0) if polygon is None else balance_margin(pepper, polygon, q, v, a)
+
+
+def _finite(lengths: Array) -> list[float | None]:
+    """Return lengths [m] for JSON, which has no infinity."""
+    return [round(float(length), 5) if np.isfinite(length) else None for length in lengths]
+
+
 @dataclass(frozen=True)
 class Curves:
     """A motion's curves for the plots.
@@ -76,19 +103,26 @@ class Curves:
     Attributes:
         times: Shape (k,) [s].
         torque: Share of the limit that each joint uses, shape (k, n).
+        speed: Share of the velocity limit that each joint uses, shape (k, n).
         clearance: Smallest distance to itself and the scene, shape (k,) [m].
+        balance: How far inside the wheels the zero-moment point is, shape (k,) [m]; empty for a robot without
+            such wheels.
     """
 
     times: Array
     torque: Array
+    speed: Array
     clearance: Array
+    balance: Array
 
     def as_dict(self) -> dict[str, Any]:
         """Return the curves as values for JSON."""
         return {
             "times": np.round(self.times, 4).tolist(),
             "torque": np.round(self.torque, 4).tolist(),
-            "clearance": np.round(self.clearance, 5).tolist(),
+            "speed": np.round(self.speed, 4).tolist(),
+            "clearance": _finite(self.clearance),
+            "balance": _finite(self.balance),
         }
 
 
@@ -106,19 +140,20 @@ def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene:
     count = min(motion.times.size, MOST_POINTS)
     kept = np.unique(np.linspace(0, motion.times.size - 1, count).round().astype(int))
     times, q = motion.times[kept], motion.positions[kept]
-    torque = _torque(pepper, source, motion)[kept]
-    return Curves(times, torque_use(pepper, torque), np.atleast_1d(clearance(pepper, q, scene)))
-
-
-def _torque(pepper: PepperModel, source: Playable, motion: JointMotion) -> Array:
     if isinstance(source, Trajectory):
-        state = source(motion.times)
-        return np.asarray(inverse_dynamics(pepper, state[0], state[1], state[2]))
-    if not isinstance(source, JointMotion | np.ndarray | list | tuple):
+        state = source(times)
+        v, a = state[1], state[2]
+    else:
+        v, a = (values[kept] for values in rates(motion))
+    if isinstance(source, Trajectory | JointMotion | np.ndarray | list | tuple):
+        torque = np.asarray(inverse_dynamics(pepper, q, v, a))
+    else:
         executed: ExecutedMotion = source  # type: ignore[assignment]
-        return np.asarray(executed.torque, dtype=float)
-    v, a = rates(motion)
-    return np.asarray(inverse_dynamics(pepper, motion.positions, v, a))
+        torque = np.asarray(executed.torque, dtype=float)[kept]
+    return Curves(
+        times, torque_use(pepper, torque), speed_use(pepper, v), np.atleast_1d(clearance(pepper, q, scene)),
+        balance_of(pepper, q, v, a),
+    )  # fmt: skip
 
 
 def rates(motion: JointMotion) -> tuple[Array, Array]:

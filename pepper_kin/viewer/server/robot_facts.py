@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer.server.layers import LAYERS
 
 _ENDS_WITHOUT_LIMITS = (-10.0, 10.0)
@@ -15,7 +16,7 @@ _ENDS_WITHOUT_LIMITS = (-10.0, 10.0)
 
 
 def robot_facts(pepper: PepperModel, layers: Sequence[str]) -> dict[str, Any]:
-    """Return name, joints, groups, postures and layers, ready for JSON.
+    """Return name, joints, groups, whether it has wheels to balance on, postures and layers, for JSON.
 
     Args:
         pepper: The robot.
@@ -30,6 +31,7 @@ def robot_facts(pepper: PepperModel, layers: Sequence[str]) -> dict[str, Any]:
         "name": pepper.name,
         "joints": [dict(zip(("name", "unit", "lower", "upper"), joint, strict=True)) for joint in joints],
         "groups": {name: joints_of for name, joints_of in groups.items() if joints_of},
+        "balance": support_polygon(pepper) is not None,
         "postures": list(pepper.posture_names),
         "layers": [{"name": name, "title": LAYERS[name]} for name in layers],
     }

@@ -15,12 +15,13 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
-from pepper_kin.servo import ServoStatus
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.server import obstacles
+from pepper_kin.viewer.server.alerts import Alerts
 from pepper_kin.viewer.server.board import Board
 from pepper_kin.viewer.server.body_poses import BodyPoses
-from pepper_kin.viewer.server.document import Document
+from pepper_kin.viewer.server.document import blank_document
+from pepper_kin.viewer.server.explaining import at_target, on_the_way
 from pepper_kin.viewer.server.follower import RATE, Follower
 from pepper_kin.viewer.server.layers import LAYERS, LOOKS, TARGETS, layers_of
 from pepper_kin.viewer.server.planning import Shown
@@ -30,10 +31,11 @@ from pepper_kin.viewer.server.robot_facts import robot_facts
 from pepper_kin.viewer.server.sketches import SKETCHES, sketches_of
 from pepper_kin.viewer.server.targets import Targets
 from pepper_kin.viewer.server.tasks import LongTasks
+from pepper_kin.viewer.server.world import World
 
 FREE, FOLLOWING, MOTION = "free", "follow", "motion"
 READING_STEP = 0.05  # [s] between two samples of the plots
-REPORT_STEP = 0.25  # [s] between two reports of the servo
+ON_THE_WAY = 0.4  # [s] after which a body that follows is said to
 SCENE_STEP = 0.04  # [s] between two worlds for the servo while an obstacle is dragged
 ROBOT_ROOT, OBSTACLE_ROOT, MARKER_ROOT, GHOST_ROOT = ("robot",), ("obstacles",), ("markers",), ("ghost",)
 
@@ -51,13 +53,15 @@ class Session:
 
     def __init__(self, pepper: PepperModel, send: Callable[[bytes], None], tasks: LongTasks) -> None:
         self.pepper = pepper
-        self.document = Document()
+        self.document = blank_document()
         self.board = Board(send)
         self.targets = Targets(pepper)
         self.readings = Readings(pepper)
-        self.scene = Scene()
+        self.alerts = Alerts(pepper)
+        self._world = World(pepper, self.board, OBSTACLE_ROOT, (*ROBOT_ROOT, "held"))
         self.mode = FREE
         self.stamp = 0
+        self.wish = 0
         self.on_target: Callable[[str, Array], None] = lambda name, position: None
         self._tasks = tasks
         self._q = pepper.neutral()
@@ -65,8 +69,9 @@ class Session:
         self._follow, self._servo_ready = True, False
         self._follower: Follower | None = None
         self._playback: Playback | None = None
-        self._now, self._read_at, self._reported_at, self._scene_at = 0.0, -1.0, -1.0, -1.0
-        self._scene_waits = self._unread = self._explained = False
+        self._now, self._read_at, self._aimed_at, self._scene_at = 0.0, -1.0, -1.0, -1.0
+        self._scene_waits = self._unread = False
+        self._answered = True
         self._messages = 0
         self._draw_robot()
         self.touch()
@@ -85,15 +90,16 @@ class Session:
         for layer in (*self.available, SKETCHES):
             self.board.show((*ROBOT_ROOT, layer), layer == LOOKS)
         self.document.set("bodies", list(self._poses.names))
-        self.document.set("message", {"text": "", "kind": "info", "count": 0})
-        self.document.set("busy", None)
-        self.document.set("ready", {"servo": False, "planner": False})
-        self.document.set("motion", None)
 
     @property
     def q(self) -> Array:
         """Joint positions shown now, shape (n,) [rad or m]."""
         return self._q
+
+    @property
+    def scene(self) -> Scene:
+        """The world around the robot."""
+        return self._world.scene
 
     def touch(self) -> None:
         """Remember that something changed which poses and readings depend on."""
@@ -125,6 +131,7 @@ class Session:
             raise InvalidValueError("q", f"shape {positions.shape}", f"shape ({self.pepper.n},)")
         self.targets.release()
         self._leave(FREE)
+        self._retract()
         self._q, self._v, self._a = positions.copy(), np.zeros(self.pepper.n), np.zeros(self.pepper.n)
         self.touch()
 
@@ -160,9 +167,15 @@ class Session:
         self.document.set("message", {"text": text, "kind": kind, "count": self._messages})
 
     def answer(self, text: str, kind: str) -> None:
-        """Say what somebody asked for: the servo's reports leave it there until there is a new aim."""
-        self._explained = True
+        """Say what somebody asked for: it stands until there is a new aim."""
+        self._answered = True
         self.say(text, kind)
+
+    def _retract(self) -> None:
+        """Take back what was said of targets that are gone, and what is still being found out about them."""
+        self.wish += 1
+        self._answered = True
+        self.say("")
 
     # ---- targets
 
@@ -189,6 +202,7 @@ class Session:
             self.targets.release()
         else:
             self.targets[name].on = False
+        self._retract()
         self.touch()
         if self.mode == FOLLOWING:
             self._pursue()
@@ -200,6 +214,7 @@ class Session:
             self._pursue()
         elif not on and self.mode == FOLLOWING:
             self._leave(FREE)
+            self._retract()
 
     def servo_ready(self) -> None:
         """Begin to follow: the servo is loaded."""
@@ -218,7 +233,8 @@ class Session:
         if self.mode != FOLLOWING or self._follower is None:
             self._leave(FOLLOWING)
             self._follower = Follower(self.pepper, self._q, self.scene)
-        self._explained = False
+        if self._answered:
+            self._answered, self._aimed_at = False, self._now
         self._follower.aim(self.targets.tasks())
 
     def _leave(self, mode: str) -> None:
@@ -237,26 +253,12 @@ class Session:
         Raises:
             UnknownNameError: where an object hangs on a frame that the robot lacks.
         """
+        self._world.replace(scene)
         for held in scene.attached.values():
-            self.pepper.frame_id(held.frame)
-        before, self.scene = self.scene, scene
-        for name in (*before.objects, *before.attached):
-            if name not in scene.names:
-                self.board.erase((*OBSTACLE_ROOT, _as_path(name)))
-        for name, thing in scene.objects.items():
-            if before.objects.get(name) is not thing:
-                pose = thing.transform_object_to_world
-                drawable = Drawable(name, None, thing.geometry, pose, thing.color)
-                self.board.draw((*OBSTACLE_ROOT, _as_path(name)), (drawable,))
-        for name, held in scene.attached.items():
-            if before.attached.get(name) is not held:
-                self._carry(held.frame)
-                pose = held.transform_object_to_frame
-                drawable = Drawable(name, held.frame, held.geometry, pose, held.color)
-                self.board.draw((*ROBOT_ROOT, "held", _as_path(name)), (drawable,))
-        for name in before.attached.keys() - scene.attached.keys():
-            self.board.erase((*ROBOT_ROOT, "held", _as_path(name)))
-        self._scene_waits, self._explained = True, False
+            self._carry(held.frame)
+        self._scene_waits = True
+        if self.mode == FOLLOWING and self._answered:
+            self._answered, self._aimed_at = False, self._now
         self.touch()
 
     def _carry(self, frame: str) -> None:
@@ -272,9 +274,11 @@ class Session:
         self.set_scene(scene)
         return name
 
-    def change_obstacle(self, name: str, position: Array | None = None, size: Array | None = None) -> None:
-        """Move or size an obstacle.  See `obstacles.changed`."""
-        self.set_scene(obstacles.changed(self.scene, name, position, size))
+    def change_obstacle(
+        self, name: str, position: Array | None = None, size: Array | None = None, color: Array | None = None
+    ) -> None:
+        """Move, size or color an obstacle.  See `obstacles.changed`."""
+        self.set_scene(obstacles.changed(self.scene, name, position, size, color))
 
     def remove_obstacle(self, name: str) -> None:
         """Remove an obstacle, or what the robot holds.
@@ -290,18 +294,20 @@ class Session:
         """Plan from here to the targets that are set; the outcome comes later, in the message line."""
         tasks = self.targets.tasks()
         if not tasks:
-            self.answer("Nothing to plan to: set a target first, by dragging a coloured ball.", "bad")
+            self.answer("Nothing to plan to: set a target first, by dragging a colored ball.", "bad")
             return
         self._tasks.plan(self, tasks)
 
     def load(self, shown: Shown, play: bool) -> None:
         """Show a motion, at its start, and perhaps play it."""
         self._leave(MOTION)
+        self._retract()
         self._playback = playback = Playback(shown.motion)
         self.document.set(
             "motion",
             {
-                "title": shown.title, "start": playback.start, "end": playback.end, **shown.curves.as_dict(),
+                "title": shown.title, "start": playback.start, "end": playback.end,
+                "way": np.round(shown.way, 3).tolist(), **shown.curves.as_dict(),
             },
         )  # fmt: skip
         self.board.draw(GHOST_ROOT, shown.ghost)
@@ -332,6 +338,7 @@ class Session:
     def clear(self) -> None:
         """Forget the motion; the body stays where it is."""
         self._leave(FREE)
+        self._retract()
         self._playback = None
         self.document.set("motion", None)
         self.board.erase(GHOST_ROOT)
@@ -341,6 +348,8 @@ class Session:
         if self._playback is None:
             raise InvalidValueError("motion", "none", "a planned or loaded motion: plan to a target first")
         if enter and self.mode != MOTION:
+            if self.mode == FOLLOWING:
+                self._retract()
             self._leave(MOTION)
         self._unread = True
         return self._playback
@@ -355,7 +364,7 @@ class Session:
     @property
     def resting(self) -> bool:
         """Whether nothing happens until somebody does something."""
-        if self._unread or self._scene_waits:
+        if self._unread or self._scene_waits or self.alerts.pending:
             return False
         if self.mode == FOLLOWING and self._follower is not None:
             return self._follower.resting
@@ -381,7 +390,18 @@ class Session:
             self._take_motion()
         if self._unread and self._now - self._read_at >= READING_STEP:
             self._read_at, self._unread = self._now, False
-            self.document.set("live", self.readings.take(self._now, self._q, self._v, self._a, self.scene))
+            self._read()
+        self.alerts.pass_time(self._now)
+        self.document.set("alerts", self.alerts.as_list())
+
+    def _read(self) -> None:
+        self.document.set("live", self.readings.take(self._now, self._q, self._v, self._a, self.scene))
+        self.alerts.touch(self._q, self.scene)
+        self.document.set("touching", self.alerts.touching(self.scene))
+        if self.mode == FREE:
+            self.alerts.strain(self._now, self._q, np.zeros_like(self._q), np.zeros_like(self._q))
+        elif self.mode == MOTION:
+            self.alerts.calm()
 
     def _tick_follower(self, follower: Follower, seconds: float) -> None:
         done = follower.advance(seconds)
@@ -389,16 +409,20 @@ class Session:
             return
         state, self._a = done
         self._q, self._v = np.array(state.q), np.array(state.v)
+        self.alerts.strain(self._now, self._q, self._v, self._a)
         self.touch()
-        if self._explained:
+        tasks = self.targets.tasks()
+        if self._answered or not tasks:
             return
-        if follower.stalled and self.targets.any_on:
-            self._explained = True
-            self._tasks.explain(self, self.targets.tasks())
-        elif follower.resting or self._now - self._reported_at >= REPORT_STEP:
-            self._reported_at = self._now
-            self._explained = state.status is ServoStatus.ARRIVED  # what drifts from then on is no news
-            self.say(state.report(), "good" if self._explained else "info")
+        if follower.arrived:
+            self.answer(at_target(tasks), "good")
+        elif follower.stalled:
+            self._answered = True
+            self._tasks.explain(self, tasks)
+        elif self._now - self._aimed_at >= ON_THE_WAY:
+            text = on_the_way(tasks)
+            if self.document["message"]["text"] != text:
+                self.say(text)
 
     # ---- for the pages
 
@@ -431,7 +455,3 @@ class Session:
         """Say what went wrong."""
         known = isinstance(error, PepperKinError)
         self.say(str(error) if known else f"{type(error).__name__}: {error}", "bad")
-
-
-def _as_path(name: str) -> str:
-    return name.replace("/", "_")

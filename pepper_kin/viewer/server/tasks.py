@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pepper_kin.viewer.server.session import Session
 
 _LOADING = (
-    "Loading the servo. The first time on a machine it is compiled, which takes a minute or two; sliders, "
+    "Loading what moves the body. Where it has to be compiled first, this takes some ten seconds; sliders, "
     "postures and obstacles work already."
 )
 
@@ -42,7 +42,8 @@ class LongTasks:
                 return
             session.servo_ready()
             session.document.set("ready", {"servo": True, "planner": False})
-            session.say("Ready: drag a coloured ball, and the body follows.")
+            if session.document["message"]["text"] == _LOADING:
+                session.say("Ready: drag a colored ball, and the body follows.")
 
         def planner_is_there(result: Any, fault: Exception | None) -> None:
             if fault is None:
@@ -53,19 +54,24 @@ class LongTasks:
         self._worker.do(lambda: planning.compile_planning(self._pepper), planner_is_there)
 
     def plan(self, session: Session, tasks: list[Task]) -> None:
-        """Plan from where the session's body is to tasks, and load the motion into it."""
+        """Plan from where the session's body is to tasks, and load the motion into it.
+
+        What comes of it is dropped where the targets were let go or the body was moved meanwhile.
+        """
         from pepper_kin.viewer.server.planning import plan_motion
 
-        q, scene = session.q.copy(), session.scene
+        q, scene, wish = session.q.copy(), session.scene, session.wish
 
         def done(planned: Any, fault: Exception | None) -> None:
             session.document.set("busy", None)
+            if session.wish != wish:
+                return
             if fault is not None:
                 session.fail(fault)
                 return
-            session.answer(planned.report, "bad" if planned.shown is None else "good")
             if planned.shown is not None:
                 session.load(planned.shown, play=False)
+            session.answer(planned.report, "bad" if planned.shown is None else "good")
 
         self.warm_up(session)
         waits = "" if session.document["ready"]["planner"] else " (the planner is still being loaded)"
@@ -73,19 +79,13 @@ class LongTasks:
         self._worker.do(lambda: plan_motion(self._pepper, q, tasks, scene), done)
 
     def explain(self, session: Session, tasks: list[Task]) -> None:
-        """Say by inverse kinematics from many starts why the body came to rest before its targets."""
-        from pepper_kin.ik import solve
+        """Say why the body came to rest before its targets; see `why_no_closer`."""
+        from pepper_kin.viewer.server.explaining import why_no_closer
 
-        q, scene, count = session.q.copy(), session.scene, session.document["message"]["count"]
+        q, scene, wish = session.q.copy(), session.scene, session.wish
 
-        def done(result: Any, fault: Exception | None) -> None:
-            # Whatever was said meanwhile is newer than the question.
-            if fault is None and session.document["message"]["count"] == count:
-                if result.success:
-                    session.answer(
-                        "Something is in the way of the straight way there: plan a motion to it.", "bad"
-                    )
-                else:
-                    session.answer(result.report(), "bad")
+        def done(text: Any, fault: Exception | None) -> None:
+            if fault is None and session.wish == wish:
+                session.answer(text, "bad")
 
-        self._worker.do(lambda: solve(self._pepper, tasks, q, scene=scene, restarts=8), done)
+        self._worker.do(lambda: why_no_closer(self._pepper, q, tasks, scene), done)

@@ -1,0 +1,58 @@
+"""Where a picture is seen from: a view by its name, or a camera of one's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.shapes import read_only
+
+CameraView: TypeAlias = Literal["three-quarter", "front", "side", "top"]
+
+_LEAST = 0.05
+"""The camera sees nothing that is nearer [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera of one's own, for pictures, films and pages.
+
+        viewer.save_image("hand.png", q, view=pk.viewer.Camera((1.2, 0.9, 1.1), (0.4, 0.2, 0.8)))
+
+    It stands upright and sees 32 degrees from the lower to the upper edge of the picture.
+
+    Attributes:
+        position: Where it is in the world, shape (3,) [m].
+        target: What is in the middle of the picture, shape (3,) [m]; at least 5 cm away.
+    """
+
+    position: NDArray[np.float64]
+    target: NDArray[np.float64]
+
+    def __init__(self, position: ArrayLike, target: ArrayLike) -> None:
+        place = read_only(as_finite(position, "position of the camera", (3,)))
+        aim = read_only(as_finite(target, "target of the camera", (3,)))
+        if np.linalg.norm(place - aim) < _LEAST:
+            raise InvalidValueError(
+                "target of the camera", aim.tolist(), f"a point at least {_LEAST:g} m from its position"
+            )
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "target", aim)
+
+
+def view_options(view: CameraView | Camera) -> dict[str, str]:
+    """Return the options in a page's address that choose a view.
+
+    Raises:
+        UnknownNameError: There is no view of that name.
+    """
+    if isinstance(view, Camera):
+        return {"camera": ",".join(f"{x:.9g}" for x in (*view.position, *view.target))}
+    if view not in get_args(CameraView):
+        raise UnknownNameError("camera view", view, get_args(CameraView))
+    return {"view": view}

@@ -1,0 +1,186 @@
+"""What the pages warn of: contact, torques beyond their limits, and tipping."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import Contact, Scene, contacts
+from pepper_kin.dynamics import inverse_dynamics
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.balance import balance_margin, support_polygon
+from pepper_kin.viewer.server.merging import carriers_of
+from pepper_kin.viewer.server.readings import torque_use
+from pepper_kin.viewer.server.words import joint_words, length_words, listed, pair_words, sentence
+
+STAYS = 2.0
+"""How long a warning of what is over stays, so that it can be read [s]."""
+MOST_PAIRS = 3
+"""Pairs that touch and are named; of more only the number is told."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Excess:
+    """Something beyond a limit.
+
+    Attributes:
+        still: Whether gravity alone does it, without any movement.
+        amount: How far it goes: share of the torque limit, or distance outside the wheels [m].
+        joint: Name of the joint; empty for balance.
+    """
+
+    still: bool
+    amount: float
+    joint: str = ""
+
+
+@dataclass
+class _Warning:
+    """The worst of an excess, and when it was last seen [s]."""
+
+    worst: _Excess
+    seen_at: float
+    holds: bool = True
+
+
+class Alerts:
+    """Looks at a body as it moves, and keeps what there is to warn of.
+
+    Args:
+        pepper: The robot.
+    """
+
+    def __init__(self, pepper: PepperModel) -> None:
+        self._pepper = pepper
+        self._polygon = support_polygon(pepper)
+        self._carriers = {link: carrier for link, (carrier, _) in carriers_of(pepper).items()}
+        self._warnings: dict[str, _Warning] = {}
+        self._before: dict[str, _Excess] = {}
+        self._contacts: tuple[Contact, ...] = ()
+
+    def strain(self, now: float, q: Array, v: Array, a: Array) -> None:
+        """Look at torques and balance at joint positions, velocities and accelerations, shape (n,) each.
+
+        What movement does counts when it is seen twice in a row: one tick of the servo is no time.
+        """
+        self.pass_time(now)
+        excesses = {"torque": self._torque(q, v, a), "balance": self._balance(q, v, a)}
+        found = {kind: excess for kind, excess in excesses.items() if excess is not None}
+        for kind in self._warnings.keys() - found.keys():
+            self._warnings[kind].holds = False
+        for kind, excess in found.items():
+            if excess.still or kind in self._before:
+                self._warn(kind, excess, now)
+        self._before = found
+
+    def calm(self) -> None:
+        """Forget torques and balance: the body is led by something else now."""
+        self._warnings, self._before = {}, {}
+
+    def touch(self, q: Array, scene: Scene) -> None:
+        """Look at what touches what at joint positions q, shape (n,)."""
+        self._contacts = contacts(self._pepper, q, scene)
+
+    def pass_time(self, now: float) -> None:
+        """Drop warnings of what has been over for a while."""
+        self._warnings = {
+            kind: warning
+            for kind, warning in self._warnings.items()
+            if warning.holds or now - warning.seen_at < STAYS
+        }
+
+    @property
+    def pending(self) -> bool:
+        """Whether there is a warning that time alone ends."""
+        return any(not warning.holds for warning in self._warnings.values())
+
+    def as_list(self) -> list[dict[str, str]]:
+        """Return kind ("contact", "torque" or "balance") and text of each, ready for JSON."""
+        told = [
+            {"kind": kind, "text": _TEXTS[kind](warning.worst)} for kind, warning in self._warnings.items()
+        ]
+        touching = contact_words(self._pepper, self._contacts)
+        return ([{"kind": "contact", "text": touching}] if touching else []) + sorted(
+            told, key=lambda alert: alert["kind"]
+        )
+
+    def touching(self, scene: Scene) -> dict[str, list[str]]:
+        """Return which bodies of the robot touch, by the names that poses have, and which objects."""
+        bodies, objects = set(), set()
+        for contact in self._contacts:
+            for name in contact.names:
+                if name in scene.names:
+                    objects.add(name)
+                elif name in self._carriers:
+                    bodies.add(self._carriers[name])
+        return {"bodies": sorted(bodies), "objects": sorted(objects)}
+
+    def _warn(self, kind: str, excess: _Excess, now: float) -> None:
+        known = self._warnings.get(kind)
+        if known is None or excess.still != known.worst.still or excess.amount > known.worst.amount:
+            self._warnings[kind] = _Warning(excess, now)
+        else:
+            known.seen_at, known.holds = now, True
+
+    def _torque(self, q: Array, v: Array, a: Array) -> _Excess | None:
+        use = torque_use(self._pepper, np.asarray(inverse_dynamics(self._pepper, q, v, a)))
+        if use.max() <= 1.0:
+            return None
+        rest = np.zeros_like(q)
+        held = torque_use(self._pepper, np.asarray(inverse_dynamics(self._pepper, q, rest, rest)))
+        still = bool(held.max() > 1.0)
+        shares = held if still else use
+        return _Excess(still, float(shares.max()), self._pepper.joint_names[int(shares.argmax())])
+
+    def _balance(self, q: Array, v: Array, a: Array) -> _Excess | None:
+        if self._polygon is None:
+            return None
+        rest = np.zeros_like(q)
+        states = (np.stack([q, q]), np.stack([v, rest]), np.stack([a, rest]))
+        moving, held = balance_margin(self._pepper, self._polygon, *states)
+        if min(moving, held) >= 0:
+            return None
+        return _Excess(bool(held < 0), float(-(held if held < 0 else moving)))
+
+
+def contact_words(pepper: PepperModel, found: Iterable[Contact]) -> str:
+    """Return what touches what as a sentence; empty where nothing does."""
+    pairs: dict[str, list[str]] = {}
+    for contact in found:
+        subject, other = pair_words(pepper, contact)
+        pairs.setdefault(other, [])
+        if subject not in pairs[other]:
+            pairs[other].append(subject)
+    clauses = [
+        f"{listed(subjects)} {'touch' if len(subjects) > 1 else 'touches'} {other}"
+        for other, subjects in pairs.items()
+    ]
+    more = len(clauses) - MOST_PAIRS
+    rest = f"; and {more} more" if more > 0 else ""
+    return f"{sentence('; '.join(clauses[:MOST_PAIRS]))}{rest}." if clauses else ""
+
+
+def _torque_words(excess: _Excess) -> str:
+    share = f"{np.ceil(10 * excess.amount) * 10:.0f} % of its torque limit"
+    if excess.still:
+        return f"{sentence(joint_words(excess.joint))} cannot hold this: it would need {share}."
+    return f"Too fast for {joint_words(excess.joint)}: it would need {share}."
+
+
+def _balance_words(excess: _Excess) -> str:
+    if excess.still:
+        away = length_words(np.ceil(100 * excess.amount) / 100)
+        return f"The robot would tip over: its center of mass is {away} outside its wheels."
+    if not np.isfinite(excess.amount):
+        return "So fast, the robot would leave the floor."
+    away = length_words(np.ceil(100 * excess.amount) / 100)
+    return f"So fast, the robot would tip over: its zero-moment point is {away} outside its wheels."
+
+
+_TEXTS: dict[str, Any] = {"torque": _torque_words, "balance": _balance_words}
