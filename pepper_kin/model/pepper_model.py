@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -215,6 +215,44 @@ class PepperModel:
             raise UnknownNameError("joint group", name, self.group_names)
         members = set(self.semantics.groups[name])
         return tuple(joint for joint in self.joint_names if joint in members)
+
+    def resolve_joints(
+        self, joints: str | Iterable[str] | None, *, allow_none: bool = False
+    ) -> tuple[str, ...]:
+        """Return the names of joints, given by groups and joints mixed.
+
+        All functions with an argument `joints` ask this one.
+
+        Args:
+            joints: A name, or several, such as `["right_arm", "HeadYaw"]`: joints, and groups, which stand
+                for all of their joints in the order of the joint vector. None for all joints. A name that is
+                both means the joint.
+            allow_none: Whether no joint at all may be left.
+
+        Returns:
+            The names in the order given, each once.
+
+        Raises:
+            UnknownNameError: for a name that is neither, listing joints and groups.
+            InvalidValueError: for something that is not a list of names, or where no joint is left: the
+                fingers of locked hands are groups without joints.
+        """
+        if joints is None:
+            return self.joint_names
+        allowed = 'joints and groups by name, such as ["right_arm", "HeadYaw"]: at least one moving joint'
+        if not isinstance(joints, Iterable):
+            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+        found: dict[str, None] = {}
+        for name in [joints] if isinstance(joints, str) else joints:
+            if name in self.joint_names:
+                found[name] = None
+            elif name in self.group_names:
+                found.update(dict.fromkeys(self.joint_group(name)))
+            else:
+                raise UnknownNameError("joint or group", name, (*self.joint_names, *self.group_names))
+        if not found and not allow_none:
+            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+        return tuple(found)
 
     def posture(self, name: str) -> NDArray[np.float64]:
         """Return a named posture of the whole body, shape (n,) [rad or m].
