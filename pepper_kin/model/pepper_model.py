@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,11 +12,12 @@ import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.dynamics_model import DynamicsModel
+from pepper_kin.model.joint_vectors import as_finite, check_within_limits
 from pepper_kin.model.semantics import Semantics
 from pepper_kin.model.urdf_document import UrdfDocument
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from pepper_kin.model.shapes import Shape
     from pepper_kin.model.wheels import Wheels
@@ -285,24 +286,54 @@ class PepperModel:
 
         return export(self, format, mesh_paths=mesh_paths, zero_inertials=zero_inertials)
 
-    def joint_vector(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return a joint vector with some joints set and the rest from Stand, shape (n,).
+    def joint_vector(
+        self,
+        values: Mapping[str, ArrayLike] | Sequence[float] | NDArray[np.float64],
+        *,
+        rest: str | ArrayLike | None = None,
+        check_limits: bool = False,
+    ) -> NDArray[np.float64]:
+        """Return a joint vector with some joints set and the rest from Stand, or with all set, shape (n,).
 
         Args:
-            values: Joint name -> position [rad or m].
+            values: Joint name -> position [rad or m], or group name -> positions of its joints in the order
+                of `joint_group`; or all n positions in the order of `joint_names`.
+            rest: Where joints are that `values` does not name: a posture's name, or n positions; Stand where
+                the robot has it if omitted, see `neutral`.
+            check_limits: Whether positions outside the joint limits are refused.
+
+        Returns:
+            A new array.
 
         Raises:
-            UnknownNameError: for a joint that the robot lacks.
-            InvalidValueError: for a value that is not a finite number.
+            UnknownNameError: for a joint, group or posture that the robot lacks.
+            InvalidValueError: for a value that is not a finite number, a wrong number of them, or a joint
+                that is named twice.
+            LimitError: with `check_limits`, naming the joint that is farthest outside.
         """
-        q = self.neutral()
-        for joint, value in values.items():
-            index = self.joint_index(joint)
-            try:
-                number = float(value)
-            except (TypeError, ValueError):
-                number = float("nan")
-            if not np.isfinite(number):
-                raise InvalidValueError(f"position of {joint}", value, "a finite number")
-            q[index] = number
+        if isinstance(values, Mapping):
+            q = self.posture(rest) if isinstance(rest, str) else self._rest(rest)
+            for place, value in self._named(values).items():
+                q[place] = value
+        else:
+            q = as_finite(values, "joint vector", (self.n,)).copy()
+        if check_limits:
+            check_within_limits(self, q, "joint vector")
         return q
+
+    def _rest(self, rest: ArrayLike | None) -> NDArray[np.float64]:
+        return self.neutral() if rest is None else as_finite(rest, "rest", (self.n,)).copy()
+
+    def _named(self, values: Mapping[str, ArrayLike]) -> dict[int, float]:
+        """Return place -> position of joints given by names of joints and groups."""
+        found: dict[int, float] = {}
+        for name, value in values.items():
+            joints = self.resolve_joints(name)
+            single = name in self.joint_names
+            numbers = as_finite(value, f"position of {name}", () if single else (len(joints),))
+            for joint, number in zip(joints, numbers.reshape(-1).tolist(), strict=True):
+                place = self.joint_index(joint)
+                if place in found:
+                    raise InvalidValueError(f"position of {joint}", "two values", "each joint once")
+                found[place] = number
+        return found
