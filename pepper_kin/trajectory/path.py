@@ -59,6 +59,11 @@ class PlannedPath(Protocol):
         """What to try, in a sentence."""
 
 
+_ALLOWED = (
+    "a plan, way-points of shape (k, n), or a curve such as plan.curve; of other results their path, their "
+    "trajectory, or their own retime()"
+)
+
 PathLike: TypeAlias = ArrayLike | PiecewiseCubic | PlannedPath
 
 
@@ -172,10 +177,19 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         found = _quick_spline(pepper, path)
         if found is not None:
             return found
+        if not isinstance(path, (np.ndarray, list, tuple)) and np.asarray(path).dtype.kind == "O":
+            raise InvalidValueError("path", f"a {type(path).__name__}", _ALLOWED)
         curve = _through_waypoints(pepper, _waypoints(pepper, path))
         check_within_limits(pepper, curve.extremes(), "path", LIMIT_TOLERANCE)
         return curve
     assert isinstance(path, PiecewiseCubic)
+    degree = np.asarray(path.coefficients).shape[1:2]
+    if degree != (4,):
+        raise InvalidValueError(
+            "path",
+            f"pieces of degree {degree[0] - 1}" if degree else "coefficients without pieces",
+            "cubic pieces; of another trajectory its positions, such as trajectory.sample(0.05).position",
+        )
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
 
 
