@@ -19,6 +19,7 @@ from pepper_kin.model.urdf_document import UrdfDocument
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from pepper_kin.model.changed_model import JointValues
     from pepper_kin.model.shapes import Shape
     from pepper_kin.model.wheels import Wheels
 
@@ -285,6 +286,66 @@ class PepperModel:
         from pepper_kin.model.export_formats import export
 
         return export(self, format, mesh_paths=mesh_paths, zero_inertials=zero_inertials)
+
+    def with_limits(
+        self,
+        *,
+        lower: JointValues | None = None,
+        upper: JointValues | None = None,
+        velocity: JointValues | None = None,
+        acceleration: JointValues | None = None,
+        effort: JointValues | None = None,
+    ) -> PepperModel:
+        """Return the robot with other limits; this one stays as it is.
+
+            careful = pepper.with_limits(velocity=0.5 * pepper.velocity_limits, upper={"HipPitch": 0.2})
+
+        The new limits are written into the new model's URDF, so that everything that is computed of it, its
+        exports among them, has them; machine code made for this model is not used for it.  Named postures are
+        moved into the new limits.
+
+        Args:
+            lower: Lower limits [rad or m]: one number for all joints, shape (n,), or names of joints and
+                groups with a number each, the others as they are. -inf, with an upper one of inf, for none.
+            upper: Upper limits [rad or m], in the same forms.
+            velocity: Velocity limits [rad/s or m/s], in the same forms; inf for none.
+            acceleration: Acceleration limits [rad/s^2 or m/s^2], likewise.
+            effort: Effort limits [N m or N], likewise.
+
+        Returns:
+            A new model.
+
+        Raises:
+            UnknownNameError: for a joint or group that the robot lacks.
+            InvalidValueError: naming joint and limit, for a lower limit above the upper one, another limit
+                that is not above zero, a wrong shape, or NaN.
+            ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
+        """
+        from pepper_kin.model.changed_model import with_limits
+
+        given = {"lower": lower, "upper": upper, "velocity": velocity}
+        return with_limits(self, {**given, "acceleration": acceleration, "effort": effort})
+
+    def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
+        """Return the robot with other masses of some links; this one stays as it is.
+
+        A link's inertia about its center of mass grows in proportion, and the center of mass stays where it
+        is.  All is as in `with_limits`.  For what a hand carries, functions take `payload`.
+
+        Args:
+            masses: Link -> mass [kg], above zero.
+
+        Returns:
+            A new model.
+
+        Raises:
+            UnknownNameError: for a link that the robot lacks, or that has no mass, listing those that have.
+            InvalidValueError: for a mass that is not above zero.
+            ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
+        """
+        from pepper_kin.model.changed_model import with_masses
+
+        return with_masses(self, masses)
 
     def joint_vector(
         self,
