@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     )
     from pepper_kin.collision import Scene
     from pepper_kin.exceptions import PepperKinError
-    from pepper_kin.model import PepperModel, load_pepper, load_robot
+    from pepper_kin.model import PepperModel, load_pepper, load_robot, pose
     from pepper_kin.motion import PlanProblem, plan, plan_batch
     from pepper_kin.trajectory import Trajectory, retime
     from pepper_kin.twin import Twin, TwinBatch
@@ -73,6 +73,7 @@ _NAMES = {
     "Viewer": "viewer",
     "load_pepper": "model",
     "load_robot": "model",
+    "pose": "model",
     "PlanProblem": "motion",
     "plan": "motion",
     "plan_batch": "motion",
@@ -103,6 +104,7 @@ __all__ = [
     "plan",
     "plan_batch",
     "planners",
+    "pose",
     "retime",
     "servo",
     "symbolic",

@@ -89,6 +89,10 @@ class ModelWarning(UserWarning):
     """A part of a robot description was left out; the message says which, and the robot can be used."""
 
 
+class OvershootWarning(UserWarning):
+    """A trajectory through samples leaves their range or the limits in between; the message says where."""
+
+
 class FileFormatError(PepperKinError):
     """A file cannot be read or does not hold what it should.
 

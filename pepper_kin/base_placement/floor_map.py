@@ -112,7 +112,7 @@ def floor_map(
         center: Middle of the square [m], shape (2,).
         stand: The current place: x, y [m], yaw [rad], shape (3,).
         scene: What to keep clear of; None for nothing.
-        joints: Joints that may move; None for all.
+        joints: Joints that may move, by names of joints and groups; None for all.
         size: Edge of the square [m].
         resolution: Edge of a cell [m].
         headings: Number of headings, evenly around.

@@ -71,7 +71,7 @@ def place_base(
         q0: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
         stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in q0, or the origin.
         scene: What to keep clear of, itself included; None for nothing.  The way there is not looked at.
-        joints: A joint group's name, or names of joints that may move, the base's apart; None for all.
+        joints: Joints that may move, by names of joints and groups, the base's apart; None for all.
         candidates: Number of places to try at first, or the places themselves, shape (N, 3); in that case no
             other is tried but the current one.
         keep: Number of placements to return at most.

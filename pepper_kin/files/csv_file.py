@@ -17,7 +17,8 @@ from pepper_kin.files.table_file import (
     write_table,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.trajectory import Samples, Trajectory
+from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.trajectory import Trajectory
 
 _QUANTITIES = ("position", "velocity", "acceleration")
 

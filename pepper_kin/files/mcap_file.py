@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,14 @@ from pepper_kin.files.sampled_motion import (
     check_joint_names,
     check_times,
     nanosecond_samples,
-    through_points,
     units_for,
 )
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.interpolation import through_points
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+_Content = TypeVar("_Content")
 
 STATES_TOPIC = "/joint_states"
 TRAJECTORY_TOPIC = "/joint_trajectory"
@@ -161,7 +163,59 @@ def _taken_apart(message: Any) -> _Message:
     )
 
 
+class StateMessage(NamedTuple):
+    """A `sensor_msgs/msg/JointState` as plain values.
+
+    Attributes:
+        topic: Where it was published.
+        stamp: Time of its header [ns]; the recording's where that is zero.
+        names: Joints.
+        position: [rad or m], one for each of them.
+    """
+
+    topic: str
+    stamp: int
+    names: tuple[str, ...]
+    position: list[float]
+
+
+def read_states(path: PathName) -> list[StateMessage]:
+    """Return all `sensor_msgs/msg/JointState` of an MCAP recording that hold positions, in its order.
+
+    Raises:
+        MissingDependencyError: where the package `mcap-ros2-support` is not installed.
+        FileFormatError: for a file that cannot be read, is damaged or has no such message.
+    """
+    found = []
+    types: set[str] = set()
+    for topic, log_time, state in _messages(path, STATE_TYPE, types, _state_of):
+        if state.position:
+            found.append(state._replace(topic=topic, stamp=state.stamp or log_time))
+    if not found:
+        raise FileFormatError(path, f"holds no positions in messages of {STATE_TYPE}, only: {_held(types)}")
+    return found
+
+
+def _state_of(message: Any) -> StateMessage:
+    stamp = int(message.header.stamp.sec) * NANOSECONDS + int(message.header.stamp.nanosec)
+    return StateMessage("", stamp, tuple(map(str, message.name)), list(message.position))
+
+
 def _message(path: PathName) -> _Message:
+    types: set[str] = set()
+    for _, _, message in _messages(path, _TRAJECTORY_TYPE, types, _taken_apart):
+        return message
+    raise FileFormatError(path, f"holds no message of {_TRAJECTORY_TYPE}, only: {_held(types)}")
+
+
+def _held(types: set[str]) -> str:
+    return ", ".join(sorted(types)) or "no message"
+
+
+def _messages(
+    path: PathName, kind: str, types: set[str], read: Callable[[Any], _Content]
+) -> Iterator[tuple[str, int, _Content]]:
+    """Yield topic, time of recording [ns] and content of messages of a type; note all types on the way."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -171,20 +225,18 @@ def _message(path: PathName) -> _Message:
         content = Path(path).read_bytes()
     except OSError as error:
         raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
-    types: set[str] = set()
+    factory = DecoderFactory()
     try:
-        reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[DecoderFactory()])
+        reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[factory])
         summary = reader.get_summary()
         for schema, channel, record in reader.iter_messages():
             types.add("" if schema is None else schema.name)
-            if schema is not None and schema.name == _TRAJECTORY_TYPE:
-                decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-                if decode is not None and summary is not None:
-                    return _taken_apart(decode(record.data))
+            if schema is not None and schema.name == kind and summary is not None:
+                decode = factory.decoder_for(channel.message_encoding, schema)
+                if decode is not None:
+                    yield channel.topic, int(record.log_time), read(decode(record.data))
     except Exception as error:  # a damaged file makes the libraries fail in ways without a common base
         raise FileFormatError(path, f"is no whole MCAP file: {type(error).__name__}: {error}") from error
-    held = ", ".join(sorted(types)) or "no message"
-    raise FileFormatError(path, f"holds no message of {_TRAJECTORY_TYPE}, only: {held}")
 
 
 def _table(path: PathName, name: str, rows: list[list[float]], n: int) -> Array | None:

@@ -13,8 +13,9 @@ from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.files.json_file import read_utf8
-from pepper_kin.files.sampled_motion import check_joint_names, check_times, through_points
+from pepper_kin.files.sampled_motion import check_joint_names, check_times
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.interpolation import through_points
 from pepper_kin.trajectory.trajectory import Trajectory
 
 CYCLE = 0.02

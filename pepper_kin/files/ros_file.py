@@ -18,10 +18,10 @@ from pepper_kin.files.sampled_motion import (
     check_joint_names,
     check_times,
     nanosecond_samples,
-    through_points,
     units_for,
 )
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.interpolation import through_points
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]

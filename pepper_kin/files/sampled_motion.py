@@ -1,4 +1,4 @@
-"""Motions given as points over time: what files hold, checked, and the trajectory through the points."""
+"""Motions given as points over time: what files hold, checked."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.trajectory import Samples, Trajectory, sample_times
+from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
@@ -84,35 +85,3 @@ def check_times(path: PathName, time: Array, line_of: Callable[[int], int | None
         i = int(falling[0]) + 1
         reason = f"time {float(time[i])!r} s does not come after {float(time[i - 1])!r} s of the point before"
         raise FileFormatError(path, reason, line_of(i))
-
-
-def through_points(
-    names: tuple[str, ...],
-    units: tuple[str, ...],
-    time: Array,
-    position: Array,
-    velocity: Array | None = None,
-    acceleration: Array | None = None,
-) -> Trajectory:
-    """Return the trajectory through points, by as much as is known of them.
-
-    Args:
-        names: Joints.
-        units: Of the joints.
-        time: Rising from 0 [s], shape (T,).
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline that starts and ends at rest.
-        acceleration: [rad/s^2 or m/s^2], shape (T, n), or None: cubic pieces through the velocities.
-
-    Returns:
-        The trajectory; of degree 5 where all three are known.
-    """
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline
-
-    if velocity is not None and acceleration is not None:
-        return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
-    if velocity is None:
-        spline = CubicSpline(time, position, bc_type="clamped")
-    else:
-        spline = CubicHermiteSpline(time, position, velocity)
-    return Trajectory(names, time, np.moveaxis(spline.c[::-1], 0, 1), units)

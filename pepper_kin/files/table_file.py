@@ -109,8 +109,17 @@ def read_table(path: PathName, expected: Sequence[str] | None = None) -> dict[st
             that are missing, unknown, doubled or in another order; a line cut short; a NaN; times that
             do not rise.
     """
-    names, rows = _lines(path)
+    names, rows = read_lines(path)
     _check_header(path, names, expected)
+    return numbers_of(path, names, rows)
+
+
+def numbers_of(path: PathName, names: list[str], rows: list[str]) -> dict[str, Array]:
+    """Return the numbers in the lines of a table, column -> values, shape (T,).
+
+    Raises:
+        FileFormatError: as `read_table`, for what is wrong beyond the first line.
+    """
     table = np.empty((len(rows), len(names)))
     for i, row in enumerate(rows):
         table[i] = _numbers(path, i + 2, row, names)
@@ -124,7 +133,12 @@ def read_table(path: PathName, expected: Sequence[str] | None = None) -> dict[st
     return {name: table[:, i].copy() for i, name in enumerate(names)}
 
 
-def _lines(path: PathName) -> tuple[list[str], list[str]]:
+def read_lines(path: PathName) -> tuple[list[str], list[str]]:
+    """Return the names of a table's columns, "time" first, and its lines of numbers.
+
+    Raises:
+        FileFormatError: for a file that cannot be read, is truncated, or lacks that line or numbers.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")  # spreadsheets begin a file with a mark of order
     except OSError as error:

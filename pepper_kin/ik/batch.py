@@ -148,7 +148,7 @@ def solve_batch(
         scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
         margin: Distance to the scene that is kept [m].
         seed: Draws the restarts.
-        joints: A joint group's name, or names of the joints that may move; None for all.
+        joints: Joints that may move, by names of joints and groups; None for all.
         max_iterations: Steps from each start.
         restarts: Further starts.
         threads: Threads that share the rows; the other solvers than "fast" use one.

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from pepper_kin.core.inverse_kinematics.local_solver import CLOSE
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -221,22 +221,12 @@ def movable_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> n
 
     Args:
         pepper: The robot.
-        joints: A group's name, joint names, or None for all.
+        joints: Joints and groups, see `PepperModel.resolve_joints`.
 
     Raises:
         UnknownNameError: for an unknown group or joint.
         InvalidValueError: where no joint is left.
     """
-    if joints is None:
-        return np.ones(pepper.n, dtype=bool)
-    if isinstance(joints, str):
-        if joints not in pepper.group_names:
-            raise UnknownNameError("joint group", joints, pepper.group_names)
-        names: Sequence[str] = pepper.joint_group(joints)
-    else:
-        names = tuple(joints)
-    if not names:
-        raise InvalidValueError("joints", repr(joints), "a group or names with at least one moving joint")
     movable = np.zeros(pepper.n, dtype=bool)
-    movable[[pepper.joint_index(name) for name in names]] = True
+    movable[[pepper.joint_index(name) for name in pepper.resolve_joints(joints)]] = True
     return movable

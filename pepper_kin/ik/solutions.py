@@ -53,7 +53,7 @@ def solutions(
         scene: What to keep clear of; None for nothing.
         margin: Distance to the scene that is kept [m].
         seed: Draws the starts.
-        joints: A joint group's name, or names of the joints that may move; the others keep q0.  None for all.
+        joints: Joints that may move, by names of joints and groups; the others keep q0.  None for all.
         starts: Number of starts.
         max_iterations: Steps from each start.
 

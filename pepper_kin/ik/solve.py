@@ -67,7 +67,8 @@ def solve(
         scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
         margin: Distance to the scene that is kept [m]; of its own parts the robot only keeps clear.
         seed: Draws the restarts.
-        joints: A joint group's name, or names of the joints that may move; the others keep q0. None for all.
+        joints: Joints that may move, by names of joints and groups, such as `["right_arm", "head"]`; the
+            others keep q0. None for all.
         max_iterations: Steps from each start.
         restarts: Further starts, used only as long as there is something to gain.  With a scene, "fast" may
             use more of them for a solution that touches nothing.

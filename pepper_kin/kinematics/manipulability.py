@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics.jacobian import frame_jacobian
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
@@ -20,7 +19,7 @@ def manipulability(
     q: ArrayLike,
     frame: str,
     *,
-    joints: Sequence[str] | None = None,
+    joints: str | Sequence[str] | None = None,
     part: str = "position",
 ) -> NDArray[np.float64]:
     """Return sqrt(det(J J^T)) of a frame: zero at a singularity, where some direction is out of reach.
@@ -32,7 +31,7 @@ def manipulability(
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         frame: A name of `pepper.frame_names`.
-        joints: Joints that may move, such as `pepper.joint_group("left_arm")`; all by default.
+        joints: Joints that may move: names of joints and groups, such as "left_arm"; all by default.
         part: "position" (three directions), "rotation" (three) or "pose" (six).
 
     Returns:
@@ -40,14 +39,11 @@ def manipulability(
         are fewer joints than directions.
 
     Raises:
-        UnknownNameError: for a frame or joint that the robot lacks.
+        UnknownNameError: for a frame, joint or group that the robot lacks.
         InvalidValueError: for another part, no joint, or a q of wrong length, or with NaN or infinity.
     """
     rows = PARTS[check_choice("part", part, tuple(PARTS))]
-    names = pepper.joint_names if joints is None else tuple(joints)
-    if not names:
-        raise InvalidValueError("joints", joints, "at least one joint")
-    columns = [pepper.joint_index(name) for name in names]
+    columns = [pepper.joint_index(name) for name in pepper.resolve_joints(joints)]
     jacobian = frame_jacobian(pepper, q, frame)[..., rows, :][..., columns]
     if len(columns) < jacobian.shape[-2]:
         return np.zeros(jacobian.shape[:-2])

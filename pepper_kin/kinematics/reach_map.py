@@ -158,7 +158,7 @@ def reach_map(
     Args:
         pepper: The robot.
         frame: A name of `pepper.frame_names`, such as "LArm_effector".
-        joints: Joints that move: a group's name, or names of joints; all by default.  Others stay at Stand.
+        joints: Joints that move: names of joints and groups; all by default.  Others stay at Stand.
         samples: Number of postures.
         resolution: Edge of a voxel [m].
         seed: Seed of the postures.
@@ -196,13 +196,7 @@ def reach_map(
 
 
 def _moving_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> tuple[str, ...]:
-    if joints is None:
-        return pepper.joint_names
-    names = pepper.joint_group(joints) if isinstance(joints, str) else tuple(joints)
-    if not names:
-        raise InvalidValueError("joints", repr(joints), "at least one joint")
-    chosen = {pepper.joint_index(name) for name in names}
-    return tuple(name for place, name in enumerate(pepper.joint_names) if place in chosen)
+    return tuple(sorted(pepper.resolve_joints(joints), key=pepper.joint_index))
 
 
 def _manipulability(pepper: PepperModel, q: Array, frame: str, columns: list[int]) -> Array:

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
     from pepper_kin.model.model_audit import Audit, audit
     from pepper_kin.model.paper_limits import LimitRow, LimitsTable, limits_table
     from pepper_kin.model.pepper_model import PepperModel
+    from pepper_kin.model.poses import (
+        pose,
+        quaternion_from_rotation,
+        rotation_from_quaternion,
+        rotation_from_rpy,
+        rpy_from_rotation,
+    )
     from pepper_kin.model.semantics import Semantics
     from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
     from pepper_kin.model.wheels import Wheels
@@ -48,7 +55,12 @@ __all__ = [
     "load_robot",
     "mesh_files",
     "pepper_urdf",
+    "pose",
+    "quaternion_from_rotation",
     "robot_digest",
+    "rotation_from_quaternion",
+    "rotation_from_rpy",
+    "rpy_from_rotation",
 ]
 
 __getattr__, __dir__ = lazily(
@@ -63,6 +75,16 @@ __getattr__, __dir__ = lazily(
         **dict.fromkeys(("Audit", "audit"), "model_audit"),
         **dict.fromkeys(("LimitRow", "LimitsTable", "limits_table"), "paper_limits"),
         "PepperModel": "pepper_model",
+        **dict.fromkeys(
+            (
+                "pose",
+                "quaternion_from_rotation",
+                "rotation_from_quaternion",
+                "rotation_from_rpy",
+                "rpy_from_rotation",
+            ),
+            "poses",
+        ),
         "Semantics": "semantics",
         **dict.fromkeys(("Box", "Capsule", "Cylinder", "Geometry", "Mesh", "Shape", "Sphere"), "shapes"),
         "Wheels": "wheels",

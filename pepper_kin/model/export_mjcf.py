@@ -14,8 +14,9 @@ from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinemati
 from pepper_kin.model.mesh_names import mesh_namer
 from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light, leader_of
 from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.poses import quaternion_from_rotation
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
-from pepper_kin.model.xml_text import child, document, number, numbers, quaternion_wxyz_of
+from pepper_kin.model.xml_text import child, document, number, numbers
 
 TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
 """Of a body that moves without mass, which MuJoCo does not allow [kg], [kg m^2]."""
@@ -184,4 +185,7 @@ class _MjcfWriter:
 
 
 def _pose(pose: NDArray[np.float64]) -> dict[str, str]:
-    return {"pos": numbers(pose[:3, 3]), "quat": numbers(quaternion_wxyz_of(pose[:3, :3]))}
+    return {
+        "pos": numbers(pose[:3, 3]),
+        "quat": numbers(quaternion_from_rotation(pose[:3, :3], order="wxyz")),
+    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,12 +12,14 @@ import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.dynamics_model import DynamicsModel
+from pepper_kin.model.joint_vectors import as_finite, check_within_limits
 from pepper_kin.model.semantics import Semantics
 from pepper_kin.model.urdf_document import UrdfDocument
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
+    from pepper_kin.model.changed_model import JointValues
     from pepper_kin.model.shapes import Shape
     from pepper_kin.model.wheels import Wheels
 
@@ -216,6 +218,44 @@ class PepperModel:
         members = set(self.semantics.groups[name])
         return tuple(joint for joint in self.joint_names if joint in members)
 
+    def resolve_joints(
+        self, joints: str | Iterable[str] | None, *, allow_none: bool = False
+    ) -> tuple[str, ...]:
+        """Return the names of joints, given by groups and joints mixed.
+
+        All functions with an argument `joints` ask this one.
+
+        Args:
+            joints: A name, or several, such as `["right_arm", "HeadYaw"]`: joints, and groups, which stand
+                for all of their joints in the order of the joint vector. None for all joints. A name that is
+                both means the joint.
+            allow_none: Whether no joint at all may be left.
+
+        Returns:
+            The names in the order given, each once.
+
+        Raises:
+            UnknownNameError: for a name that is neither, listing joints and groups.
+            InvalidValueError: for something that is not a list of names, or where no joint is left: the
+                fingers of locked hands are groups without joints.
+        """
+        if joints is None:
+            return self.joint_names
+        allowed = 'joints and groups by name, such as ["right_arm", "HeadYaw"]: at least one moving joint'
+        if not isinstance(joints, Iterable):
+            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+        found: dict[str, None] = {}
+        for name in [joints] if isinstance(joints, str) else joints:
+            if name in self.joint_names:
+                found[name] = None
+            elif name in self.group_names:
+                found.update(dict.fromkeys(self.joint_group(name)))
+            else:
+                raise UnknownNameError("joint or group", name, (*self.joint_names, *self.group_names))
+        if not found and not allow_none:
+            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+        return tuple(found)
+
     def posture(self, name: str) -> NDArray[np.float64]:
         """Return a named posture of the whole body, shape (n,) [rad or m].
 
@@ -247,24 +287,114 @@ class PepperModel:
 
         return export(self, format, mesh_paths=mesh_paths, zero_inertials=zero_inertials)
 
-    def joint_vector(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return a joint vector with some joints set and the rest from Stand, shape (n,).
+    def with_limits(
+        self,
+        *,
+        lower: JointValues | None = None,
+        upper: JointValues | None = None,
+        velocity: JointValues | None = None,
+        acceleration: JointValues | None = None,
+        effort: JointValues | None = None,
+    ) -> PepperModel:
+        """Return the robot with other limits; this one stays as it is.
+
+            careful = pepper.with_limits(velocity=0.5 * pepper.velocity_limits, upper={"HipPitch": 0.2})
+
+        The new limits are written into the new model's URDF, so that everything that is computed of it, its
+        exports among them, has them; machine code made for this model is not used for it.  Named postures are
+        moved into the new limits.
 
         Args:
-            values: Joint name -> position [rad or m].
+            lower: Lower limits [rad or m]: one number for all joints, shape (n,), or names of joints and
+                groups with a number each, the others as they are. -inf, with an upper one of inf, for none.
+            upper: Upper limits [rad or m], in the same forms.
+            velocity: Velocity limits [rad/s or m/s], in the same forms; inf for none.
+            acceleration: Acceleration limits [rad/s^2 or m/s^2], likewise.
+            effort: Effort limits [N m or N], likewise.
+
+        Returns:
+            A new model.
 
         Raises:
-            UnknownNameError: for a joint that the robot lacks.
-            InvalidValueError: for a value that is not a finite number.
+            UnknownNameError: for a joint or group that the robot lacks.
+            InvalidValueError: naming joint and limit, for a lower limit above the upper one, another limit
+                that is not above zero, a wrong shape, or NaN.
+            ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
         """
-        q = self.neutral()
-        for joint, value in values.items():
-            index = self.joint_index(joint)
-            try:
-                number = float(value)
-            except (TypeError, ValueError):
-                number = float("nan")
-            if not np.isfinite(number):
-                raise InvalidValueError(f"position of {joint}", value, "a finite number")
-            q[index] = number
+        from pepper_kin.model.changed_model import with_limits
+
+        given = {"lower": lower, "upper": upper, "velocity": velocity}
+        return with_limits(self, {**given, "acceleration": acceleration, "effort": effort})
+
+    def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
+        """Return the robot with other masses of some links; this one stays as it is.
+
+        A link's inertia about its center of mass grows in proportion, and the center of mass stays where it
+        is.  All is as in `with_limits`.  For what a hand carries, functions take `payload`.
+
+        Args:
+            masses: Link -> mass [kg], above zero.
+
+        Returns:
+            A new model.
+
+        Raises:
+            UnknownNameError: for a link that the robot lacks, or that has no mass, listing those that have.
+            InvalidValueError: for a mass that is not above zero.
+            ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
+        """
+        from pepper_kin.model.changed_model import with_masses
+
+        return with_masses(self, masses)
+
+    def joint_vector(
+        self,
+        values: Mapping[str, ArrayLike] | Sequence[float] | NDArray[np.float64],
+        *,
+        rest: str | ArrayLike | None = None,
+        check_limits: bool = False,
+    ) -> NDArray[np.float64]:
+        """Return a joint vector with some joints set and the rest from Stand, or with all set, shape (n,).
+
+        Args:
+            values: Joint name -> position [rad or m], or group name -> positions of its joints in the order
+                of `joint_group`; or all n positions in the order of `joint_names`.
+            rest: Where joints are that `values` does not name: a posture's name, or n positions; Stand where
+                the robot has it if omitted, see `neutral`.
+            check_limits: Whether positions outside the joint limits are refused.
+
+        Returns:
+            A new array.
+
+        Raises:
+            UnknownNameError: for a joint, group or posture that the robot lacks.
+            InvalidValueError: for a value that is not a finite number, a wrong number of them, or a joint
+                that is named twice.
+            LimitError: with `check_limits`, naming the joint that is farthest outside.
+        """
+        if isinstance(values, Mapping):
+            q = self.posture(rest) if isinstance(rest, str) else self._rest(rest)
+            for place, value in self._named(values).items():
+                q[place] = value
+        else:
+            q = as_finite(values, "joint vector", (self.n,)).copy()
+        if check_limits:
+            check_within_limits(self, q, "joint vector")
         return q
+
+    def _rest(self, rest: ArrayLike | None) -> NDArray[np.float64]:
+        return self.neutral() if rest is None else as_finite(rest, "rest", (self.n,)).copy()
+
+    def _named(self, values: Mapping[str, ArrayLike]) -> dict[int, float]:
+        """Return place -> position of joints given by names of joints and groups."""
+        found: dict[int, float] = {}
+        for name, value in values.items():
+            joints = self.resolve_joints(name)
+            single = name in self.joint_names
+            numbers = as_finite(value, f"position of {name}", () if single else (len(joints),))
+            for joint, number in zip(joints, numbers.reshape(-1).tolist(), strict=True):
+                place = self.joint_index(joint)
+                if place in found:
+                    raise InvalidValueError(f"position of {joint}", "two values", "each joint once")
+                found[place] = number
+        return found

@@ -6,9 +6,6 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pepper_kin.exceptions import InvalidValueError
 
 
@@ -41,36 +38,3 @@ def document(root: ET.Element, *comments: str) -> str:
     ET.indent(root)
     notes = "".join(f"<!-- {comment.replace('--', '- -')} -->\n" for comment in comments)
     return f'<?xml version="1.0"?>\n{notes}{ET.tostring(root, encoding="unicode")}\n'
-
-
-def rpy_of(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw [rad] of Rz(yaw) Ry(pitch) Rx(roll), shape (3, 3).
-
-    At pitch = +-pi/2, where roll and yaw turn about one axis, yaw is zero.
-    """
-    r = rotation
-    pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
-    if math.hypot(r[0, 0], r[1, 0]) < 1e-9:
-        return math.atan2(-math.copysign(1.0, r[2, 0]) * r[0, 1], r[1, 1]), pitch, 0.0
-    return math.atan2(r[2, 1], r[2, 2]), pitch, math.atan2(r[1, 0], r[0, 0])
-
-
-def quaternion_wxyz_of(rotation: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Return the unit quaternion (w, x, y, z), w >= 0, of a rotation, shape (3, 3).
-
-    Shepperd's choice of the largest of the four components keeps the division well conditioned.
-    """
-    r = np.asarray(rotation, dtype=float)
-    squares = np.array([1 + np.trace(r), *(1 - np.trace(r) + 2 * np.diag(r))])
-    q = np.empty(4)
-    largest = int(np.argmax(squares))
-    if largest == 0:
-        q[:] = squares[0], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
-    else:
-        i = largest - 1
-        j, k = (i + 1) % 3, (i + 2) % 3
-        q[0], q[1 + i] = r[k, j] - r[j, k], squares[largest]
-        q[1 + j], q[1 + k] = r[j, i] + r[i, j], r[k, i] + r[i, k]
-    q /= np.linalg.norm(q)
-    q = q if q[0] >= 0 else -q
-    return float(q[0]), float(q[1]), float(q[2]), float(q[3])

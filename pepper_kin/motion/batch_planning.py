@@ -43,7 +43,7 @@ class PlanProblem:
         goal: Goal configuration, several, or IK tasks.
         scene: The world around the robot; problems in one world should share one object.
         planner: The planner's name.
-        joints: Joints that may move.
+        joints: Joints that may move, by names of joints and groups.
         constraints: IK tasks kept along the whole path.
         costs: Soft costs.
         margin: Distance wished for to all things [m].

@@ -144,7 +144,7 @@ def cartesian_path(
         curves: `Line` and `Arc`, the first from where the hand is at `start`.
         scene: The world around the robot; itself is always looked at.
         direction: Where the hand should point in the world, shape (3,), not zero; None to leave it open.
-        joints: A group's name, or names of the joints that may move; the others keep `start`.  None for all.
+        joints: Joints that may move, by names of joints and groups; the others keep `start`.  None for all.
         step: Largest distance between stops [m]; they lie nearer where a joint moves fast.
         margin: Distance to keep to the scene [m]; its own parts must not touch.
         tolerance: Largest distance of the hand from the curve at a stop [m].

@@ -71,7 +71,7 @@ def plan_constrained(
         scene: The world around the robot.
         constraints: Tasks with one target and a finite tolerance each.
         costs: Soft costs that are made small together with the length, see `plan_costed`.
-        joints: Joints that may move: a group name or joint names.  None: those in which start and goals
+        joints: Joints that may move: names of joints and groups. None: those in which start and goals
             differ; give more where the constraints leave them no freedom.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
             nearer than that, or where no path keeps it.

@@ -73,7 +73,7 @@ def plan_costed(
         scene: The world around the robot.
         costs: Expressions (`PathCost`), and tasks with a finite tolerance, whose price is the square of the
             error in tolerances.
-        joints: Joints that may move: a group name or joint names.  None: those in which start and goals
+        joints: Joints that may move: names of joints and groups. None: those in which start and goals
             differ; give more where others can lower the cost.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
             nearer than that, or where no path keeps it.

@@ -65,8 +65,7 @@ def refuse_what_cannot_drive(
     """
     if not base_places(pepper).size or (planner == "rrt_connect" and not constrained):
         return
-    names = pepper.joint_group(joints) if isinstance(joints, str) else joints
-    if names is None or set(names) & set(BASE_JOINTS):
+    if set(pepper.resolve_joints(joints)) & set(BASE_JOINTS):
         what = "constraints or costs" if constrained else "planner"
         raise InvalidValueError(
             what, "given, while the differential base may move", f"joints= without {', '.join(BASE_JOINTS)}"

@@ -259,7 +259,7 @@ def free_joints(
 
     Args:
         pepper: The robot.
-        joints: A group, names, or None for those in which start and goals differ.
+        joints: Joints and groups, or None for those in which start and goals differ.
         start: Start configuration, shape (n,).
         goals: Goal configurations, shape (m, n).
 
@@ -283,8 +283,7 @@ def free_joints(
 
 @lru_cache(maxsize=64)
 def _places_of(pepper: PepperModel, joints: str | tuple[str, ...]) -> NDArray[np.int64]:
-    names = pepper.joint_group(joints) if isinstance(joints, str) else joints
-    places = np.array(sorted(pepper.joint_index(name) for name in names), dtype=np.int64)
+    places = np.array(sorted(map(pepper.joint_index, pepper.resolve_joints(joints))), dtype=np.int64)
     places.setflags(write=False)
     return places
 
@@ -307,7 +306,7 @@ def clear_goals(
         checks: The robot in its scene, compiled.
         start: Where the motion starts, shape (n,).
         tasks: Tasks that the fast solver knows.
-        joints: Joints that may move: a group or names; None for all.
+        joints: Joints that may move: joints and groups; None for all.
         margin: Distance to the scene that is preferred [m].
         seed: Draws the starts.
         timeout: Time budget [s]; it is looked at between rounds.

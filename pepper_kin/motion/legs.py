@@ -38,7 +38,7 @@ class Leg:
         goal: A configuration [rad or m], shape (n,), several, shape (m, n), or IK tasks.
         constraints: Tasks that stay met along this leg, both ends included; empty for none.
         costs: Soft costs along this leg; empty for none.
-        joints: Joints that may move: a group's name or joint names; None: those of `plan_legs`.
+        joints: Joints that may move: names of joints and groups; None: those of `plan_legs`.
     """
 
     goal: ArrayLike | Sequence[Any]
@@ -136,7 +136,7 @@ def plan_legs(
         start: Start configuration [rad or m], shape (n,), which meets the constraints of the first leg.
         legs: What to do, one after the other.
         scene: The world around the robot, the same for all legs.
-        joints: Joints that may move: a group name or joint names.  None: those in which the ends of a leg
+        joints: Joints that may move: names of joints and groups. None: those in which the ends of a leg
             differ.
         margin: Distance wished for to the scene and to the robot itself [m].
         least_margin: As of `plan`, for all legs.

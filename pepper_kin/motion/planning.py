@@ -68,7 +68,7 @@ def plan(
         scene: The world around the robot.
         planner: "rrt_connect"; "aorrtc", which improves its path until `gap` or `timeout`; or a name of
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
-        joints: Joints that may move, a group or names; None: those in which start and goals differ.
+        joints: Joints that may move, by joints and groups; None: those in which start and goals differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
         costs: Soft costs that are made small together with the length; `plan_costed` then plans.
         margin: Distance wished for to all things [m]; less where start or goal are nearer than that, or where

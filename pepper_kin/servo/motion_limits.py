@@ -47,9 +47,7 @@ def motion_limits(
 
 def _places(pepper: PepperModel, names: str | Iterable[str]) -> np.ndarray:
     found = np.zeros(pepper.n, dtype=bool)
-    for name in [names] if isinstance(names, str) else names:
-        joints = pepper.joint_group(name) if name in pepper.group_names else (name,)
-        found[[pepper.joint_index(joint) for joint in joints]] = True
+    found[[pepper.joint_index(name) for name in pepper.resolve_joints(names, allow_none=True)]] = True
     return found
 
 

@@ -13,8 +13,9 @@ from pepper_kin.trajectory.online import OnlineMotion
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.retiming import retime
+from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.timeline import Curve, ImportedMotion, Timeline, import_timeline
-from pepper_kin.trajectory.trajectory import Samples, State, Trajectory
+from pepper_kin.trajectory.trajectory import State, Trajectory
 
 __all__ = [
     "Binding",

@@ -27,8 +27,9 @@ from pepper_kin.trajectory.jerk_rows import Rows, make_rows
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath
+from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
-from pepper_kin.trajectory.trajectory import Samples, Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,8 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.trajectory import Samples, State, Trajectory
+from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.trajectory import State, Trajectory
 
 Array = NDArray[np.float64]
 

@@ -59,6 +59,11 @@ class PlannedPath(Protocol):
         """What to try, in a sentence."""
 
 
+_ALLOWED = (
+    "a plan, way-points of shape (k, n), or a curve such as plan.curve; of other results their path, their "
+    "trajectory, or their own retime()"
+)
+
 PathLike: TypeAlias = ArrayLike | PiecewiseCubic | PlannedPath
 
 
@@ -114,19 +119,30 @@ class CubicPath:
     def extremes(self) -> Array:
         """Return all positions where a joint may be extreme, ends of pieces and dq/ds = 0, shape (k, n)."""
         h = np.diff(self.breaks)
-        pieces = np.arange(h.size)
-        found = [self.coefficients[:, 0], self.at(pieces[-1:], h[-1:])]
-        a, b, c = (self.coefficients[:, p] * f for p, f in ((3, 3.0), (2, 2.0), (1, 1.0)))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = np.sqrt(b * b - 4 * a * c)
-            # The stable pair of roots of a x^2 + b x + c; linear where a = 0.
-            w = -(b + np.where(b >= 0, root, -root)) / 2
-            roots = [w / a, c / w]
-        for x in roots:
-            inside = (x > 0) & (x < h[:, None])  # False for NaN
-            piece, joint = np.nonzero(inside)
-            found.append(self.at(piece, x[piece, joint]))
-        return np.concatenate(found)
+        piece, _, local = turning_points(h, self.coefficients)
+        last = self.at(np.array([h.size - 1]), h[-1:])
+        return np.concatenate([self.coefficients[:, 0], last, self.at(piece, local)])
+
+
+def turning_points(step: Array, coefficients: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Return where cubic pieces have dq/dt = 0 in their inside.
+
+    Args:
+        step: Lengths of the pieces, shape (m,).
+        coefficients: Constant term first, shape (m, 4, n).
+
+    Returns:
+        Piece and joint, shape (k,), and the parameter since the piece's start, shape (k,).
+    """
+    a, b, c = (coefficients[:, p] * f for p, f in ((3, 3.0), (2, 2.0), (1, 1.0)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(b * b - 4 * a * c)
+        # The stable pair of roots of a x^2 + b x + c; linear where a = 0.
+        w = -(b + np.where(b >= 0, root, -root)) / 2
+        found = np.stack([w / a, c / w])
+        inside = (found > 0) & (found < step[:, None])  # False for NaN
+    pair, piece, joint = np.nonzero(inside)
+    return piece, joint, found[pair, piece, joint]
 
 
 def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
@@ -161,10 +177,19 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         found = _quick_spline(pepper, path)
         if found is not None:
             return found
+        if not isinstance(path, (np.ndarray, list, tuple)) and np.asarray(path).dtype.kind == "O":
+            raise InvalidValueError("path", f"a {type(path).__name__}", _ALLOWED)
         curve = _through_waypoints(pepper, _waypoints(pepper, path))
         check_within_limits(pepper, curve.extremes(), "path", LIMIT_TOLERANCE)
         return curve
     assert isinstance(path, PiecewiseCubic)
+    degree = np.asarray(path.coefficients).shape[1:2]
+    if degree != (4,):
+        raise InvalidValueError(
+            "path",
+            f"pieces of degree {degree[0] - 1}" if degree else "coefficients without pieces",
+            "cubic pieces; of another trajectory its positions, such as trajectory.sample(0.05).position",
+        )
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName, write_bytes
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.exceptions import MissingDependencyError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.quantities import unit_of
@@ -33,7 +33,7 @@ def plot(
     pepper: PepperModel,
     path: PathName | None = None,
     *,
-    joints: Sequence[str] | None = None,
+    joints: str | Sequence[str] | None = None,
     title: str | None = None,
 ) -> Any:
     """Draw a trajectory against the robot's limits.
@@ -47,7 +47,7 @@ def plot(
         trajectory: The trajectory; its joints must be the robot's.
         pepper: The robot.
         path: File to write, .png, .pdf or .svg; nothing is written if omitted.
-        joints: Joints to draw; those that move if omitted.
+        joints: Joints to draw, names of joints and groups; those that move if omitted.
         title: Heading; duration and joints if omitted.
 
     Returns:
@@ -55,7 +55,7 @@ def plot(
 
     Raises:
         InvalidValueError: where the joints are not the robot's, or the trajectory does not move.
-        UnknownNameError: for an unknown joint or suffix.
+        UnknownNameError: for an unknown joint, group or suffix.
         MissingDependencyError: where matplotlib is not installed.
         FileFormatError: where the file cannot be written.
     """
@@ -95,11 +95,9 @@ def _figure() -> Any:
     return figure
 
 
-def _places(pepper: PepperModel, position: Array, joints: Sequence[str] | None) -> list[int]:
+def _places(pepper: PepperModel, position: Array, joints: str | Sequence[str] | None) -> list[int]:
     if joints is not None:
-        if isinstance(joints, str) or len(joints) == 0:
-            raise InvalidValueError("joints", repr(joints), "a list of one or more names")
-        return [pepper.joint_index(name) for name in joints]
+        return [pepper.joint_index(name) for name in pepper.resolve_joints(joints)]
     return [int(j) for j in np.flatnonzero(np.ptp(position, axis=0) > _MOVES)]
 
 

@@ -63,7 +63,7 @@ def retime(
     gridpoints: int = 200,
     solver: str = "fast",
 ) -> Trajectory:
-    """Return the time-optimal trajectory along a path, from rest to rest; the module says how.
+    """Return the time-optimal trajectory along a plan or another path, from rest to rest; see the module.
 
     Args:
         pepper: The robot, which gives the limits; infinite ones of velocity and torque do not act.

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.core.splines import derivatives_on_pieces, evaluate_at_times, quintic_hermite
+from pepper_kin.core.splines import derivatives_on_pieces, evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory.samples import Samples, names_and_units
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.binding import Binding
     from pepper_kin.trajectory.certificate import Certificate
+    from pepper_kin.trajectory.key_frames import Frame
 
 Array = NDArray[np.float64]
 _Value = TypeVar("_Value", "Samples", "Trajectory")
@@ -40,56 +42,6 @@ class State(NamedTuple):
     position: Array
     velocity: Array
     acceleration: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """A trajectory at discrete times; the arrays are read-only.
-
-    Attributes:
-        joint_names: Order of the columns.
-        time: [s], shape (T,), rising from 0.
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n).
-        acceleration: [rad/s^2 or m/s^2], shape (T, n).
-        joint_units: "rad" or "m" for each joint; all "rad" if omitted.
-    """
-
-    joint_names: tuple[str, ...]
-    time: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    joint_units: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        names, units = _names_and_units(self.joint_names, self.joint_units)
-        object.__setattr__(self, "joint_names", names)
-        object.__setattr__(self, "joint_units", units)
-        object.__setattr__(self, "time", read_only(as_finite(self.time, "time", (None,))))
-        shape = (self.time.size, len(names))
-        for quantity in ("position", "velocity", "acceleration"):
-            object.__setattr__(self, quantity, read_only(as_finite(getattr(self, quantity), quantity, shape)))
-
-    def __len__(self) -> int:
-        return int(self.time.size)
-
-    def to_trajectory(self) -> Trajectory:
-        """Return the trajectory of degree 5 that meets position, velocity and acceleration at every sample.
-
-        Returns:
-            The trajectory; between samples it is the quintic Hermite interpolant.
-
-        Raises:
-            InvalidValueError: for fewer than two samples, or times that do not rise from 0.
-        """
-        if len(self) < 2:
-            raise InvalidValueError("samples", len(self), "at least 2")
-        step = np.diff(self.time)
-        if self.time[0] != 0.0 or np.any(step <= 0):
-            raise InvalidValueError("time", "times that do not rise from 0", "times that rise from 0")
-        pieces = quintic_hermite(step, self.position, self.velocity, self.acceleration)
-        return Trajectory(self.joint_names, self.time, pieces, self.joint_units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +74,7 @@ class Trajectory:
             InvalidValueError: naming the field, for a wrong shape, NaN, breaks that do not rise from 0
                 (a duration of zero among them), or names that are not unique.
         """
-        names, units = _names_and_units(self.joint_names, self.joint_units)
+        names, units = names_and_units(self.joint_names, self.joint_units)
         breaks = read_only(as_finite(self.breaks, "breaks", (None,)))
         if breaks.size < 2 or breaks[0] != 0.0 or np.any(np.diff(breaks) <= 0):
             raise InvalidValueError(
@@ -139,6 +91,92 @@ class Trajectory:
             ("coefficients", coefficients),
         ):
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_positions(
+        cls,
+        times: ArrayLike,
+        positions: ArrayLike,
+        pepper: PepperModel | None = None,
+        *,
+        joints: str | Sequence[str] | None = None,
+        rest: ArrayLike | None = None,
+        interpolation: str = "cubic",
+        overshoot: float = 0.01,
+    ) -> Trajectory:
+        """Return the trajectory through positions at given times, such as a recording's.
+
+        It passes every position at its time and is at rest at both ends.  It knows no other limit: `check`
+        it, or time it anew with `retime(pepper, positions)`.
+
+        Args:
+            times: Rising [s], shape (T,), two or more; the first becomes time 0.
+            positions: [rad or m], shape (T, k), a column for each of `joints`.
+            pepper: The robot, whose joints and limits are used; the trajectory then has all of its joints.
+            joints: What the columns are: names of joints and groups, see `PepperModel.resolve_joints`; all
+                joints of the robot if omitted. Without a robot the names of the columns, all in radians.
+            rest: Where the robot's other joints stay [rad or m], shape (n,); Stand, or neutral, if omitted.
+            interpolation: "cubic": the cubic spline, whose acceleration is continuous; "monotone": cubic
+                pieces that never leave the two positions at their ends, whose acceleration jumps
+                (Fritsch and Butland 1984; `scipy.interpolate.PchipInterpolator`).
+            overshoot: How far a joint may leave the range of its samples, or its limits, without a warning
+                [rad or m].
+
+        Raises:
+            InvalidValueError: naming the argument, for a wrong shape, NaN, or times that do not rise.
+            UnknownNameError: for a joint or group that the robot lacks, or another interpolation.
+
+        Warns:
+            OvershootWarning: naming the worst joints, where the trajectory leaves the range of a joint's
+                samples, or its limits, by more than `overshoot`.
+        """
+        from pepper_kin.trajectory.interpolation import from_positions
+
+        return from_positions(
+            times,
+            positions,
+            pepper,
+            joints=joints,
+            rest=rest,
+            interpolation=interpolation,
+            overshoot=overshoot,
+        )
+
+    @classmethod
+    def from_keyframes(
+        cls,
+        keyframes: Mapping[float, Frame] | Iterable[tuple[float, Frame]],
+        pepper: PepperModel,
+        *,
+        start: str | ArrayLike | None = None,
+    ) -> Trajectory:
+        """Return the motion through key frames: postures at given times, of all joints or of some.
+
+            wave = Trajectory.from_keyframes(
+                {0.0: "Stand", 1.0: {"RShoulderPitch": -0.9, "RElbowRoll": 1.2}, 2.5: "Stand"}, pepper
+            )
+
+        A joint moves from one frame that names it to the next that does; it never leaves the two positions
+        in between, and stops where it turns back (a `Timeline` with automatic handles).  Speeds follow from
+        the times alone: `check` it; `make_safe` slows it down where it has to, `retime(pepper, postures)`
+        finds the times itself.
+
+        Args:
+            keyframes: Time [s] -> frame, or pairs of them, with times that rise from 0 or later.  A frame is
+                a posture's name, a mapping from names of joints and groups to positions, or all n positions
+                [rad or m], see `PepperModel.joint_vector`.
+            pepper: The robot.
+            start: Where joints come from that no frame at time 0 names: a posture's name or n positions;
+                Stand, or neutral, if omitted.
+
+        Raises:
+            InvalidValueError: for times that do not rise, no time between them, or a frame that is none.
+            UnknownNameError: for a posture, joint or group that the robot lacks.
+            LimitError: for a position outside the limits, naming frame and joint.
+        """
+        from pepper_kin.trajectory.key_frames import from_keyframes
+
+        return from_keyframes(keyframes, pepper, start)
 
     def __repr__(self) -> str:
         return f"Trajectory({self.n} joints, {self.duration:.4g} s, {self.breaks.size - 1} pieces)"
@@ -387,13 +425,3 @@ def sample_times(duration: float, dt: float) -> Array:
     time = time[: count + 1] if count < time.size else np.append(time, duration)
     time[-1] = duration
     return time
-
-
-def _names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    names = tuple(names)
-    if not names or len(set(names)) != len(names):
-        raise InvalidValueError("joint_names", names, "one or more names, each once")
-    units = tuple(units) or ("rad",) * len(names)
-    if len(units) != len(names) or not set(units) <= {"rad", "m"}:
-        raise InvalidValueError("joint_units", units, f"'rad' or 'm' for each of {len(names)} joints")
-    return names, units

@@ -89,13 +89,8 @@ def mass_factors(pepper: PepperModel, count: int, scale: Mapping[str, ArrayLike]
     result = np.ones((count, pepper.n))
     for name, value in scale.items():
         factor = _positive(value, f"mass_scale of {name}", count, least=None)
-        if name in pepper.joint_names:
-            result[:, pepper.joint_index(name)] *= factor
-        elif name in pepper.group_names:
-            for joint in pepper.joint_group(name):
-                result[:, pepper.joint_index(joint)] *= factor
-        else:
-            raise UnknownNameError("joint or group", name, (*pepper.joint_names, *pepper.group_names))
+        for joint in pepper.resolve_joints(name, allow_none=True):
+            result[:, pepper.joint_index(joint)] *= factor
     return result
 
 

@@ -84,7 +84,7 @@ class TwinBatch:
         )
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._delay = Delay(round(self.actuators.latency / self.timestep))
-        self._q = self._v = self._torque = np.empty((0, 0))
+        self._q = self._v = self._torque = np.zeros((self.count, pepper.n))
         self.reset()
 
     @property
@@ -97,25 +97,35 @@ class TwinBatch:
         """Present velocities [rad/s or m/s], shape (N, n)."""
         return self._v.copy()
 
-    def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> None:
-        """Put the robots somewhere.
+    def reset(
+        self, q: ArrayLike | None = None, v: ArrayLike | None = None, *, rows: ArrayLike | None = None
+    ) -> None:
+        """Put the robots, or some of them, somewhere; the others go on as if nothing had happened.
 
         Args:
-            q: Positions [rad or m], shape (n,) or (N, n); the neutral posture (Stand) if omitted.
-            v: Velocities [rad/s or m/s], shape (n,) or (N, n); rest if omitted.
+            q: Positions [rad or m], shape (n,), or one for each of k robots, shape (k, n); the neutral
+                posture (Stand) if omitted.
+            v: Velocities [rad/s or m/s], shape (n,) or (k, n); rest if omitted.
+            rows: Which robots: their numbers from 0, shape (k,), each once, or a mask, shape (N,), such as
+                `run.good_steps < steps`; all of them, k = N, if omitted.
 
         Raises:
-            InvalidValueError: for a wrong shape, NaN or infinity.
+            InvalidValueError: for a wrong shape, NaN or infinity, or rows that there are not.
             LimitError: for a position outside the limits.
         """
         rest = np.zeros(self.pepper.n)
-        position = self._states(self.pepper.neutral() if q is None else q, "q")
-        velocity = self._states(rest if v is None else v, "v")
+        places = np.arange(self.count) if rows is None else self._rows(rows)
+        position = self._states(self.pepper.neutral() if q is None else q, "q", places.size)
+        velocity = self._states(rest if v is None else v, "v", places.size)
         check_within_limits(self.pepper, position, "q", 1e-6)
-        self._q, self._v = position, velocity
-        self._torque = self._torque_at_rest()
+        # The present arrays may be those of a run that was handed out.
+        self._q, self._v, torque = self._q.copy(), self._v.copy(), self._torque.copy()
+        self._q[places], self._v[places] = position, velocity
+        torque[places] = self._torque_at_rest()[places]
+        self._torque = torque
         still = np.zeros_like(position)
-        self._delay.fill(Command(position, still, self._feedforward(position, still, still, rest)))
+        command = Command(position, still, self._feedforward(position, still, still, rest))
+        self._delay.fill(command, places, self.count)
 
     def execute(
         self,
@@ -267,10 +277,23 @@ class TwinBatch:
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
         return np.where(self._torque_mode, effort, forward)
 
-    def _states(self, value: ArrayLike, quantity: str) -> Array:
-        """Return joint vectors of all robots, shape (N, n)."""
+    def _rows(self, rows: ArrayLike) -> NDArray[np.int64]:
+        """Return the numbers of some robots, shape (k,)."""
+        array = np.asarray(rows)
+        if array.dtype == bool and array.shape == (self.count,):
+            return np.flatnonzero(array)
+        allowed = f"numbers from 0 to {self.count - 1}, each once, or a mask of shape ({self.count},)"
+        if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
+            raise InvalidValueError("rows", f"{array.dtype} of shape {array.shape}", allowed)
+        places = array.astype(np.int64)
+        if np.unique(places).size < places.size or np.any((places < 0) | (places >= self.count)):
+            raise InvalidValueError("rows", np.array2string(places, threshold=8), allowed)
+        return places
+
+    def _states(self, value: ArrayLike, quantity: str, count: int) -> Array:
+        """Return joint vectors of k robots, shape (k, n)."""
         array = as_joint_vectors(self.pepper, value, quantity)
-        shape = (self.count, self.pepper.n)
+        shape = (count, self.pepper.n)
         if array.shape not in (shape[1:], shape):
             raise InvalidValueError(quantity, f"shape {array.shape}", f"shape {shape[1:]} or {shape}")
         return np.broadcast_to(array, shape).copy()

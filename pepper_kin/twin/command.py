@@ -65,11 +65,28 @@ class Delay:
         self.ticks = ticks
         self._waiting: Command | None = None
 
-    def fill(self, command: Command) -> None:
-        """Let one command, shape (n,) or (N, n), stand for all that came before."""
+    def fill(self, command: Command, rows: NDArray[np.int64] | None = None, count: int = 0) -> None:
+        """Let one command stand for all that came before, of all robots or of some of them.
+
+        Args:
+            command: Shape (n,) or (N, n); of k robots (k, n).
+            rows: Which of N robots, shape (k,); all if omitted.
+            count: N, where rows are given.
+        """
         if not self.ticks:
             return
-        self._waiting = Command(*(np.repeat(x[..., np.newaxis, :], self.ticks, axis=-2) for x in command))
+        filled = Command(*(np.repeat(x[..., np.newaxis, :], self.ticks, axis=-2) for x in command))
+        if rows is None or rows.size == count:
+            order = slice(None) if rows is None else np.argsort(rows)
+            self._waiting = Command(*(x[order] for x in filled))
+            return
+        assert self._waiting is not None
+        waiting = []
+        for before, new in zip(self._waiting, filled, strict=True):
+            line = np.broadcast_to(before, (count, *before.shape[1:])).copy()
+            line[rows] = new
+            waiting.append(line)
+        self._waiting = Command(*waiting)
 
     def through(self, command: Command) -> Command:
         """Put T commands in and take the T out that are due."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.poses import quaternions_of
 from pepper_kin.viewer.drawable import rigid_transforms
 
 
@@ -164,35 +165,12 @@ def frames_of_samples(
     """
     instants = _checked_times(times)
     poses = rigid_transforms("link_poses", kept_poses, (kept.size, link_count, 4, 4))
-    quaternions = _quaternions(poses[..., :3, :3])
+    quaternions = quaternions_of(poses[..., :3, :3])
     # q and -q are one orientation; choose signs so that neighbouring frames blend along the short way.
     turns = np.where(np.einsum("fli,fli->fl", quaternions[1:], quaternions[:-1]) < 0.0, -1.0, 1.0)
     quaternions[1:] *= np.cumprod(turns, axis=0)[..., None]
     curves = tuple(_sampled(name, curve, instants.size, kept) for name, curve in series.items())
     return MotionFrames(instants[kept], poses[..., :3, 3], quaternions, curves)
-
-
-def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quaternions (x, y, z, w), shape (..., 4), of rotation matrices, shape (..., 3, 3).
-
-    Each row of 4 q q' is q times one of its components; that of the largest is taken (Shepperd 1978).
-    """
-    r = np.moveaxis(rotations, (-2, -1), (0, 1))
-    x, y, z = r[0, 0], r[1, 1], r[2, 2]
-    xy, xz, yz = r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1]
-    xw, yw, zw = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
-    products = np.array(
-        [
-            [1 + x - y - z, xy, xz, xw],
-            [xy, 1 - x + y - z, yz, yw],
-            [xz, yz, 1 - x - y + z, zw],
-            [xw, yw, zw, 1 + x + y + z],
-        ]
-    )
-    products = np.moveaxis(products, (0, 1), (-2, -1))
-    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
-    rows = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
-    return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:

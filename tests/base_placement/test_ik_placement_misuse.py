@@ -31,7 +31,7 @@ LEFT = pk.ik.HandPosition("left", POINT)
             InvalidValueError,
             "left hand: 2, gaze of CameraTop_frame: 3",
         ),
-        ({"joints": "tail"}, UnknownNameError, "unknown joint group 'tail'"),
+        ({"joints": "tail"}, UnknownNameError, "unknown joint or group 'tail'"),
         ({"stand": (0, 0)}, InvalidValueError, "stand: got shape"),
         ({"stand": (0, np.nan, 0)}, InvalidValueError, "stand: got nan"),
         ({"stand": (5000, 0, 0)}, InvalidValueError, "stand: got .* expected a place within"),

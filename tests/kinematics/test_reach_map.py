@@ -132,9 +132,9 @@ def test_files_that_are_none_are_refused(arm_map, tmp_path):
     ("arguments", "error", "message"),
     [
         ({"frame": "nose"}, UnknownNameError, "unknown frame 'nose'"),
-        ({"joints": "tail"}, UnknownNameError, "unknown joint group 'tail'"),
-        ({"joints": ("LElbowRoll", "tail")}, UnknownNameError, "unknown joint 'tail'"),
-        ({"joints": ()}, InvalidValueError, "joints: got .*at least one joint"),
+        ({"joints": "tail"}, UnknownNameError, "unknown joint or group 'tail'"),
+        ({"joints": ("LElbowRoll", "tail")}, UnknownNameError, "unknown joint or group 'tail'"),
+        ({"joints": ()}, InvalidValueError, "joints: got .*at least one moving joint"),
         ({"samples": 0}, InvalidValueError, "samples: got 0, expected an integer of at least 1"),
         ({"samples": 1e6}, InvalidValueError, "samples: got 1000000.0, expected an integer"),
         ({"seed": -1}, InvalidValueError, "seed: got -1"),

@@ -86,7 +86,7 @@ def test_joint_vector_takes_the_rest_from_stand():
         (lambda p: p.joint_group("tail"), "joint group", "both_arms"),
         (lambda p: p.joint_index("Tail"), "joint", "KneePitch"),
         (lambda p: p.frame_id("Tail"), "frame", "LArm_effector"),
-        (lambda p: p.joint_vector({"Tail": 0.1}), "joint", "HeadYaw"),
+        (lambda p: p.joint_vector({"Tail": 0.1}), "joint or group", "HeadYaw"),
     ],
 )
 def test_unknown_names_list_what_there_is(call, kind, listed):

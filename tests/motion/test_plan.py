@@ -199,7 +199,7 @@ def test_bad_input_is_named():
             pk.plan(pepper, stand, stand, planner=name)
     with pytest.raises(InvalidValueError, match=r"goal: got other values of HeadYaw"):
         pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 1.0}), joints="left_arm")
-    with pytest.raises(UnknownNameError, match="unknown joint group 'tail'"):
+    with pytest.raises(UnknownNameError, match="unknown joint or group 'tail'"):
         pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 1.0}), joints="tail")
     with pytest.raises(InvalidValueError, match="timeout: got -1"):
         pk.plan(pepper, stand, stand, timeout=-1)

@@ -219,7 +219,7 @@ def test_misuse_is_refused_by_name():
         pk.ik.Servo(PEPPER, beyond)
     with pytest.raises(InvalidValueError, match="q0: got nan at joint HeadYaw"):
         pk.ik.Servo(PEPPER, np.where(np.arange(15) == 3, np.nan, STAND))
-    with pytest.raises(UnknownNameError, match="unknown joint 'Tail'"):
+    with pytest.raises(UnknownNameError, match="unknown joint or group 'Tail'"):
         pk.ik.Servo(PEPPER, STAND, locked=["Tail"])
     servo = pk.ik.Servo(PEPPER, STAND)
     with pytest.raises(UnknownNameError, match="unknown frame 'tail'"):

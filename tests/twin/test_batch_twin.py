@@ -164,6 +164,58 @@ def test_arrays_are_read_only(pepper):
         run.position[0] = 1.0
 
 
+@pytest.mark.parametrize("rows", [[4, 1], np.array([False, True, False, False, True, False, False])])
+@pytest.mark.parametrize("latency", [0.0, 0.006])
+def test_some_robots_are_put_elsewhere_and_the_others_go_on(pepper, rows, latency):
+    """Those put elsewhere do what a new twin does there; the others as without a reset, to the bit."""
+    rng = np.random.default_rng(2)
+    stand = pepper.posture("Stand")
+    actuators = actuator_parameters(pepper, "motor").changed(latency=latency)
+    first, then = (stand + 0.05 * rng.normal(size=(COUNT, 30, 15)) for _ in range(2))
+    start = stand + 0.05 * rng.uniform(-1, 1, (2, 15))
+    speed = 0.1 * rng.normal(size=(2, 15))
+    batch, undisturbed = (TwinBatch(pepper, COUNT, 2e-3, actuators=actuators) for _ in range(2))
+    before = batch.follow(first)
+    undisturbed.follow(first)
+    kept = before.final_position.copy()
+    batch.reset(start, speed, rows=rows)
+    np.testing.assert_array_equal(before.final_position, kept)
+    run, other = batch.follow(then, every=1), undisturbed.follow(then, every=1)
+    places = [4, 1] if isinstance(rows, list) else [1, 4]
+    for k, robot in enumerate(places):
+        twin = Twin(pepper, 2e-3, actuators=actuators)
+        twin.reset(start[k], speed[k])
+        same(run, robot, twin.follow(then[robot]))
+    rest = np.setdiff1d(np.arange(COUNT), places)
+    for quantity in ("position", "velocity", "torque"):
+        np.testing.assert_array_equal(getattr(run, quantity)[rest], getattr(other, quantity)[rest])
+
+
+def test_one_posture_for_some_robots_and_none_for_no_robot(pepper):
+    batch = TwinBatch(pepper, 3)
+    crouch = pepper.posture("Crouch")
+    batch.reset(crouch, rows=[2])
+    stand = pepper.neutral()
+    np.testing.assert_array_equal(batch.position, [stand, stand, crouch])
+    batch.reset(rows=[])
+    np.testing.assert_array_equal(batch.position, [stand, stand, crouch])
+    batch.reset(rows=[2])
+    np.testing.assert_array_equal(batch.position, [stand] * 3)
+    batch.reset(np.array([crouch, stand, stand]), rows=[1, 0, 2])
+    np.testing.assert_array_equal(batch.position, [stand, crouch, stand])
+
+
+def test_wrong_rows_are_refused(pepper):
+    batch = TwinBatch(pepper, 3)
+    for rows in ([3], [-1], [0, 0], [0.5], [True, False], 1):
+        with pytest.raises(InvalidValueError, match=r"rows: got .*numbers from 0 to 2, each once, or a mask"):
+            batch.reset(rows=rows)
+    with pytest.raises(
+        InvalidValueError, match=r"q: got shape \(3, 15\), expected shape \(15,\) or \(2, 15\)"
+    ):
+        batch.reset(np.zeros((3, 15)), rows=[0, 1])
+
+
 def test_what_is_wrong_is_refused(pepper, trajectory):
     batch = TwinBatch(pepper, 3)
     q = pepper.posture("Stand")

@@ -287,7 +287,9 @@ def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
     """
     used = np.zeros(pepper.n, dtype=bool)
     for task in tasks:
-        if task.reference:
+        if task.kind == "LineThroughPoint":
+            used[pepper.joints_above(task.frame) + pepper.joints_above(task.reference)] = True
+        elif task.reference:
             from pepper_kin.ik.fast.task_residuals import joints_of_relative
 
             used |= joints_of_relative(pepper, task)

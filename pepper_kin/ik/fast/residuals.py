@@ -54,12 +54,41 @@ def direction_residual(axis: Array, basis: Array, direction: Any) -> tuple[Any, 
 
     row, sideways = casadi.DM(axis[None]), casadi.DM(basis)
     across, cosine = sideways @ direction, row @ direction
-    square = casadi.sumsqr(across)
-    behind = casadi.logic_and(square < PARALLEL**2, cosine < 0)
-    # Exactly behind, every way round is as good, so the first is taken.
+    behind = _is_behind(casadi.sumsqr(across), cosine)
     across = casadi.vertcat(
         casadi.if_else(behind, PARALLEL, across[0]), casadi.if_else(behind, 0.0, across[1])
     )
+    factor, slope = _factor_and_slope(casadi.sumsqr(across), cosine)
+    return factor * across, factor * sideways + slope * (across @ row)
+
+
+def turn_between(first: Any, second: Any) -> tuple[Any, Any, Any]:
+    """Return r, dr/da and dr/dd as `pepper_kin.ik.tasks.direction.turn_between`, for SX directions."""
+    import casadi
+
+    across, cosine = casadi.cross(first, second), casadi.dot(first, second)
+    behind = _is_behind(casadi.sumsqr(across), cosine)
+    # Exactly behind, the turn is about a direction across the first, as `sideways_basis` has it.
+    helper = casadi.if_else(casadi.fabs(first[1]) < 0.9, casadi.DM([0, 1, 0]), casadi.DM([0, 0, 1]))
+    aside = helper - casadi.dot(helper, first) * first
+    aside = PARALLEL * aside / casadi.sqrt(casadi.sumsqr(aside))
+    across = casadi.vertcat(*[casadi.if_else(behind, aside[k], across[k]) for k in range(3)])
+    factor, slope = _factor_and_slope(casadi.sumsqr(across), cosine)
+    by_first = -factor * skew(second) + slope * (across @ second.T)
+    return factor * across, by_first, factor * skew(first) + slope * (across @ first.T)
+
+
+def _is_behind(square: Any, cosine: Any) -> Any:
+    """Return whether two directions are exactly opposite: every way round is as good, the first is taken."""
+    import casadi
+
+    return casadi.logic_and(square < PARALLEL**2, cosine < 0)
+
+
+def _factor_and_slope(square: Any, cosine: Any) -> tuple[Any, Any]:
+    """Return f = theta / sin(theta) and its derivative by cos(theta), given the sine's square."""
+    import casadi
+
     square = casadi.fmax(square, PARALLEL**2)
     # Next to c = -1 the cosine has lost the angle that the sine still has.
     factor = casadi.if_else(
@@ -68,7 +97,7 @@ def direction_residual(axis: Array, basis: Array, direction: Any) -> tuple[Any, 
     slope = casadi.if_else(
         casadi.logic_and(square < 1e-6, cosine > 0), -1 / 3, (cosine * factor - 1) / square
     )
-    return factor * across, factor * sideways + slope * (across @ row)
+    return factor, slope
 
 
 def rotation_residual(turn: Any) -> tuple[Any, Any]:

@@ -20,6 +20,7 @@ from pepper_kin.ik.tasks import (
     FrameOrientation,
     FramePosition,
     JointPosture,
+    LineThroughPoint,
     LookAt,
     RelativeOrientation,
     RelativePosition,
@@ -33,6 +34,7 @@ KINDS = (
     "FrameOrientation",
     "AxisAlignment",
     "LookAt",
+    "LineThroughPoint",
     "JointPosture",
     "RelativePosition",
     "RelativeOrientation",
@@ -54,7 +56,8 @@ class Structure(NamedTuple):
         axis: Axis in the frame, or normal in the world, for tasks that have one.
         joints: Names of the joints, for a posture; empty for all.
         target_size: Numbers that describe the target.
-        reference: Name of the frame that `frame` or the centre of mass is seen from; empty for the world.
+        reference: Name of the frame that `frame` or the centre of mass is seen from, or where a line begins;
+            empty for the world.
         corners: Corners of the polygon of contacts, x and y in turn, for a task that has one.
         hard: Whether the task is hard.
         source: Of an expression, see `Expression.source`.
@@ -132,6 +135,9 @@ _READERS: dict[type, Callable[[Any], Structure]] = {
     FrameOrientation: lambda task: _of_frame("FrameOrientation", task.frame, task.hard, 9),
     AxisAlignment: lambda task: _of_frame("AxisAlignment", task.frame, task.hard, 3, task.axis.tobytes()),
     LookAt: lambda task: _of_frame("LookAt", task.frame, task.hard, 3, task.axis.tobytes()),
+    LineThroughPoint: lambda task: _of_frame(
+        "LineThroughPoint", task.frame, task.hard, 3, reference=task.start
+    ),
     JointPosture: _posture,
     RelativePosition: lambda task: _of_frame(
         "RelativePosition", task.frame, task.hard, 3, reference=task.reference

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pepper_kin.ik.fast.residuals import direction_residual, rotation_residual, skew
+from pepper_kin.ik.fast.residuals import direction_residual, rotation_residual, skew, turn_between
 from pepper_kin.ik.fast.structure import Structure
 from pepper_kin.ik.problem import generic_configurations
 from pepper_kin.ik.tasks import CenterOfMassOverWheels
@@ -98,18 +98,33 @@ def _axis_alignment(pepper: PepperModel, task: Structure, motion: Motion, target
 
 
 def _look_at(pepper: PepperModel, task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
-    import casadi
-
     pose, jacobian = motion.frames[task.frame]
     axis, turn = np.array(task.axis), pose[:, :3].T
-    line = target - pose[:, 3]
-    length = casadi.sqrt(casadi.sumsqr(line))
-    distance, near = casadi.fmax(length, NEAREST), length < NEAREST
-    sight = (1 - near) * line / distance + near * np.array([1.0, 0.0, 0.0])  # as `LookAt.sight` says
+    sight, distance = _direction(target - pose[:, 3])
     residual, slope = direction_residual(axis, sideways_basis(axis), turn @ sight)
     ahead = slope @ turn
     across = (ahead - (ahead @ sight) @ sight.T) / distance
     return residual, (ahead @ skew(sight)) @ jacobian[3:, :] - across @ jacobian[:3, :]
+
+
+def _line_through_point(pepper: PepperModel, task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    pose, jacobian = motion.frames[task.frame]
+    start, other = motion.frames[task.reference]
+    along, length = _direction(pose[:, 3] - start[:, 3])
+    sight, distance = _direction(target - pose[:, 3])
+    residual, by_along, by_sight = turn_between(along, sight)
+    swing = (by_along - (by_along @ along) @ along.T) / length
+    across = (by_sight - (by_sight @ sight) @ sight.T) / distance
+    return residual, (swing - across) @ jacobian[:3, :] - swing @ other[:3, :]
+
+
+def _direction(line: Any) -> tuple[Any, Any]:
+    """Return the unit vector of a line and its length, x where it is nothing, as the tasks' classes do."""
+    import casadi
+
+    length = casadi.sqrt(casadi.sumsqr(line))
+    distance, near = casadi.fmax(length, NEAREST), length < NEAREST
+    return (1 - near) * line / distance + near * np.array([1.0, 0.0, 0.0]), distance
 
 
 def _joint_posture(pepper: PepperModel, task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
@@ -201,6 +216,7 @@ _RESIDUALS: dict[str, Callable[[PepperModel, Structure, Motion, Any], tuple[Any,
     "FrameOrientation": _frame_orientation,
     "AxisAlignment": _axis_alignment,
     "LookAt": _look_at,
+    "LineThroughPoint": _line_through_point,
     "JointPosture": _joint_posture,
     "RelativePosition": _relative_position,
     "RelativeOrientation": _relative_orientation,

@@ -9,9 +9,10 @@ from pepper_kin.ik.tasks.frame_in_plane import FrameInPlane
 from pepper_kin.ik.tasks.frame_orientation import FrameOrientation
 from pepper_kin.ik.tasks.frame_pose import FramePose
 from pepper_kin.ik.tasks.frame_position import FramePosition
-from pepper_kin.ik.tasks.hands import HAND_FRAMES, HandPose, HandPosition, Point
+from pepper_kin.ik.tasks.hands import HAND_FRAMES, HandPose, HandPosition, Point, PointAt
 from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.joint_value import JointValue
+from pepper_kin.ik.tasks.line_through_point import LineThroughPoint
 from pepper_kin.ik.tasks.look_at import LookAt
 from pepper_kin.ik.tasks.relative_orientation import RelativeOrientation
 from pepper_kin.ik.tasks.relative_pose import RelativePose
@@ -35,8 +36,10 @@ __all__ = [
     "HandPosition",
     "JointPosture",
     "JointValue",
+    "LineThroughPoint",
     "LookAt",
     "Point",
+    "PointAt",
     "RelativeOrientation",
     "RelativePose",
     "RelativePosition",

@@ -37,6 +37,30 @@ def cross_matrix(vector: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def turn_between(first: Array, second: Array) -> tuple[Array, Array, Array]:
+    """Return r, dr/da and dr/dd of the turn from a unit direction a to a unit direction d, both moving.
+
+    r = f a x d with f = theta / sin theta, see `direction_residual`; with c = a . d,
+
+        dr/da = -f [d]x + f'(c) (a x d) d^T,    dr/dd = f [a]x + f'(c) (a x d) a^T.
+
+    Args:
+        first: a, shape (3,).
+        second: d, shape (3,).
+
+    Returns:
+        r, shape (3,) [rad], dr/da and dr/dd, shape (3, 3) each.
+    """
+    across, cosine = cross_matrix(first) @ second, float(first @ second)
+    sine = float(np.linalg.norm(across))
+    if sine < PARALLEL and cosine < 0:
+        # Exactly behind: every way round is as good, so take the first.
+        across, sine = PARALLEL * sideways_basis(first)[0], PARALLEL
+    factor, slope = _angle_over_sine(sine, cosine)
+    by_first = -factor * cross_matrix(second) + slope * np.outer(across, second)
+    return factor * across, by_first, factor * cross_matrix(first) + slope * np.outer(across, first)
+
+
 def direction_residual(axis: Array, basis: Array, direction: Array) -> tuple[Array, Array]:
     """Return r and dr/dd of the turn from a unit axis a to a unit direction d.
 
@@ -56,13 +80,17 @@ def direction_residual(axis: Array, basis: Array, direction: Array) -> tuple[Arr
     """
     across, cosine = basis @ direction, float(axis @ direction)
     sine = math.hypot(across[0], across[1])
-    theta = math.atan2(sine, cosine)
     if sine < PARALLEL and cosine < 0:
         # Exactly behind: every way round is as good, so take the first.
         across, sine = np.array([PARALLEL, 0.0]), PARALLEL
-    if theta < 1e-3:
-        factor, slope = 1 + theta**2 / 6, -1 / 3 - 2 * theta**2 / 15
-    else:
-        factor = theta / sine
-        slope = (cosine * factor - 1) / sine**2
+    factor, slope = _angle_over_sine(sine, cosine)
     return factor * across, factor * basis + slope * np.outer(across, axis)
+
+
+def _angle_over_sine(sine: float, cosine: float) -> tuple[float, float]:
+    """Return f = theta / sin theta and its derivative by cos theta."""
+    theta = math.atan2(sine, cosine)
+    if theta < 1e-3:
+        return 1 + theta**2 / 6, -1 / 3 - 2 * theta**2 / 15
+    factor = theta / sine
+    return factor, (cosine * factor - 1) / sine**2

@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
@@ -19,6 +18,7 @@ from pepper_kin.ik.tasks.task import (
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
+from pepper_kin.model.poses import check_rotations
 from pepper_kin.model.shapes import read_only
 
 
@@ -105,11 +105,4 @@ def checked_rotation(matrix: ArrayLike, quantity: str) -> Array:
     Raises:
         InvalidValueError: where it is not orthonormal and right-handed to 1e-6.
     """
-    array = as_targets(matrix, quantity, (3, 3))
-    skewness = np.abs(array @ np.swapaxes(array, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    bad = (skewness > 1e-6) | (np.linalg.det(array) < 0)
-    if bad.any():
-        raise InvalidValueError(
-            quantity, array[bad][0].tolist(), "a rotation matrix: orthonormal, right-handed"
-        )
-    return read_only(array)
+    return read_only(check_rotations(as_targets(matrix, quantity, (3, 3)), quantity))

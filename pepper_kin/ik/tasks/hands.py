@@ -8,9 +8,14 @@ from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.ik.tasks.axis_alignment import AHEAD, AxisAlignment
 from pepper_kin.ik.tasks.frame_pose import FramePose
 from pepper_kin.ik.tasks.frame_position import FramePosition
+from pepper_kin.ik.tasks.line_through_point import LineThroughPoint
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE
+from pepper_kin.model.joint_vectors import check_choice
 
 HAND_FRAMES = {"left": "LArm_effector", "right": "RArm_effector"}
+
+# Where the line of `PointAt` begins, after the letter of the side: the elbow's and the shoulder's center.
+LINE_STARTS = {"forearm": "ForeArm", "arm": "Bicep"}
 
 
 def hand_frame(hand: str) -> str:
@@ -101,8 +106,49 @@ class HandPose(FramePose):
         )
 
 
+class PointAt(LineThroughPoint):
+    """A hand points at a point, as people do with a stretched arm: the arm's line passes through it.
+
+    The line is that of the forearm, from the elbow (`LForeArm`) through the middle of the hand (`l_hand`):
+    the axis that the wrist turns about and that the open fingers follow, which is where an onlooker sees the
+    arm point.  With `line="arm"` it begins in the shoulder (`LBicep`): shoulder, hand and point are on one
+    line, however far the elbow is bent.  Either way the point lies beyond the hand, and the error is the
+    angle between the line and the point as seen from the hand: at a distance d the line passes d sin(error)
+    beside it.  Where the arm should only be parallel to a direction, use `Point`; with frames of your own, or
+    for another robot, `LineThroughPoint`.
+
+    Args:
+        hand: "left" or "right".
+        point: The point in the world [m], shape (3,), or (N, 3) for `solve_batch`.
+        line: "forearm" or "arm".
+        weight: Weight in the sum of squares.
+        tolerance: Largest angle of a task that is met [rad].
+        hard: Whether it is met even where soft tasks suffer from it.
+
+    Raises:
+        UnknownNameError: for another hand.
+        InvalidValueError: for another line, or a point of wrong shape, or with NaN or infinity.
+    """
+
+    def __init__(
+        self,
+        hand: str,
+        point: ArrayLike,
+        line: str = "forearm",
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+        *,
+        hard: bool = False,
+    ) -> None:
+        side = hand_frame(hand)[0]
+        start = side + LINE_STARTS[check_choice("line", line, tuple(LINE_STARTS))]
+        super().__init__(start, f"{side.lower()}_hand", point, weight, tolerance, f"{hand} {line}", hard=hard)
+
+
 class Point(AxisAlignment):
     """The forearm and hand point along a direction: `AxisAlignment` of the x axis of the hand's effector.
+
+    For a point to be pointed at there is `PointAt`.
 
     Args:
         hand: "left" or "right".

@@ -1,0 +1,148 @@
+"""Recorded joint states, in CSV or MCAP, as trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.atomic_file import PathName
+from pepper_kin.exceptions import FileFormatError, UnknownNameError
+from pepper_kin.files.mcap_file import StateMessage, read_states
+from pepper_kin.files.sampled_motion import NANOSECONDS
+from pepper_kin.files.table_file import numbers_of, read_lines
+from pepper_kin.trajectory.interpolation import OVERSHOOT, from_positions
+from pepper_kin.trajectory.quantities import UNITS
+
+if TYPE_CHECKING:
+    from pepper_kin.model import PepperModel
+    from pepper_kin.trajectory.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+IGNORED = ("LHand", "RHand", "WheelFL", "WheelFR", "WheelB")
+"""Joints that Pepper reports and that most of our models do not move."""
+
+_SUFFIXES = (".csv", ".mcap")
+_POSITION = "position"
+
+
+def read_joint_states(
+    path: PathName,
+    pepper: PepperModel,
+    *,
+    topic: str | None = None,
+    ignore: Sequence[str] = IGNORED,
+    rest: ArrayLike | None = None,
+    interpolation: str = "cubic",
+    overshoot: float = OVERSHOOT,
+) -> Trajectory:
+    """Read recorded joint positions of a robot, from any program, as a trajectory through all of them.
+
+    What this library wrote itself is read exactly by `load`.
+
+    A .csv file has a first line that names its columns: `time` [s] first, then `<joint>` or
+    `<joint>.position` [rad or m]; columns of other quantities, as `run.csv` has them, are left out.  An .mcap
+    file has messages `sensor_msgs/msg/JointState`, whose headers' times are used where they are set.  Joints
+    may be in any order, and some may be missing: these stay at `rest`.
+
+    Args:
+        path: The file.
+        pepper: The robot.
+        topic: Which topic of an .mcap file to read; the only one with joint states if omitted.
+        ignore: Joints that may be in the file though the robot lacks them.
+        rest: Where joints stay that the file lacks [rad or m], shape (n,); Stand, or neutral, if omitted.
+        interpolation: "cubic" or "monotone", see `Trajectory.from_positions`.
+        overshoot: How far a joint may leave the range of its samples, or its limits, without a warning
+            [rad or m].
+
+    Returns:
+        The trajectory of all joints of the robot; the first sample is at time 0.
+
+    Raises:
+        UnknownNameError: for another suffix, or a topic that the file lacks.
+        FileFormatError: naming path and line or message, for a file that cannot be read, a joint that the
+            robot lacks and `ignore` does not name, none that it has, NaN, or times that do not rise.
+        MissingDependencyError: for .mcap without its package.
+        InvalidValueError: for a `rest` of the wrong shape, or an option out of range.
+
+    Warns:
+        OvershootWarning: as `Trajectory.from_positions`.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise UnknownNameError("suffix", suffix, _SUFFIXES)
+    time, columns = _from_csv(path) if suffix == ".csv" else _from_mcap(path, topic)
+    known = [name for name in columns if name in pepper.joint_names]
+    unknown = [name for name in columns if name not in pepper.joint_names and name not in ignore]
+    if unknown:
+        raise FileFormatError(path, f"the robot has no joint {unknown[0]!r}; ignore=[...] leaves joints out")
+    if not known:
+        raise FileFormatError(path, f"has no position of the robot's joints, {', '.join(pepper.joint_names)}")
+    if time.size < 2:
+        raise FileFormatError(path, "has one sample only, expected at least 2")
+    return from_positions(
+        time,
+        np.column_stack([columns[name] for name in known]),
+        pepper,
+        joints=known,
+        rest=rest,
+        interpolation=interpolation,
+        overshoot=overshoot,
+    )
+
+
+def _from_csv(path: PathName) -> tuple[Array, dict[str, Array]]:
+    """Return times [s], shape (T,), and positions by joint, shape (T,) each."""
+    names, rows = read_lines(path)
+    joints: dict[str, str] = {}
+    for name in names[1:]:
+        joint, dot, quantity = name.strip().rpartition(".")
+        if not dot or quantity not in UNITS:
+            joint, quantity = name.strip(), _POSITION
+        if quantity == _POSITION:
+            if joint in joints or not joint:
+                raise FileFormatError(
+                    path, f"two columns, {joint!r} twice" if joint else "a column without name", 1
+                )
+            joints[joint] = name
+    table = numbers_of(path, names, rows)
+    return table[names[0]], {joint: table[name] for joint, name in joints.items()}
+
+
+def _from_mcap(path: PathName, topic: str | None) -> tuple[Array, dict[str, Array]]:
+    """Return times since the first message [s], shape (T,), and positions by joint, shape (T,) each."""
+    states = read_states(path)
+    topics = sorted({state.topic for state in states})
+    if topic is not None and topic not in topics:
+        raise UnknownNameError("topic with joint states", topic, topics)
+    if topic is None and len(topics) > 1:
+        raise FileFormatError(path, f"has joint states on {', '.join(topics)}: choose one by topic=")
+    chosen = [state for state in states if topic is None or state.topic == topic]
+    _check(path, chosen)
+    stamps = np.array([state.stamp for state in chosen], dtype=np.int64)
+    order = list(chosen[0].names)
+    rows = [[dict(zip(s.names, s.position, strict=True))[name] for name in order] for s in chosen]
+    table = np.array(rows, dtype=float)
+    return (stamps - stamps[0]) / NANOSECONDS, {name: table[:, j] for j, name in enumerate(order)}
+
+
+def _check(path: PathName, states: list[StateMessage]) -> None:
+    first = states[0]
+    for i, state in enumerate(states):
+        place = f"message {i + 1} of {state.topic}"
+        if len(state.position) != len(state.names) or len(set(state.names)) != len(state.names):
+            reason = f"has {len(state.position)} positions for {len(set(state.names))} different joints"
+            raise FileFormatError(path, f"{place} {reason}")
+        if set(state.names) != set(first.names):
+            raise FileFormatError(
+                path, f"{place} is of other joints than the first: {', '.join(state.names)}"
+            )
+        if not np.isfinite(state.position).all():
+            wrong = state.names[int(np.argmin(np.isfinite(state.position)))]
+            raise FileFormatError(path, f"{place}: position of {wrong} is not finite")
+        if i and state.stamp <= states[i - 1].stamp:
+            raise FileFormatError(path, f"{place}: its time does not come after that of the message before")

@@ -1,0 +1,142 @@
+"""Let the line through two frames pass through a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.direction import turn_between
+from pepper_kin.ik.tasks.look_at import NEAREST
+from pepper_kin.ik.tasks.task import (
+    ANGLE_TOLERANCE,
+    Array,
+    Task,
+    as_targets,
+    words_for_angle,
+    words_for_vector,
+)
+from pepper_kin.kinematics import frame_jacobian, frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class LineThroughPoint(Task):
+    """The line from the origin of one frame through that of another meets a point p beyond the second.
+
+    With a the origin of `start`, b that of `frame`, w = (b - a) / |b - a| and u = (p - b) / |p - b|,
+
+        r(q) = (theta / sin theta) w x u,   |r| = theta,
+
+    the angle at b between the line and the point, up to pi for a point on the other side: the point is
+    |p - b| sin(theta) beside the line.  See `turn_between` for dr/dw and dr/du; with J_a and J_b the linear
+    Jacobians of both origins,
+
+        dw/dq = (I - w w^T) (J_b - J_a) / |b - a|,   du/dq = -(I - u u^T) J_b / |p - b|.
+
+    `PointAt` is this task of Pepper's arms.  With a camera as `start`, a hand covers the point for the eye.
+
+    Attributes:
+        start: Where the line begins, a name of `pepper.frame_names`.
+        frame: What it goes through next, another one, at another place.
+        target: The point p in the world [m], shape (3,), or (N, 3) for `solve_batch`, read-only.
+        weight: Weight in the sum of squares.
+        tolerance: Largest angle of a task that is met [rad].
+        hard: Whether it is met even where soft tasks suffer from it.
+        label: What points, in words; both frames' names if left empty.
+
+    Raises:
+        InvalidValueError: for one frame twice or a point that is none; where it is used, for two frames that
+            are at the same place.
+    """
+
+    start: str
+    frame: str
+    target: Array
+    weight: float
+    tolerance: float
+    hard: bool
+    label: str
+    unit: ClassVar[str] = "rad"
+    aspect: ClassVar[str] = "line"
+
+    def __init__(
+        self,
+        start: str,
+        frame: str,
+        point: ArrayLike,
+        weight: float = 1.0,
+        tolerance: float = ANGLE_TOLERANCE,
+        label: str = "",
+        *,
+        hard: bool = False,
+    ) -> None:
+        if start == frame:
+            raise InvalidValueError("start and frame", f"{frame!r} twice", "two different frames")
+        name = label or f"{start} to {frame}"
+        self._fill(
+            name, weight, tolerance, hard,
+            start=start, frame=frame, label=name,
+            target=read_only(as_targets(point, f"point of {name}", (3,))),
+        )  # fmt: skip
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot without one of the frames, or on which both are at the same place."""
+        if _distance(pepper, self.start, self.frame) < NEAREST:
+            raise InvalidValueError(
+                f"line of {self.label}",
+                f"{self.start} and {self.frame} at the same place",
+                "two frames that are apart",
+            )
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the turn still to make, about the world's axes [rad], shape (3,)."""
+        (along, _), (sight, _) = self._lines(pepper, q)
+        return turn_between(along, sight)[0]
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return dr/dw dw/dq + dr/du du/dq, shape (3, n)."""
+        (along, length), (sight, distance) = self._lines(pepper, q)
+        _, by_along, by_sight = turn_between(along, sight)
+        moving = frame_jacobian(pepper, q, self.frame)[:3]
+        swing = _across(along, moving - frame_jacobian(pepper, q, self.start)[:3]) / length
+        return np.asarray(by_along @ swing - by_sight @ _across(sight, moving) / distance)
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far the line passes beside the point."""
+        angle = words_for_angle(self.error(pepper, q))
+        return f"the line of {self.label} passes {angle} beside {words_for_vector(self.target)}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the direction of the line."""
+        return f"direction {words_for_vector(self._lines(pepper, q)[0][0])}"
+
+    def _lines(self, pepper: PepperModel, q: Array) -> tuple[tuple[Array, float], tuple[Array, float]]:
+        """Return w and |b - a| [m], u and |p - b| [m]."""
+        first = frame_pose(pepper, q, self.start)[:3, 3]
+        second = frame_pose(pepper, q, self.frame)[:3, 3]
+        return _direction(second - first), _direction(self.target - second)
+
+
+def _direction(line: Array) -> tuple[Array, float]:
+    """Return the unit vector of a line and its length [m]; of one that is nothing, x."""
+    length = float(np.linalg.norm(line))
+    return (line / length, length) if length >= NEAREST else (np.array([1.0, 0.0, 0.0]), NEAREST)
+
+
+def _across(direction: Array, jacobian: Array) -> Array:
+    """Return (I - d d^T) J."""
+    return np.asarray(jacobian - np.outer(direction, direction @ jacobian))
+
+
+@lru_cache(maxsize=64)
+def _distance(pepper: PepperModel, start: str, frame: str) -> float:
+    """Return how far two frames are apart at the neutral posture [m]."""
+    q = pepper.neutral()
+    apart = frame_pose(pepper, q, frame)[:3, 3] - frame_pose(pepper, q, start)[:3, 3]
+    return float(np.linalg.norm(apart))

@@ -1,0 +1,137 @@
+"""A model with other limits or masses: a new description, of which everything is computed anew."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
+from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.urdf_document import parse_urdf
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
+
+Array = NDArray[np.float64]
+JointValues: TypeAlias = "ArrayLike | Mapping[str, float]"
+
+
+def with_limits(pepper: PepperModel, given: Mapping[str, JointValues | None]) -> PepperModel:
+    """Return the model of `PepperModel.with_limits`, which describes arguments and errors.
+
+    Args:
+        pepper: The robot.
+        given: "lower", "upper", "velocity", "acceleration" and "effort" -> what is changed of it, or None.
+    """
+    limits = {
+        "lower": pepper.lower_limits,
+        "upper": pepper.upper_limits,
+        "velocity": pepper.velocity_limits,
+        "acceleration": pepper.acceleration_limits,
+        "effort": pepper.effort_limits,
+    }
+    new = {
+        quantity: limits[quantity]
+        if value is None
+        else _of_joints(pepper, f"{quantity} limits", value, limits[quantity])
+        for quantity, value in given.items()
+    }
+    _check(pepper, new)
+    root = ET.fromstring(pepper.urdf)
+    for element in root.findall("joint"):
+        name = element.get("name", "")
+        if name not in pepper.joint_names:
+            continue
+        limit = element.find("limit")
+        limit = ET.SubElement(element, "limit") if limit is None else limit
+        values = {quantity: float(array[pepper.joint_index(name)]) for quantity, array in new.items()}
+        if element.get("type") != "prismatic":
+            element.set("type", "continuous" if np.isinf(values["lower"]) else "revolute")
+        for quantity, value in values.items():
+            if np.isfinite(value):
+                limit.set(quantity, repr(value))
+            else:
+                limit.attrib.pop(quantity, None)
+    return _rebuilt(pepper, root)
+
+
+def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel:
+    """Return the model of `PepperModel.with_masses`, which describes arguments and errors."""
+    root = ET.fromstring(pepper.urdf)
+    found: dict[str, ET.Element] = {}
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        mass = None if inertial is None else inertial.find("mass")
+        if inertial is not None and mass is not None and float(mass.get("value", "0")) > 0:
+            found[link.get("name", "")] = inertial
+    if not isinstance(masses, Mapping):
+        raise InvalidValueError("masses", repr(masses)[:80], "link -> mass [kg]")
+    for name, value in masses.items():
+        if name not in found:
+            raise UnknownNameError("link with a mass", name, found)
+        new = check_positive(f"mass of {name}", value, "kg")
+        mass, inertia = found[name].find("mass"), found[name].find("inertia")
+        assert mass is not None
+        factor = new / float(mass.get("value", "0"))
+        mass.set("value", repr(new))
+        if inertia is not None:
+            for key, moment in list(inertia.attrib.items()):
+                inertia.set(key, repr(factor * float(moment)))
+    return _rebuilt(pepper, root)
+
+
+def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
+    from pepper_kin.model.load import model_of
+
+    if pepper.dynamics_model.changed() is not None:
+        raise ModelError(
+            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, which a new model would lose; "
+            "change limits and masses before"
+        )
+    old = pepper.document
+    document = parse_urdf(ET.tostring(root, encoding="unicode"), old.package_dirs)
+    return model_of(replace(document, wheels=old.wheels), pepper.semantics, pepper.sphere_set)
+
+
+def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:
+    """Return numbers of all joints, shape (n,): one for all, one for each, or some by joint and group."""
+    if not isinstance(value, Mapping):
+        array = np.asarray(value, dtype=object)
+        numbers = [_number(quantity, each) for each in array.reshape(-1)]
+        if array.shape not in ((), (pepper.n,)):
+            raise InvalidValueError(quantity, f"shape {array.shape}", f"one number, or shape ({pepper.n},)")
+        return np.broadcast_to(np.array(numbers), (pepper.n,)).copy()
+    result = np.array(present)
+    for name, number in value.items():
+        places = [pepper.joint_index(joint) for joint in pepper.resolve_joints(name)]
+        result[places] = _number(f"{quantity} of {name}", number)
+    return result
+
+
+def _number(quantity: str, value: object) -> float:
+    if isinstance(value, (float, int, np.floating)) and np.isinf(value):
+        return float(value)
+    return float(as_finite(value, quantity, ()))  # type: ignore[arg-type]
+
+
+def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
+    for j, name in enumerate(pepper.joint_names):
+        lower, upper = float(new["lower"][j]), float(new["upper"][j])
+        endless = lower == -np.inf and upper == np.inf and pepper.joint_units[j] == "rad"
+        if not endless and not (np.isfinite([lower, upper]).all() and lower <= upper):
+            raise InvalidValueError(
+                f"limits of {name}", f"{lower:.6g} to {upper:.6g} {pepper.joint_units[j]}",
+                "a lower one up to the upper one; none at all, -inf and inf, for joints that turn",
+            )  # fmt: skip
+        for quantity in ("velocity", "acceleration", "effort"):
+            value = float(new[quantity][j])
+            # What the description has already, a zero among them, is not refused.
+            if not value > 0 and value != float(getattr(pepper, f"{quantity}_limits")[j]):
+                raise InvalidValueError(
+                    f"{quantity} limit of {name}", value, "a number above 0, inf for none"
+                )

@@ -1,0 +1,156 @@
+"""Trajectories through points over time, and where they leave what the points span."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError, OvershootWarning
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
+from pepper_kin.trajectory.path import turning_points
+from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from pepper_kin.model import PepperModel
+
+Array = NDArray[np.float64]
+
+INTERPOLATIONS = ("cubic", "monotone")
+OVERSHOOT = 0.01
+"""Excess over limits, and over the range of the samples, that is not worth a warning [rad or m]."""
+
+_NAMED = 3  # joints in one warning
+
+
+def through_points(
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    time: Array,
+    position: Array,
+    velocity: Array | None = None,
+    acceleration: Array | None = None,
+) -> Trajectory:
+    """Return the trajectory through points, by as much as is known of them.
+
+    Args:
+        names: Joints.
+        units: Of the joints.
+        time: Rising from 0 [s], shape (T,).
+        position: [rad or m], shape (T, n).
+        velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline that starts and ends at rest.
+        acceleration: [rad/s^2 or m/s^2], shape (T, n), or None: cubic pieces through the velocities.
+
+    Returns:
+        The trajectory; of degree 5 where all three are known.
+    """
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+    if velocity is not None and acceleration is not None:
+        return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
+    if velocity is None:
+        spline = CubicSpline(time, position, bc_type="clamped")
+    else:
+        spline = CubicHermiteSpline(time, position, velocity)
+    return Trajectory(names, time, np.moveaxis(spline.c[::-1], 0, 1), units)
+
+
+def from_positions(
+    times: ArrayLike,
+    positions: ArrayLike,
+    pepper: PepperModel | None,
+    *,
+    joints: str | Sequence[str] | None,
+    rest: ArrayLike | None,
+    interpolation: str,
+    overshoot: float,
+) -> Trajectory:
+    """Return the trajectory of `Trajectory.from_positions`, which describes arguments and errors."""
+    time = as_finite(times, "times", (None,))
+    check_choice("interpolation", interpolation, INTERPOLATIONS)
+    allowed = check_positive("overshoot", overshoot, "rad or m")
+    if time.size < 2 or np.any(np.diff(time) <= 0):
+        falls = np.flatnonzero(np.diff(time) <= 0)
+        pair = (
+            [f"{value:.9g} s" for value in time[falls[:1] + np.arange(2)]] if falls.size else [str(time.size)]
+        )
+        raise InvalidValueError("times", ", then ".join(pair), "two or more times that rise")
+    names, place = _columns(pepper, joints)
+    columns = as_finite(positions, "positions", (time.size, len(place)))
+    if pepper is None:
+        units, q, limits = ("rad",) * len(names), columns, (np.array(-np.inf), np.array(np.inf))
+    else:
+        others = pepper.neutral() if rest is None else as_joint_vectors(pepper, rest, "rest")
+        q = np.tile(others, (time.size, 1))
+        q[:, place] = columns
+        units, limits = pepper.joint_units, (pepper.lower_limits, pepper.upper_limits)
+    time = time - time[0]
+    slopes = _monotone_slopes(time, q) if interpolation == "monotone" else None
+    trajectory = through_points(names, units, time, q, slopes)
+    _warn(trajectory, _excesses(trajectory, q, limits, allowed), interpolation)
+    return trajectory
+
+
+def _columns(
+    pepper: PepperModel | None, joints: str | Sequence[str] | None
+) -> tuple[tuple[str, ...], list[int]]:
+    """Return the trajectory's joints, and which of them the columns of positions are."""
+    if pepper is not None:
+        chosen = pepper.resolve_joints(joints)
+        return pepper.joint_names, [pepper.joint_index(name) for name in chosen]
+    if joints is None:
+        raise InvalidValueError("joints", None, "the columns' names, where no robot is given that has them")
+    names = (joints,) if isinstance(joints, str) else tuple(joints)
+    return names, list(range(len(names)))
+
+
+def _monotone_slopes(time: Array, q: Array) -> Array:
+    """Return slopes with which cubic pieces stay between their ends, shape (T, n); 0 at both ends."""
+    from scipy.interpolate import PchipInterpolator
+
+    if time.size == 2:
+        return np.zeros_like(q)
+    slopes: Array = PchipInterpolator(time, q).derivative()(time)
+    slopes[[0, -1]] = 0.0
+    return slopes
+
+
+def _excesses(
+    trajectory: Trajectory, q: Array, limits: tuple[Array, Array], allowed: float
+) -> list[tuple[float, int, str]]:
+    """Return excess [rad or m], joint and sentence of each joint's worst position, the worst first."""
+    step = np.diff(trajectory.breaks)
+    piece, joint, local = turning_points(step, trajectory.coefficients)
+    value = trajectory.at_pieces(piece, local).position[np.arange(piece.size), joint]
+    time = trajectory.breaks[piece] + local
+    # The samples themselves may be outside the limits, too.
+    rows, columns = np.indices(q.shape).reshape(2, -1)
+    joint, value = np.concatenate([joint, columns]), np.concatenate([value, q.reshape(-1)])
+    time = np.concatenate([time, trajectory.breaks[rows]])
+    found = []
+    spans = (("the range of its samples", (q.min(axis=0), q.max(axis=0))), ("its limits", limits))
+    for kind, bounds in spans:
+        lower, upper = (np.broadcast_to(bound, q.shape[1:]) for bound in bounds)
+        over = np.maximum(lower[joint] - value, value - upper[joint])
+        for j in np.unique(joint[over > allowed]):
+            at = int(np.argmax(np.where(joint == j, over, -np.inf)))
+            unit = trajectory.joint_units[j]
+            words = (
+                f"{trajectory.joint_names[j]} is at {value[at]:.4g} {unit} at {time[at]:.3f} s, "
+                f"{over[at]:.3g} {unit} outside {kind}"
+            )
+            found.append((float(over[at]), int(j), words))
+    return sorted(found, reverse=True)
+
+
+def _warn(trajectory: Trajectory, found: list[tuple[float, int, str]], interpolation: str) -> None:
+    if not found:
+        return
+    named = "; ".join(sentence for _, _, sentence in found[:_NAMED])
+    more = f"; {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    outside = "" if interpolation == "monotone" else "; interpolation='monotone' stays between the samples"
+    warnings.warn(f"positions between samples: {named}{more}{outside}", OvershootWarning, stacklevel=4)
