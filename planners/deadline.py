@@ -8,7 +8,8 @@ from time import perf_counter
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import CompiledFunction
 
-_SLICE = 0.25  # [s]
+TIME_SLICE = 0.25
+"""How long machine code may run before Python listens to an interrupt from the keyboard again [s]."""
 
 
 class Deadline:
@@ -45,7 +46,7 @@ class Deadline:
     @property
     def time_slice(self) -> float:
         """Seconds that machine code may run before Python listens to an interrupt from the keyboard again."""
-        return min(self.left, _SLICE)
+        return min(self.left, TIME_SLICE)
 
     @property
     def expired(self) -> bool:

@@ -124,6 +124,11 @@ class Problem:
         return float(self.resolution)  # type: ignore[arg-type]
 
     @cached_property
+    def extent(self) -> FloatArray:
+        """Upper bounds less lower bounds, shape (n,)."""
+        return read_only(self.upper - self.lower)
+
+    @cached_property
     def diagonal(self) -> float:
         """Length of the box's diagonal [length unit of the metric]."""
         return float(self.metric.distance(self.lower, self.upper))

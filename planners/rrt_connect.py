@@ -26,12 +26,16 @@ from .tree_growth import (
     GOING_ON,
     GREW,
     ITERATIONS,
+    ROUND,
+    SMALL,
     START_INVALID,
     START_SIZE,
     TIME_UP,
     TRIED,
+    WIDTH,
     Trees,
     diagonal_of,
+    first_round,
     grow,
     leave_trees,
     narrow,
@@ -45,10 +49,10 @@ from .tree_growth import (
 from .vectors import FloatArray, positive_number, whole_number
 
 LONGEST_STEP = 0.1  # of the diagonal: longest extension
-ROUND = 16_384  # samples of the shortest round
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
 _MOST_SAMPLES = 100_000_000
-WIDTH, _NEAR_ROUND, SMALL = 2.0, 1024, 0.5  # straight lines, samples (both double), of the diagonal
+_NEAR_ROUND = 1024  # samples of a round in the region that is `WIDTH` straight lines wide; both double
+_FIRST = np.zeros(1, dtype=np.int64)  # the order of a single goal
 
 
 def rrt_connect(
@@ -105,7 +109,7 @@ def rrt_connect(
     Raises:
         InvalidValueError: An option is not allowed, or the checker answers in a wrong shape.
     """
-    load_code(plant, grow)
+    load_code(first_round)
     deadline = Deadline(timeout)
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
@@ -135,20 +139,36 @@ class Search:
 
     def run(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> Status:
         """Search until there is a path, or samples or time run out."""
-        ended = self.plant(self._problem.goals, 0, deadline)
-        if ended == GOING_ON and source.endless:
-            self._width = math.inf  # goals may be drawn anywhere
-            ended = self._grow_while_drawing(source, deadline, max_iterations)
-        elif ended == GOING_ON:
-            if self._trees.counters[GOAL_SIZE] == 0:
+        if source.endless:
+            ended = self.plant(self._problem.goals, 0, deadline)
+            if ended == GOING_ON:
+                self._width = math.inf  # goals may be drawn anywhere
+                ended = self._grow_while_drawing(source, deadline, max_iterations)
+            return self._status(ended, True)
+        ended = self._first_round(deadline, max_iterations)
+        if ended == FOUND:
+            return Status.SOLVED
+        counters = self._trees.counters
+        slice_over = ended == TIME_UP and not (deadline.expired or counters[STOP])
+        if ended in (GOING_ON, FULL) or slice_over:
+            if counters[GOAL_SIZE] == 0:
                 return Status.GOAL_INVALID
+            if counters[ITERATIONS]:
+                return self.resumed(self._trees, deadline, max_iterations)
             ended = self.grow(max_iterations, deadline)
-        return self._status(ended, source.endless)
+        return self._status(ended, False)
 
-    def resumed(self, trees: Trees, deadline: Deadline) -> Status:
-        """Go on with trees that `plant` and `grow` have made, in the first round of all of the box."""
+    def _first_round(self, deadline: Deadline, max_iterations: int) -> int:
+        """Plant both trees and let them grow as far as machine code goes by itself."""
+        problem = self._problem
+        order = self._make_room(problem.goals)
+        left, start, goals = deadline.left, problem.start, problem.goals
+        return first_round(self._space, self._trees, left, start, goals, order, self._key, max_iterations)
+
+    def resumed(self, trees: Trees, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Status:
+        """Go on with trees that `first_round` has planted and grown."""
         self._trees, self._round, self._round_end, self._width = trees, 1, ROUND, math.inf
-        return self._status(self.grow(_MOST_SAMPLES, deadline), False)
+        return self._status(self.grow(max_iterations, deadline), False)
 
     def _status(self, ended: int, endless: bool) -> Status:
         if ended == FOUND:
@@ -163,14 +183,19 @@ class Search:
 
     def plant(self, goals: FloatArray, first: int, deadline: Deadline) -> int:
         """Make valid ends the roots and try the straight edges; return how it ended."""
-        nodes, capacity = int(self._trees.counters[GOAL_SIZE]) + len(goals), self._trees.states.shape[1]
-        if nodes > capacity:
-            self._trees = with_room(self._trees, max(nodes, 2 * capacity))
-        order = np.zeros(len(goals), dtype=np.int64)
-        start = self._problem.start
-        if len(goals) > 1:
-            order = np.argsort(self._problem.metric.distance(start, goals), kind="stable")
+        order, start = self._make_room(goals), self._problem.start
         return plant(self._space, self._trees, deadline.left, start, goals, order, first)
+
+    def _make_room(self, goals: FloatArray) -> Ints1:
+        """Make sure that goals find room in their tree; return the order in which they are tried."""
+        trees, capacity = self._trees, self._trees.states.shape[1]
+        nodes = int(trees.counters[GOAL_SIZE]) + len(goals)
+        if nodes > capacity:
+            self._trees = with_room(trees, max(nodes, 2 * capacity))
+        if len(goals) == 1:
+            return _FIRST
+        apart = self._problem.metric.distance(self._problem.start, goals)
+        return np.argsort(apart, kind="stable")
 
     def grow(self, iterations: int, deadline: Deadline) -> int:
         """Grow both trees up to a number of iterations in all; return how it ended."""
@@ -270,7 +295,7 @@ class Search:
             side = self._stuck_side()
             nodes = trees.states[side, : trees.counters[START_SIZE + side]]
             more |= {"tree_sizes": tuple(self._sizes), "frontier": spread(nodes)}
-        return Result(
+        return Result.trusted(
             status=status,
             path=path,
             goal_index=goal,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -34,6 +35,7 @@ def uniform(key: np.uint64, number: int) -> float:
     return np.int64(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
+@lru_cache(maxsize=1024)
 def stream_key(seed: int, stream: int) -> np.uint64:
     """Return the key of one of several streams of a seed, so that neighboring seeds share no numbers."""
     value = _mixed(stream + 1)

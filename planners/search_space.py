@@ -57,15 +57,9 @@ def space_of(
         resolution: Greatest distance between checked states of an edge [length unit of the metric].
         reach: Greatest length of an extension [length unit of the metric].
     """
+    memory, lower, weights = code.fresh_memory(), problem.lower, problem.metric.weights
     return SearchSpace(
-        validity=code.address,
-        memory=code.fresh_memory(),
-        clock=CLOCK,
-        resolution=float(resolution),
-        reach=float(reach),
-        lower=problem.lower,
-        extent=problem.upper - problem.lower,
-        weights=problem.metric.weights,
+        code.address, memory, CLOCK, float(resolution), float(reach), lower, problem.extent, weights
     )
 
 

@@ -12,6 +12,7 @@ from pepper_kin.core.clock import seconds_now
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
 
+from .deadline import TIME_SLICE
 from .sampling import random_state, uniform, within_ellipsoid
 from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, step_count
 from .tree import LANES, grown, nearest, nearest_within, set_lane, whole_blocks
@@ -20,6 +21,8 @@ from .vectors import FloatArray
 _UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
 _FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's domain, in diagonals
 _CLOCK_EVERY = 64  # goals or samples
+ROUND = 16_384  # samples of the shortest round
+WIDTH, SMALL = 2.0, 0.5  # of the first region, in straight lines; of the box, a region that is searched first
 _FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree
 _TRIES = 8  # to draw a sample that is of use inside the box
 
@@ -442,3 +445,47 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
                 counters[START_NODE + side], counters[GOAL_NODE - side] = meeting, goal
                 return FOUND
     return GOING_ON
+
+
+@compiled(
+    "int64(SearchSpace, Trees, float64, float64[::1], float64[:, ::1], int64[::1], uint64, int64)", lean=True
+)
+def first_round(
+    space: SearchSpace,
+    trees: Trees,
+    seconds: float,
+    start: Floats1,
+    goals: Floats2,
+    order: Ints1,
+    key: np.uint64,
+    iterations: int,
+) -> int:
+    """Plant both trees and grow them in the space's box, unless it is far wider than the ends are apart.
+
+    Args:
+        space: Box, metric and validity.
+        trees: The trees, without nodes.
+        seconds: Time budget [s]; the trees grow for a time slice at most.
+        start: Shape (n,).
+        goals: Shape (k, n).
+        order: Goals in the order in which they are tried, shape (k,).
+        key: Of the stream of random numbers.
+        iterations: Greatest number of samples; those of a round at most.
+
+    Returns:
+        What `plant` and `grow` return.  GOING_ON without any samples: no goal is valid, or searches near the
+        ends come first.
+    """
+    place = trees.counters[MOMENT:]
+    end = seconds_now(space.clock, place) + seconds
+    ended = plant(space, trees, seconds, start, goals, order, 0)
+    if ended != GOING_ON or trees.counters[GOAL_SIZE] == 0:
+        return ended
+    region = trees.rows[SHIFTED:]
+    for i in range(start.size):
+        region[0, i], region[1, i] = space.lower[i], space.lower[i] + space.extent[i]
+    narrower = narrow(space, trees, WIDTH, 0.0, region)
+    if narrower and distance(region[0], region[1], space.weights) < SMALL * _diagonal(space):
+        return GOING_ON
+    left = end - seconds_now(space.clock, place)
+    return grow(space, trees, min(left, TIME_SLICE), key, min(iterations, ROUND))

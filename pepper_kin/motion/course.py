@@ -13,8 +13,7 @@ from pepper_kin.core.splines import bounded_cubic_spline
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 from pepper_kin.planners.rejoin import Route, shortest_end
-from pepper_kin.planners.rrt_connect import ROUND, SMALL, WIDTH
-from pepper_kin.planners.search_space import SearchSpace, distance
+from pepper_kin.planners.search_space import SearchSpace
 from pepper_kin.planners.shortcut import (
     FLAT,
     ITERATIONS,
@@ -30,15 +29,14 @@ from pepper_kin.planners.smooth import schoenberg_spline
 from pepper_kin.planners.tree_growth import (
     FOUND,
     FULL,
-    GOAL_SIZE,
     GOING_ON,
+    ROUND,
     Trees,
-    grow,
-    narrow,
-    plant,
+    first_round,
     trace,
     way_point_count,
 )
+from pepper_kin.planners.tree_growth import ITERATIONS as SAMPLES
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME
 
 Array = NDArray[np.float64]
@@ -72,7 +70,6 @@ class Course(NamedTuple):
         start: Start, shape (k,).
         goals: Goals, shape (m, k).
         order: Goals in the order in which they are tried, shape (m,).
-        region: Lower and upper bounds of the space's box, shape (2, k).
         found: Receives the path of the search, progress[FOUND_SIZE] points, as much room as `line` has.
         free: Places of the joints that move, shape (k,).
         limits: Lower and upper limits of all joints, shape (2, n).
@@ -93,7 +90,6 @@ class Course(NamedTuple):
     start: Floats1
     goals: Floats2
     order: Ints1
-    region: Floats2
     found: Floats2
     free: Ints1
     limits: Floats2
@@ -116,16 +112,11 @@ def _copy_row(source: Array, target: Array) -> None:
 @compiled
 def _search(course: Course, seconds: float, key: np.uint64) -> int:
     """Search in a first round; return FOUND or how it ended.  See `rrt_connect`."""
-    space, trees, progress = course.space, course.trees, course.progress
-    progress[ENDED] = plant(space, trees, seconds, course.start, course.goals, course.order, 0)
-    if progress[ENDED] != GOING_ON or trees.counters[GOAL_SIZE] == 0:
-        return progress[ENDED]
-    diagonal = distance(course.region[0], course.region[1], space.weights)
-    cut = narrow(space, trees, WIDTH, 0.0, course.region)
-    if cut and distance(course.region[0], course.region[1], space.weights) < SMALL * diagonal:
-        return GOING_ON
-    progress[ENDED] = grow(space, trees, seconds, key, ROUND)
-    return FULL if progress[ENDED] == GOING_ON else progress[ENDED]
+    trees, progress = course.trees, course.progress
+    start, goals, order = course.start, course.goals, course.order
+    progress[ENDED] = first_round(course.space, trees, seconds, start, goals, order, key, ROUND)
+    used_up = progress[ENDED] == GOING_ON and trees.counters[SAMPLES] > 0
+    return FULL if used_up else progress[ENDED]
 
 
 @compiled

@@ -162,8 +162,8 @@ class Pipeline:
             order = np.argsort(room.metric.distance(room.moving_start, goals), kind="stable")
         margins, relaxed = np.array(room.margins), np.array(room.relaxed_margins)
         return Course(
-            space, rooms.trees, rooms.line, check, room.moving_start, goals, order, box.copy(), rooms.found,
-            room.free, room.limits, room.reach, margins, relaxed, room.strictly, *rooms[3:], progress,
+            space, rooms.trees, rooms.line, check, room.moving_start, goals, order, rooms.found, room.free,
+            room.limits, room.reach, margins, relaxed, room.strictly, *rooms[3:], progress,
         )  # fmt: skip
 
     def _run(self, course: Course) -> tuple[int, Course]:

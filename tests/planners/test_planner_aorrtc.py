@@ -256,7 +256,7 @@ def test_long_runs_go_on_where_python_has_listened(toy, monkeypatch) -> None:  #
     problem, _ = box_problem(toy)
     whole = aorrtc(problem, seed=3, max_iterations=1500, timeout=60.0)
     pieces = []
-    monkeypatch.setattr("pepper_kin.planners.deadline._SLICE", 2e-4)
+    monkeypatch.setattr("pepper_kin.planners.deadline.TIME_SLICE", 2e-4)
     piece = Deadline.time_slice.fget
     monkeypatch.setattr(Deadline, "time_slice", property(lambda self: pieces.append(1) or piece(self)))
     parts = aorrtc(problem, seed=3, max_iterations=1500, timeout=60.0)

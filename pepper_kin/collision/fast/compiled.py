@@ -49,11 +49,11 @@ class StaticLoads:
     @property
     def kind(self) -> tuple[int, int, int]:
         """What blocks for this and for other loads have in common: the kernel and the lengths."""
-        return self.kernel.single_address, self.masses.size, len(self.edges)
+        return self.kernel.block_address, self.masses.size, len(self.edges)
 
     def sections(self, effort_limits: Array) -> dict[int, Array]:
         """Return the sections of a block that hold this, and limits of the torques, shape (n,)."""
-        room = np.zeros(effort_limits.size + EDGE_NUMBERS + self.kernel.work_size)
+        room = np.zeros((effort_limits.size + EDGE_NUMBERS) * self.kernel.lanes + self.kernel.work_size)
         return {at.EFFORT: effort_limits, at.LOADS: self.masses, at.EDGES: self.edges, at.GRAVITY: room}
 
 
@@ -161,19 +161,24 @@ class CompiledValidity:
 
     def _whole(self) -> Array:
         """Return a block with sections for what is held."""
-        moving = self._limited.moving
-        return moving if self.loads is None else at.extended(moving, self.loads.sections(self.effort))
+        moving, held = self._limited.moving, self._limited.held
+        if self.loads is None:
+            return moving
+        kind = self.loads.kind
+        if kind not in held:
+            held[kind] = at.extended(moving, self.loads.sections(self.effort))
+        return held[kind]
 
     def _begin(self, memory: Array) -> None:
         from pepper_kin.core.collision.check import begin_motion
 
         self._prepared.named(memory, self.margins)
-        gravity = 0
+        gravity, lanes = 0, 1
         if self.loads is not None:
-            gravity = self.loads.kernel.single_address
+            gravity, lanes = self.loads.kernel.block_address, self.loads.kernel.lanes
             at.section(memory, at.LOADS)[:] = self.loads.masses
             at.section(memory, at.EDGES)[:] = self.loads.edges.ravel()
-        begin_motion(memory, self.frozen, self.effort, gravity, self._limited.moves)
+        begin_motion(memory, self.frozen, self.effort, gravity, lanes, self._limited.moves)
 
     def _named(self, memory: Array) -> Array:
         at.section(memory, at.NUMBERS)[at.BLOCKED] = self.blocked

@@ -59,12 +59,14 @@ class Limited:
         still: Compares only what does not move, without tables of joint ranges.
         moving: Compares only what moves.
         moves: For each body 1 if it moves, the world last.
+        held: `moving` with sections for what is held, for each kind of `StaticLoads`.
         local: The blocks of each thread, which all motions share, and whose motion they are ready for.
     """
 
     still: Array
     moving: Array
     moves: NDArray[np.int64]
+    held: dict[tuple[int, int, int], Array] = field(default_factory=dict)
     local: threading.local = field(default_factory=threading.local)
 
 

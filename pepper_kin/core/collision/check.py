@@ -210,28 +210,46 @@ def _queue_doubts(memory: Array, t: Tables, a: Array, b: Array, waiting: int, k:
 
 
 @compiled
-def _held(memory: Array) -> bool:
-    """Whether the first configuration in ROWS can be held still, with what is carried, without tipping over.
+def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
+    """Whether states of an edge can be held still, with what is carried, without tipping over.
 
-    The kernel takes the configuration and the masses in LOADS, and returns the torques, and, where EDGES are
-    given, what these are multiplied with: a product below zero is a moment that nothing but a pull of the
-    floor could bear.
+    The kernel takes configurations and the masses in LOADS, as many side by side as it has lanes, and returns
+    the torques, and, where EDGES are given, what these are multiplied with: a product below zero is a moment
+    that nothing but a pull of the floor could bear.
+
+    Args:
+        memory: The block; ROWS takes the states.
+        a: Values of the free joints, shape (k,) [rad or m].
+        b: The same at the end.
+        count: Number of states, a multiple of eight.
     """
     numbers, rows, room = section(memory, at.NUMBERS), section(memory, at.ROWS), section(memory, at.GRAVITY)
     effort, loads = section(memory, at.EFFORT), section(memory, at.LOADS)
-    edges, n, held = section(memory, at.EDGES), int(numbers[at.N]), True
-    for i in range(loads.size):
-        rows[n + i] = loads[i]
-    work = room[n + EDGE_NUMBERS :]
-    call_kernel(int(numbers[at.GRAVITY_KERNEL]), rows.ctypes.data, room.ctypes.data, work.ctypes.data)
-    for i in range(n):
-        held = held and abs(room[i]) <= effort[i]
-    for k in range(0, edges.size, EDGE_NUMBERS):
-        moment = 0.0
-        for i in range(EDGE_NUMBERS):
-            moment += edges[k + i] * room[n + i]
-        held = held and moment >= 0.0
-    return held
+    edges, moving, frozen = section(memory, at.EDGES), section(memory, at.FREE), section(memory, at.FROZEN)
+    n, wide, held = int(numbers[at.N]), int(numbers[at.GRAVITY_LANES]), True
+    for i in range(n + loads.size):
+        for lane in range(wide):
+            rows[wide * i + lane] = frozen[i] if i < n else loads[i - n]
+    work = room[(n + EDGE_NUMBERS) * wide :]
+    for first in range(0, count, wide):
+        for lane in range(wide):
+            share = (first + lane + 1) / count
+            for k in range(moving.size):
+                value = b[k] if share == 1.0 else a[k] + (b[k] - a[k]) * share
+                rows[wide * int(moving[k]) + lane] = value
+        call_kernel(int(numbers[at.GRAVITY_KERNEL]), rows.ctypes.data, room.ctypes.data, work.ctypes.data)
+        for i in range(n):
+            for lane in range(wide):
+                held = held and abs(room[wide * i + lane]) <= effort[i]
+        for k in range(0, edges.size, EDGE_NUMBERS):
+            for lane in range(wide):
+                moment = 0.0
+                for i in range(EDGE_NUMBERS):
+                    moment += edges[k + i] * room[wide * (n + i) + lane]
+                held = held and moment >= 0.0
+        if not held:
+            return False
+    return True
 
 
 @compiled
@@ -275,12 +293,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
         waiting = _queue_doubts(memory, t, a, b, waiting, k, blocks)
     if waiting > 0 and not _settled_free(memory, waiting):
         return False
-    if numbers[at.GRAVITY_KERNEL] != 0:
-        for k in range(LANES * blocks):
-            _state(memory, 0, a, b, (k + 1) / (LANES * blocks))
-            if not _held(memory):
-                return False
-    return True
+    return numbers[at.GRAVITY_KERNEL] == 0 or _held(memory, a, b, LANES * blocks)
 
 
 @compiled("void(float64[::1])")
@@ -293,15 +306,16 @@ def place_frozen(memory: Array) -> None:
     place_all(tables_of(memory))
 
 
-@compiled("void(float64[::1], float64[::1], float64[::1], int64, int64[::1])")
-def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, moves: Ints1) -> None:
+@compiled("void(float64[::1], float64[::1], float64[::1], int64, int64, int64[::1])")
+def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lanes: int, moves: Ints1) -> None:
     """Make a block ready for a motion.
 
     Args:
         memory: The block.
         frozen: Where the joints stand that do not move, shape (n,).
         effort: What holding still may take of each joint, shape (n,).
-        gravity: Address of the kernel of the torques that hold still; 0: holding is not asked for.
+        gravity: Address of the kernel's `block` of the torques that hold still; 0: holding is not asked for.
+        lanes: How many states it takes side by side, eight or a part of that.
         moves: For each body 1 if the motion moves it, the world last.
     """
     stands, limits, gaps = section(memory, at.FROZEN), section(memory, at.EFFORT), section(memory, at.GAPS)
@@ -311,7 +325,8 @@ def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, move
         limits[k] = effort[k]
     for c in range(gaps.size):
         gaps[c] = -np.inf
-    section(memory, at.NUMBERS)[at.GRAVITY_KERNEL] = gravity
+    numbers = section(memory, at.NUMBERS)
+    numbers[at.GRAVITY_KERNEL], numbers[at.GRAVITY_LANES] = gravity, lanes
     bodies, last = section_bits(memory, at.BODIES), moves.size - 1
     for b in range(last):
         bodies[BODY_WORDS * b + 3] = 1

@@ -118,10 +118,12 @@ BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
     BLOCKED,
     SCENE,
     SCENE_SIZE,
-) = range(12)
+    GRAVITY_LANES,
+) = range(13)
 """Places in the section NUMBERS.  RANGE_MARGIN is to joint ranges what SELF_MARGIN is to pairs [rad];
-SCENE and SCENE_SIZE are the address and the size of the scene's block."""
-NUMBERS_SIZE = 12
+SCENE and SCENE_SIZE are the address and the size of the scene's block; GRAVITY_KERNEL takes GRAVITY_LANES
+states side by side."""
+NUMBERS_SIZE = 13
 
 
 @compiled
