@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,7 @@ from pepper_kin.motion.margins import narrowest
 from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import RESOLUTION, checked_margin, path_problem
+from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.validation import validate
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
@@ -40,6 +42,8 @@ def simplify_path(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 1.0,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> Plan:
     """Make a valid path from elsewhere shorter, and smooth as `plan` makes its own.
 
@@ -53,21 +57,26 @@ def simplify_path(
         margin: Distance kept to all things [m]; less where the path itself is nearer than that.
         seed: Seed of the choice of short-cuts.
         timeout: Time budget of the short-cuts [s].
+        balance: As of `plan`: distance that the center of mass keeps from the edges of the wheels' triangle
+            [m], with 2 mm more to move with, on the path given and on the one returned.
+        payload: Point masses held at "left", "right" or a frame by name [kg], as of `plan`.
 
     Returns:
         A plan from the path's first state to its last, for `retime`; PATH_INVALID, with what is wrong where,
         if the path is not valid itself.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, a margin below zero, a timeout of zero, or a path on which
-            a differential base moves: short-cuts would let it go sideways.
+        InvalidValueError: for a wrong shape, NaN, a margin below zero, a timeout of zero, a distance or mass
+            that is none, balance of a robot without wheels, or a path on which a differential base moves:
+            short-cuts would let it go sideways.
+        UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
     check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
-    checks, given = Checks(pepper, scene), given_path(pepper, path)
+    checks, given = Checks(pepper, scene, static_limits(pepper, balance, payload)), given_path(pepper, path)
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
-    found = validate(pepper, path, scene)
+    found = validate(pepper, path, scene, balance=balance, payload=payload)
     if not found.valid:
         return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)
     points = given if isinstance(given, np.ndarray) else _followed(given)

@@ -39,7 +39,9 @@ TORQUE_SHARE = 0.95
 
 ROOM_TO_MOVE = 0.004
 """What a path keeps beyond the distance asked for from the edges that the robot could tip over [m]: curves,
-which round its corners, keep half of it, and accelerations use what is left."""
+which round its corners, keep `ROOM_ALONG`, and accelerations use what is left."""
+
+ROOM_ALONG = ROOM_TO_MOVE / 2
 
 LONGEST_ARM = 0.5
 """How far from the center of mass inverse kinematics takes a load to be [m]."""
@@ -103,7 +105,7 @@ class StaticLimits:
     @cached_property
     def loads_along(self) -> StaticLoads:
         """What compiled checks of curves take, of which states are `step` apart at most."""
-        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(ROOM_TO_MOVE / 2)))
+        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(ROOM_ALONG)))
 
     def tasks(self) -> tuple[Task, ...]:
         """Return tasks that lead inverse kinematics to balanced postures, whatever a hand carries."""
@@ -112,8 +114,13 @@ class StaticLimits:
         shift = LONGEST_ARM * float(self._masses.sum()) / total_mass(self.pepper)
         return (CenterOfMassOverWheels(self.balance + ROOM_TO_MOVE + shift),)
 
-    def hold(self, q: Array) -> NDArray[np.bool_]:
-        """Whether postures, shape (m, n), may be states of a path; shape (m,)."""
+    def hold(self, q: Array, room: float = ROOM_TO_MOVE) -> NDArray[np.bool_]:
+        """Whether postures, shape (m, n), may be states of a path; shape (m,).
+
+        Args:
+            q: The postures.
+            room: Distance that they keep beyond `balance` [m]: curves keep `ROOM_ALONG`.
+        """
         n, given = self.pepper.n, np.ascontiguousarray(q)
         if self._masses.size:
             given = np.empty((len(q), n + self._masses.size))
@@ -121,7 +128,7 @@ class StaticLimits:
         found = evaluate(self.kernel, given)
         held = (np.abs(found[:, :n]) <= self.effort_limits).all(axis=1)
         if self.balance is not None:
-            held &= (found[:, n:] @ self._edges(ROOM_TO_MOVE).T >= 0.0).all(axis=1)
+            held &= (found[:, n:] @ self._edges(room).T >= 0.0).all(axis=1)
         return np.asarray(held)
 
     @cached_property
@@ -149,9 +156,13 @@ class StaticLimits:
 
     def weakest(self, q: Array) -> int | None:
         """Return the joint that a posture, shape (n,), asks most too much of; None where all can hold it."""
-        use = np.abs(self.torque(q)) / np.maximum(self.pepper.effort_limits, 1e-12)
-        joint = int(np.argmax(use))
-        return joint if use[joint] > TORQUE_SHARE else None
+        joint = self.most_loaded(q)
+        use = np.abs(self.torque(q)[joint]) / max(self.pepper.effort_limits[joint], 1e-12)
+        return joint if use > TORQUE_SHARE else None
+
+    def most_loaded(self, q: Array) -> int:
+        """Return the joint that a posture, shape (n,), asks the greatest share of its effort of."""
+        return int(np.argmax(np.abs(self.torque(q)) / np.maximum(self.pepper.effort_limits, 1e-12)))
 
     def distance_inside(self, q: Array) -> float:
         """Return how far inside the wheels' triangle the center of mass is at a posture, shape (n,) [m]."""
@@ -160,31 +171,36 @@ class StaticLimits:
             return float("inf")
         return float(balance_margin(self.pepper, polygon, q[None], none, none, self.payload)[0])
 
-    def tips(self, q: Array) -> bool:
+    def tips(self, q: Array, room: float = ROOM_TO_MOVE) -> bool:
         """Whether a posture, shape (n,), is nearer to tipping over than what a path keeps."""
-        return self.balance is not None and self.distance_inside(q) < self.balance + ROOM_TO_MOVE
+        return self.balance is not None and self.distance_inside(q) < self.balance + room
 
-    def said(self, q: Array, what: str) -> str:
+    @property
+    def carried(self) -> str:
+        """What is held, in words that may be empty."""
+        return "".join(f" with {kg:.4g} kg at {frame}" for frame, kg in self.payload)
+
+    def said(self, q: Array, what: str, room: float = ROOM_TO_MOVE) -> str:
         """Return a sentence on what a posture, shape (n,), asks too much of; empty where it can be held.
 
         Args:
             q: The posture.
             what: Its name, such as "start".
+            room: Distance that it keeps beyond `balance` [m].
         """
-        joint = self.weakest(q)
-        carried = "".join(f" with {kg:.4g} kg at {frame}" for frame, kg in self.payload)
+        joint, carried = self.weakest(q), self.carried
         if joint is not None:
             name, unit = self.pepper.joint_names[joint], _UNITS[self.pepper.joint_units[joint]]
             asked, limit = abs(self.torque(q)[joint]), self.pepper.effort_limits[joint]
             most = f"near or over the {limit:.2f} {unit} it has"
             return f"The {what} takes {asked:.2f} {unit} at {name}{carried}, {most}."
-        if not self.tips(q):
+        if not self.tips(q, room):
             return ""
         inside, asked = 1000 * self.distance_inside(q), 1000 * float(self.balance or 0.0)
         where = f"{inside:.1f} mm inside" if inside >= 0 else f"{-inside:.1f} mm outside"
         return (
             f"The {what} has the center of mass{carried} {where} the edge of the wheels' triangle, "
-            f"and balance asks for {asked:.1f} mm and {1000 * ROOM_TO_MOVE:.0f} mm to move with."
+            f"and balance asks for {asked:.1f} mm and {1000 * room:.0f} mm to move with."
         )
 
     def short_of(self, q: Array) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.dynamics import gravity_torque, inverse_dynamics
+from pepper_kin.dynamics import inverse_dynamics
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -17,7 +18,11 @@ from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, dense_states, given_path
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
+from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
 from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.balance import balance_margin, support_polygon
+from pepper_kin.trajectory.payload import payload_torque
+from pepper_kin.trajectory.trajectory import State
 
 Array = NDArray[np.float64]
 
@@ -33,6 +38,7 @@ class ValidationStatus(Enum):
     JOINT_LIMIT = "joint_limit"
     COLLISION = "collision"
     TOO_HEAVY = "too_heavy"
+    TIPS_OVER = "tips_over"
     VELOCITY_LIMIT = "velocity_limit"
     ACCELERATION_LIMIT = "acceleration_limit"
     TORQUE_LIMIT = "torque_limit"
@@ -48,6 +54,7 @@ _ADVICE = {
     ValidationStatus.JOINT_LIMIT: "Keep the path within the joint limits, or check the order of the joints.",
     ValidationStatus.COLLISION: "Plan between the states before and after it with plan().",
     ValidationStatus.TOO_HEAVY: "Lead the path through postures that the joints can hold against gravity.",
+    ValidationStatus.TIPS_OVER: "Lead it through postures that lean less, or time it with retime(balance=).",
     ValidationStatus.VELOCITY_LIMIT: "Time its path anew with retime().",
     ValidationStatus.ACCELERATION_LIMIT: "Time its path anew with retime().",
     ValidationStatus.TORQUE_LIMIT: "Time its path anew with retime().",
@@ -94,13 +101,20 @@ class Validation:
 
 
 def validate(
-    pepper: PepperModel, path: AnyPath, scene: Scene | None = None, *, margin: float = 0.0
+    pepper: PepperModel,
+    path: AnyPath,
+    scene: Scene | None = None,
+    *,
+    margin: float = 0.0,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> Validation:
-    """Check a path, a curve or a trajectory from anywhere: joint limits, collisions, torque.
+    """Check a path, a curve or a trajectory from anywhere: joint limits, collisions, torque, balance.
 
-    States are looked at so densely that no point of the body moves farther than half a millimetre from one to
+    States are looked at so densely that no point of the body moves farther than half a millimeter from one to
     the next.  Of paths and curves each state has to be one that the joints can hold against gravity, as
-    `plan` asks; of a trajectory, velocity, acceleration and torque have to be within their limits, in motion.
+    `plan` asks of its curves; of a trajectory, velocity, acceleration, torque and the zero-moment point have
+    to be within their limits, in motion.
 
     Args:
         pepper: The robot.
@@ -108,17 +122,23 @@ def validate(
             or a trajectory.
         scene: The world around the robot, with what it holds; None for the robot alone.
         margin: Distance that is to be kept to the scene [m].
+        balance: Distance that is kept from the edges of the wheels' triangle [m], as of `plan`: by the center
+            of mass of paths and curves, with 2 mm more to move with, by the zero-moment point of
+            trajectories; None lets the base be held from below.
+        payload: Point masses held at "left", "right" or a frame by name [kg], as of `plan`.
 
     Returns:
         Valid, or the first state that is not, and what it breaks.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, a trajectory of other joints, or a margin below zero.
+        InvalidValueError: for a wrong shape, NaN, a trajectory of other joints, a margin below zero, a
+            distance or mass that is none, or balance of a robot without wheels.
+        UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    checks, given = Checks(pepper, scene), given_path(pepper, path)
+    checks, given = Checks(pepper, scene, static_limits(pepper, balance, payload)), given_path(pepper, path)
     dense = dense_states(pepper, scene, given)
     look = _Look(checks, dense, margin)
     found = look.limits(dense.positions, pepper.lower_limits, pepper.upper_limits, "position", "rad", "m")
@@ -128,7 +148,7 @@ def validate(
     if found is None:
         return Validation(
             ValidationStatus.VALID,
-            f"Valid: {len(dense.places)} states, half a millimetre apart at most.",
+            f"Valid: {len(dense.places)} states, half a millimeter apart at most.",
             states_checked=len(dense.places),
         )
     at, status, what, joint = found
@@ -172,27 +192,54 @@ class _Look:
         return at, _STATUS_OF[quantity], what, name
 
     def motion(self, trajectory: Trajectory, end: int) -> Found | None:
-        """Look at velocity, acceleration and torque of the first states."""
+        """Look at velocity, acceleration, torque and balance of the first states."""
         found: Found | None = None
         if not end:
             return found
-        pepper, state = self.pepper, trajectory(self.dense.places[:end])
+        pepper, payload = self.pepper, self.checks.statics.payload
+        state = trajectory(self.dense.places[:end])
+        torque = inverse_dynamics(pepper, *state)
+        if payload:
+            torque = torque + payload_torque(pepper, payload, *state)
         for quantity, values, most, units in (
             ("velocity", state.velocity, pepper.velocity_limits, ("rad/s", "m/s")),
             ("acceleration", state.acceleration, pepper.acceleration_limits, ("rad/s^2", "m/s^2")),
-            ("torque", inverse_dynamics(pepper, *state), pepper.effort_limits, ("N m", "N")),
+            ("torque", torque, pepper.effort_limits, ("N m", "N")),
         ):
             here = self.limits(values, -most, most, quantity, *units)
             found = here if here is not None and (found is None or here[0] < found[0]) else found
-        return found
+        tipping = self._tipping(state)
+        return tipping if tipping is not None and (found is None or tipping[0] < found[0]) else found
+
+    def _tipping(self, state: State) -> Found | None:
+        """Look for the first state in motion whose zero-moment point is not where balance asks for it."""
+        statics, polygon = self.checks.statics, support_polygon(self.pepper)
+        if statics.balance is None or polygon is None:
+            return None
+        inside = balance_margin(self.pepper, polygon, *state, statics.payload)
+        tips = inside < statics.balance - TOLERANCE
+        if not tips.any():
+            return None
+        at = int(np.argmax(tips))
+        what = (
+            f"the zero-moment point{statics.carried} is {1000 * inside[at]:.1f} mm inside the edge of the "
+            f"wheels' triangle, less than balance, {1000 * statics.balance:.1f} mm."
+        )
+        return at, ValidationStatus.TIPS_OVER, what, None
 
     def heavy(self, end: int) -> Found | None:
-        """Look for the first state that the joints cannot hold still, among the first ones."""
-        holds = self.checks.holds(self.dense.positions[:end]) if end else np.ones(0, bool)
+        """Look for the first state that the joints or the floor cannot hold still, among the first ones."""
+        statics, q = self.checks.statics, self.dense.positions[:end]
+        holds = statics.hold(q, ROOM_ALONG) if end else np.ones(0, bool)
         if holds.all():
             return None
         at = int(np.argmin(holds))
-        return self._named(at, ValidationStatus.TOO_HEAVY)
+        sentence = statics.said(q[at], "state", ROOM_ALONG) or "the joints can hardly hold it."
+        sentence = sentence[:1].lower() + sentence[1:]
+        joint = statics.weakest(q[at])
+        if joint is None and statics.tips(q[at], ROOM_ALONG):
+            return at, ValidationStatus.TIPS_OVER, sentence, None
+        return at, ValidationStatus.TOO_HEAVY, sentence, self.pepper.joint_names[statics.most_loaded(q[at])]
 
     def touching(self, end: int) -> Found | None:
         """Look for the first state that touches something, among the first ones."""
@@ -204,25 +251,20 @@ class _Look:
             block = np.ascontiguousarray(q[begin : min(begin + _BLOCK, end)])
             free = free_of(block)
             if not free.all():
-                return self._named(begin + int(np.argmin(free)), ValidationStatus.COLLISION)
+                return self._near(begin + int(np.argmin(free)))
         return None
 
-    def _named(self, at: int, status: ValidationStatus) -> Found:
-        """Say what is wrong with a state as `plan` says it of ends."""
-        checker, q = self.checks.exact, self.dense.positions[at]
-        fault = fault_of(checker, q, "state")
-        if status is ValidationStatus.COLLISION and (fault is None or fault[0] is PlanStatus.GOAL_TOO_HEAVY):
-            pair = checker.closest_pair(q)
-            if pair is None:
-                return at, status, "the state is nearer than the margin.", None
-            near = f"{' and '.join(pair.names)} are {1000 * pair.distance:.1f} mm apart"
-            return at, status, f"{near}, less than the margin of {1000 * self.margin:.1f} mm.", None
-        sentence = "the joints can hardly hold it." if fault is None else fault[1]
-        joint = None
-        if status is ValidationStatus.TOO_HEAVY:
-            load = np.abs(gravity_torque(self.pepper, q)) / self.pepper.effort_limits
-            joint = self.pepper.joint_names[int(np.argmax(load))]
-        return at, status, sentence[:1].lower() + sentence[1:], joint
+    def _near(self, at: int) -> Found:
+        """Say what a state touches, or is nearer to than the margin, as `plan` says it of ends."""
+        checker, q, status = self.checks.exact, self.dense.positions[at], ValidationStatus.COLLISION
+        fault = fault_of(checker, q, "state", self.checks.statics)
+        if fault is not None and fault[0] is PlanStatus.GOAL_IN_COLLISION:
+            return at, status, fault[1][:1].lower() + fault[1][1:], None
+        pair = checker.closest_pair(q)
+        if pair is None:
+            return at, status, "the state is nearer than the margin.", None
+        near = f"{' and '.join(pair.names)} are {1000 * pair.distance:.1f} mm apart"
+        return at, status, f"{near}, less than the margin of {1000 * self.margin:.1f} mm.", None
 
 
 _STATUS_OF = {

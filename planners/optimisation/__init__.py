@@ -7,7 +7,7 @@ found = descend(objective, spline.fit(states), duration)
 
 from .assembly import Bounds, Objective
 from .banded import add_row
-from .compiled_term import FAILED, KINDS, ROWS, START, TIGHTEN, VALUES, CompiledTerm
+from .compiled_term import FAILED, KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, CompiledTerm
 from .descend import Descent, OptimisationStatus, descend
 from .effort import EffortMotion, EffortStatus, minimum_effort
 from .general import FATROP, check_no_timeout, descend_by
@@ -18,6 +18,7 @@ __all__ = [
     "FAILED",
     "FATROP",
     "KINDS",
+    "RAISED",
     "ROWS",
     "START",
     "TIGHTEN",

@@ -20,6 +20,8 @@ it; to raise them again where a motion keeps it."""
 KINDS = 4
 FAILED = 1
 """What a term returns that could not be evaluated."""
+RAISED = 2
+"""What a term may return to TIGHTEN where floors rose so far that a search that would end should go on."""
 
 _Signature = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
@@ -36,7 +38,8 @@ class CompiledTerm:
     `what` is 4 K + VALUES, ROWS, START or TIGHTEN for K samples.  `states` are their positions, velocities
     and accelerations, shape (3, K, n).  The result are the values, shape (K, R), and, for ROWS, their
     derivatives by positions, shape (K, R, n), followed by those by velocities and accelerations where the
-    term depends on them.  START and TIGHTEN write to the memory alone.  It returns 0, or FAILED.
+    term depends on them.  START and TIGHTEN write to the memory alone.  It returns 0, FAILED, or,
+    to TIGHTEN, RAISED.
 
     Attributes:
         address: Address of the function.

@@ -24,7 +24,7 @@ from .newton import (
     TIME_UP,
     search,
 )
-from .tables import DAMPING, DURATION, FIXED, MU, QUIET, SHARE
+from .tables import BEND, DAMPING, DURATION, FIXED, MU, QUIET, SHARE
 
 _FIRST_DAMPING = 1e-6
 _SLICE = 0.25  # [s] that machine code runs before Python listens to an interrupt again
@@ -135,7 +135,14 @@ def descend(
     work.trial[:] = work.control
     first_cost = objective.cost(work.control, t)
     share = max(FIRST_MU, tolerance)
-    work.numbers[[SHARE, MU, DAMPING, DURATION, QUIET]] = share, share * first_cost, _FIRST_DAMPING, t, 0.0
+    work.numbers[[SHARE, MU, DAMPING, DURATION, QUIET, BEND]] = (
+        share,
+        share * first_cost,
+        _FIRST_DAMPING,
+        t,
+        0.0,
+        0.0,
+    )
     status, iterations = OptimisationStatus.START_INFEASIBLE, 0
     if objective.measure(work.control, t)[1] < np.inf:
         status = OptimisationStatus.OUT_OF_ITERATIONS

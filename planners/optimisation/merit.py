@@ -50,14 +50,14 @@ def sample(tables: Tables, work: Workspace, control: Floats2, duration: float) -
 
 
 @compiled(lean=True)
-def ask_term(tables: Tables, work: Workspace, t: int, what: int) -> bool:
-    """Call a term at its samples; return whether it answered."""
+def ask_term(tables: Tables, work: Workspace, t: int, what: int) -> int:
+    """Call a term at its samples; return what it does."""
     term = tables.terms[t]
     states = work.states[term[SAMPLING]]
     asked = KINDS * tables.counts[term[SAMPLING], 0] + what
     result = work.results[term[FIRST] :]
     address, memory = int(term[ADDRESS]), int(term[MEMORY])
-    return call_four(address, states.ctypes.data, result.ctypes.data, int(asked), memory) != FAILED
+    return call_four(address, states.ctypes.data, result.ctypes.data, int(asked), memory)
 
 
 @compiled(lean=True)
@@ -152,7 +152,7 @@ def add_costs(tables: Tables, work: Workspace, control: Floats2, duration: float
     cost = tables.time_weight[0] * duration + jerk_cost(tables, control, duration)
     for t in range(tables.shares.size):
         if tables.shares[t] >= 0.0:
-            if not ask_term(tables, work, t, VALUES):
+            if ask_term(tables, work, t, VALUES) == FAILED:
                 return False
             count = tables.counts[tables.terms[t, SAMPLING], 0]
             cost += tables.shares[t] * duration * term_square(tables, work, t) / count
@@ -175,7 +175,7 @@ def measure(tables: Tables, work: Workspace, control: Floats2, duration: float) 
     sample(tables, work, control, duration)
     for t in range(tables.shares.size):
         if tables.shares[t] < 0.0:
-            if not ask_term(tables, work, t, VALUES):
+            if ask_term(tables, work, t, VALUES) == FAILED:
                 return False
             walls += term_barrier(tables, work, t)
             if not walls < math.inf:
@@ -185,10 +185,14 @@ def measure(tables: Tables, work: Workspace, control: Floats2, duration: float) 
 
 
 @compiled(lean=True)
-def tighten(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
-    """Raise the floors of terms under a motion; return whether all terms answered."""
+def tighten(tables: Tables, work: Workspace, control: Floats2, duration: float) -> int:
+    """Raise the floors of terms under a motion; return FAILED, RAISED where one of them says so, or 0."""
     sample(tables, work, control, duration)
+    found = 0
     for t in range(tables.shares.size):
-        if tables.terms[t, FLOORS] != 0 and not ask_term(tables, work, t, TIGHTEN):
-            return False
-    return True
+        if tables.terms[t, FLOORS] != 0:
+            said = ask_term(tables, work, t, TIGHTEN)
+            if said == FAILED:
+                return FAILED
+            found = max(found, said)
+    return found

@@ -8,9 +8,11 @@ from pepper_kin.core.clock import seconds_now
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats2
 
+from .compiled_term import FAILED, RAISED
 from .merit import add_costs, measure, sample, tighten
 from .system import fill_system, solve_system
 from .tables import (
+    BEND,
     COST,
     DAMPING,
     DURATION,
@@ -31,8 +33,8 @@ FIRST_MU, LAST_MU = 2e-3, 1e-4  # shares of the cost
 SHRINK = 0.4  # of mu, after a step of good length or near its minimum
 LONG = 0.5
 LIGHT, MOST_DAMPING = 1e-3, 1e6
-LITTLE = 1.0  # gain of a step over mu
-NEAR, NEAR_ENOUGH = 0.3, 3.0  # squared Newton decrements over mu: to lower it, and to end with the last one
+LITTLE = 1.0
+NEAR, NEAR_ENOUGH = 0.3, 10.0
 
 GOING_ON, CONVERGED, STALLED, TIME_UP, SHORT_ENOUGH, BROKEN = range(6)
 """How a call ends; BROKEN where a term did not answer."""
@@ -54,7 +56,7 @@ def measure_cost(tables: Tables, work: Workspace, control: Floats2, duration: fl
 @compiled("boolean(Tables, Workspace, float64[:, ::1], float64, float64)", lean=True)
 def fill_equations(tables: Tables, work: Workspace, control: Floats2, duration: float, mu: float) -> bool:
     """Write Newton's equations of a motion; see `fill_system`."""
-    return fill_system(tables, work, control, duration, mu)
+    return fill_system(tables, work, control, duration, (mu, mu))
 
 
 @compiled("boolean(Workspace, float64, boolean)", lean=True)
@@ -97,13 +99,16 @@ def _try_lengths(tables: Tables, work: Workspace, value: float) -> float:
 def _step(tables: Tables, work: Workspace, free_duration: bool, tolerance: float) -> tuple[int, bool]:
     """Make a step and lower mu where due; return how the search goes on, and whether it moved."""
     numbers = work.numbers
-    if not fill_system(tables, work, work.control, numbers[DURATION], numbers[MU]):
+    # Slacks s shrink with mu while mu / s keeps: its curvature, mu / s^2, is that of the mu before.
+    bend = max(numbers[MU], numbers[BEND])
+    if not fill_system(tables, work, work.control, numbers[DURATION], (numbers[MU], bend)):
         return BROKEN, False
     cost, value, damping = numbers[COST], numbers[COST] + numbers[MU] * numbers[WALLS], numbers[DAMPING]
     if not solve_system(work, damping, free_duration):
         numbers[DAMPING] = 10.0 * damping
         return (GOING_ON if numbers[DAMPING] < MOST_DAMPING else STALLED), False
     fall = numbers[FALL]
+    numbers[BEND] = numbers[MU]
     length = _try_lengths(tables, work, value)
     if length < 0.0:
         return BROKEN, False
@@ -160,8 +165,11 @@ def search(
         if ended == BROKEN:
             return BROKEN, done
         if moved:
-            if not tighten(tables, work, work.control, work.numbers[DURATION]):
+            said = tighten(tables, work, work.control, work.numbers[DURATION])
+            if said == FAILED:
                 return BROKEN, done
+            if said == RAISED and ended == CONVERGED:
+                ended = GOING_ON  # the motion still gets out of what it began in
             if work.numbers[DURATION] < stop_below:
                 return SHORT_ENOUGH, done + 1
         if ended != GOING_ON:

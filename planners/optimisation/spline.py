@@ -98,12 +98,14 @@ class RestSpline:
         """
         return basis_at(np.asarray(s, dtype=float), self.intervals, self.degree, order)
 
-    def fit(self, states: ArrayLike) -> FloatArray:
+    def fit(self, states: ArrayLike, smoothness: float = 0.0) -> FloatArray:
         """Return the unknowns whose spline is nearest, in least squares, to states at equidistant parameters.
 
         Args:
             states: Shape (k, n) with k of at least twice the number of intervals; the first and last one
                 stand for start and goal.
+            smoothness: Weight of the sum of the squared control points of the third derivative by s times the
+                number of intervals, beside the mean squared distance to the states: more cuts corners.
 
         Returns:
             Shape (size, n).
@@ -114,9 +116,9 @@ class RestSpline:
         points = finite_points("states", states, self.n)
         if len(points) < 2 * self.intervals:
             raise InvalidValueError("states", f"{len(points)} of them", f"at least {2 * self.intervals}")
-        weights, inverse = _fit(self.intervals, self.degree, len(points))
+        weights, inverse, pull = _fit(self.intervals, self.degree, len(points), smoothness)
         ends = self.control_points(np.zeros((self.size, self.n)))
-        return np.asarray(inverse @ (points - weights @ ends))
+        return np.asarray(inverse @ (points - weights @ ends) - pull @ ends)
 
     def pieces(self, unknowns: ArrayLike, duration: float) -> tuple[FloatArray, FloatArray]:
         """Return the motion over time as piecewise polynomials.
@@ -157,10 +159,16 @@ def basis_at(s: FloatArray, intervals: int, degree: int, order: int) -> FloatArr
 
 
 @lru_cache(maxsize=16)
-def _fit(intervals: int, degree: int, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return the weights of control points at equidistant parameters, and the inverse of the inner ones'."""
+def _fit(intervals: int, degree: int, count: int, smoothness: float) -> tuple[FloatArray, ...]:
+    """Return W, P and R such that P (x - W e) - R e are the inner control points nearest to states x.
+
+    W are the weights of control points at equidistant parameters, e the control points at the ends.
+    """
     weights = basis_at(np.linspace(0.0, 1.0, count), intervals, degree, 0)
-    return read_only(weights), read_only(np.asarray(np.linalg.pinv(weights[:, 3:-3]), float))
+    rough = differences(intervals, degree)[3] / intervals**3 * np.sqrt(smoothness * count)
+    inverse = np.linalg.pinv(np.vstack([weights, rough])[:, 3:-3])
+    inner, outer = inverse[:, :count], inverse[:, count:] @ rough
+    return read_only(weights), read_only(inner), read_only(outer)
 
 
 @lru_cache(maxsize=16)

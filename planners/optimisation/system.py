@@ -11,7 +11,7 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 from pepper_kin.kernels.tile_products import TILE_COLUMNS, TILE_ROWS, add_tile
 
 from .banded import add_four_rows, add_row, dot, factorize, solve_factorized
-from .compiled_term import ROWS
+from .compiled_term import FAILED, ROWS
 from .merit import ask_term, box_barrier, fill_slacks, sample, term_barrier, term_square
 from .tables import (
     CORNER,
@@ -127,16 +127,18 @@ def _cost_factor(tables: Tables, t: int, duration: float) -> float:
 
 
 @compiled(lean=True)
-def _gather(tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float], used: int) -> int:
+def _gather(
+    tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float, float], used: int
+) -> int:
     """Append the rows of a sample that act, with slopes and curvatures; return how many there are then."""
-    term, (mu, share), rows, scaled = tables.terms[t], factors, work.rows, work.scaled
+    term, (mu, bend, share), rows, scaled = tables.terms[t], factors, work.rows, work.scaled
     most, n, count = term[ROWS_COUNT], tables.jerk_weight.size, tables.counts[term[SAMPLING], 0]
     value = work.results[term[FIRST] :]
     for r in range(k * most, (k + 1) * most):
         first, second = share * value[r], share
         if share == 0.0:
             first, second = _slopes(value[r], term[WALL])
-            first, second = mu * first, mu * second
+            first, second = mu * first, bend * second
         if second != 0.0:
             begin = count * most + r * n
             for j in range(n):
@@ -148,7 +150,9 @@ def _gather(tables: Tables, work: Workspace, t: int, k: int, factors: tuple[floa
 
 
 @compiled(lean=True)
-def _add_by_position(tables: Tables, work: Workspace, s: int, mu: float, duration: float) -> None:
+def _add_by_position(
+    tables: Tables, work: Workspace, s: int, mus: tuple[float, float], duration: float
+) -> None:
     """Add all terms of one sampling that depend on positions only."""
     rows, scaled, sums, n = work.rows, work.scaled, work.sums, tables.jerk_weight.size
     count, per, pull = tables.counts[s, 0], tables.counts[s, 1], work.shares[2, :n]
@@ -166,7 +170,9 @@ def _add_by_position(tables: Tables, work: Workspace, s: int, mu: float, duratio
                 used = 0
                 for t in range(tables.shares.size):
                     if tables.terms[t, SAMPLING] == s and tables.terms[t, PARTS] == 1:
-                        used = _gather(tables, work, t, k, (mu, _cost_factor(tables, t, duration)), used)
+                        used = _gather(
+                            tables, work, t, k, (mus[0], mus[1], _cost_factor(tables, t, duration)), used
+                        )
                 if used == 0:
                     continue
                 acting = True
@@ -183,10 +189,10 @@ def _add_by_position(tables: Tables, work: Workspace, s: int, mu: float, duratio
 
 @compiled(lean=True)
 def _fill_motion_rows(
-    tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float], duration: float
+    tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float, float], duration: float
 ) -> None:
     """Write the rows of a sample by all control points of its interval, with slopes and curvatures."""
-    term, (mu, share), rows, numbers = tables.terms[t], factors, work.rows, work.numbers
+    term, (mu, bend, share), rows, numbers = tables.terms[t], factors, work.rows, work.numbers
     s, most, shares, n = term[SAMPLING], term[ROWS_COUNT], work.shares, tables.jerk_weight.size
     count, width, states = tables.counts[s, 0], tables.basis.shape[3], work.states[s]
     value, size, scaled = work.results[term[FIRST] :], work.sums.shape[1], work.scaled
@@ -194,7 +200,7 @@ def _fill_motion_rows(
         row, first, second = k * most + r, share * value[k * most + r], share
         if share == 0.0:
             first, second = _slopes(value[row], term[WALL])
-            first, second = mu * first, mu * second
+            first, second = mu * first, bend * second
         begin, step = count * most + row * n, count * most * n
         velocity, acceleration = states[(count + k) * n :], states[(2 * count + k) * n :]
         by_duration = -dot(value[begin + step : begin + step + n], velocity[:n]) / duration
@@ -218,7 +224,7 @@ def _fill_motion_rows(
 
 @compiled(lean=True)
 def _add_by_motion(
-    tables: Tables, work: Workspace, t: int, factors: tuple[float, float], duration: float
+    tables: Tables, work: Workspace, t: int, factors: tuple[float, float, float], duration: float
 ) -> None:
     """Add a term that depends on velocities and accelerations, too."""
     term, rows, scaled, shares = tables.terms[t], work.rows, work.scaled, work.shares
@@ -283,9 +289,9 @@ def _add_jerk(tables: Tables, work: Workspace, control: Floats2, duration: float
 
 
 @compiled(lean=True)
-def _add_boxes(tables: Tables, work: Workspace, duration: float, mu: float) -> None:
+def _add_boxes(tables: Tables, work: Workspace, duration: float, mus: tuple[float, float]) -> None:
     """Add the barriers of positions, velocities, accelerations and jerks, whose slacks are known."""
-    slacks, numbers = work.slacks, work.numbers
+    slacks, numbers, (mu, bend) = work.slacks, work.numbers, mus
     n, count = slacks.shape[2], slacks.shape[1]
     inner, rates = count - 2 * FIXED, tables.rates
     for i in range(inner):
@@ -293,7 +299,7 @@ def _add_boxes(tables: Tables, work: Workspace, duration: float, mu: float) -> N
             below, above = 1.0 / slacks[0, FIXED + i, j], 1.0 / slacks[1, FIXED + i, j]
             size = tables.box[2, j]
             work.right[i * n + j] += mu / size * (above - below)
-            work.band[i * n + j, 0] += mu / (size * size) * (below * below + above * above)
+            work.band[i * n + j, 0] += bend / (size * size) * (below * below + above * above)
     time_scale = 1.0
     for order in range(1, ORDERS + 1):
         time_scale /= duration
@@ -304,7 +310,7 @@ def _add_boxes(tables: Tables, work: Workspace, duration: float, mu: float) -> N
                     continue
                 share = 1.0 - slacks[2 * order, i, j]
                 up, down = 1.0 / slacks[2 * order, i, j], 1.0 / slacks[2 * order + 1, i, j]
-                first, second = mu * (up - down), mu * (up * up + down * down)
+                first, second = mu * (up - down), bend * (up * up + down * down)
                 by_duration = -order / duration * share
                 numbers[SLOPE] += first * by_duration
                 numbers[CORNER] += second * by_duration * by_duration
@@ -323,9 +329,19 @@ def _add_boxes(tables: Tables, work: Workspace, duration: float, mu: float) -> N
 
 
 @compiled(lean=True)
-def fill_system(tables: Tables, work: Workspace, control: Floats2, duration: float, mu: float) -> bool:
-    """Write Newton's equations of cost + mu * barrier, and the two; return whether all terms answered."""
-    numbers = work.numbers
+def fill_system(
+    tables: Tables, work: Workspace, control: Floats2, duration: float, mus: tuple[float, float]
+) -> bool:
+    """Write Newton's equations of cost + mu * barrier, and the two; return whether all terms answered.
+
+    Args:
+        tables: Costs and constraints.
+        work: Workspace.
+        control: Control points, shape (C, n).
+        duration: The duration.
+        mus: mu, and what stands in its place in the matrix.
+    """
+    numbers, (mu, bend) = work.numbers, mus
     numbers[SLOPE], numbers[CORNER], numbers[MU] = tables.time_weight[0], 0.0, mu
     for i in range(work.right.size):
         work.right[i], work.border[i] = 0.0, 0.0
@@ -334,11 +350,11 @@ def fill_system(tables: Tables, work: Workspace, control: Floats2, duration: flo
             work.band[i, j] = 0.0
     fill_slacks(tables, work, control, duration)
     sample(tables, work, control, duration)
-    _add_boxes(tables, work, duration, mu)
+    _add_boxes(tables, work, duration, mus)
     cost = tables.time_weight[0] * duration + _add_jerk(tables, work, control, duration)
     walls = box_barrier(work)
     for t in range(tables.shares.size):
-        if not ask_term(tables, work, t, ROWS):
+        if ask_term(tables, work, t, ROWS) == FAILED:
             return False
         factor = _cost_factor(tables, t, duration)
         if tables.shares[t] >= 0.0:
@@ -348,9 +364,9 @@ def fill_system(tables: Tables, work: Workspace, control: Floats2, duration: flo
         else:
             walls += term_barrier(tables, work, t)
         if tables.terms[t, PARTS] != 1:
-            _add_by_motion(tables, work, t, (mu, factor), duration)
+            _add_by_motion(tables, work, t, (mu, bend, factor), duration)
     for s in range(tables.counts.shape[0]):
-        _add_by_position(tables, work, s, mu, duration)
+        _add_by_position(tables, work, s, mus, duration)
     numbers[COST], numbers[WALLS] = cost, walls
     return True
 

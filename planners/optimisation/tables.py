@@ -17,11 +17,11 @@ ABOVE_ZERO, WITHIN_ONE = 0, 1
 CONSTRAINT = -1.0
 """Share of a term that is a constraint."""
 
-SLOPE, CORNER, COST, WALLS, MU, SHARE, DAMPING, DURATION, FALL, STEP, QUIET = range(11)
+SLOPE, CORNER, COST, WALLS, MU, SHARE, DAMPING, DURATION, FALL, STEP, QUIET, BEND = range(12)
 """Places in `Workspace.numbers`: right-hand side and diagonal of the duration; cost and barrier; weight of
 the barrier and that as a share of the cost; damping; the duration; what the step promises, and its duration's
-part; number of the last steps that gained next to nothing."""
-NUMBERS = 11
+part; number of the last steps that gained next to nothing; mu of the step before."""
+NUMBERS = 12
 
 
 class Tables(NamedTuple):

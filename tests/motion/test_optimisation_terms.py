@@ -36,7 +36,11 @@ def random_states(pepper, count, seed=0):
 def test_distances_agree_with_coal(hands):
     pepper = pk.load_pepper(hands=hands)
     q = random_states(pepper, 250)
-    found = ClearanceTerm(moving_of(pepper), SCENE, 0.0, 1).distances(q)
+    term = ClearanceTerm(moving_of(pepper), SCENE, 0.0, 1)
+    found = np.array([term.least_distance(state[None]) for state in q])
+    assert term.least_distance(q) == pytest.approx(found.min(), abs=1e-12)
+    clear = q[found > 0.0]
+    assert term.least_distance(clear) == pytest.approx(found[found > 0.0].min(), abs=1e-12)
     exact = pk.collision.clearance(pepper, q, SCENE)
     near = (exact > 0) & (exact < INFLUENCE)
     assert near.sum() > 40

@@ -7,7 +7,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
-from pepper_kin.motion import PlanStatus
+from pepper_kin.motion import PlanStatus, ValidationStatus, interpolate_path, simplify_path, validate
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.static_limits import ROOM_TO_MOVE, TORQUE_SHARE, static_limits
 
@@ -195,3 +195,100 @@ def test_legs_and_batches_carry_the_load_too():
     assert plan_legs(PEPPER, STAND, [Leg(heavy)], **carried).status is PlanStatus.GOAL_TOO_HEAVY
     one = pk.PlanProblem(PEPPER, STAND, heavy, **carried)
     assert one.solve().status is PlanStatus.GOAL_TOO_HEAVY
+
+
+def straight(ends: np.ndarray, count: int) -> np.ndarray:
+    """Return states on the edge between two postures."""
+    return ends[0] + (ends[1] - ends[0]) * np.linspace(0.0, 1.0, count)[:, None]
+
+
+def test_validate_finds_the_state_at_which_a_load_becomes_too_heavy():
+    ends = np.array([STAND, PEPPER.joint_vector({"LShoulderRoll": 1.2, "LElbowRoll": -0.1})])
+    assert validate(PEPPER, ends).valid
+    found = validate(PEPPER, ends, payload={"left": 1.0})
+    use = np.abs(oracle(straight(ends, 2001), 1.0)[0]) / PEPPER.effort_limits
+    first = int(np.argmax(use.max(axis=1) > TORQUE_SHARE))
+    assert first > 0
+    assert found.status is ValidationStatus.TOO_HEAVY
+    assert found.place == pytest.approx(first / 2000, abs=2e-3)
+    assert found.joint == PEPPER.joint_names[int(use[first].argmax())]
+    assert "with 1 kg at LArm_effector" in found.message
+
+
+def test_validate_finds_the_state_that_tips_over():
+    ends = np.array(
+        [STAND, PEPPER.joint_vector({"HipPitch": -0.4, "LShoulderPitch": 0.8, "RShoulderPitch": 0.8})]
+    )
+    inside = oracle(straight(ends, 2001), 0.4)[1]
+    asked = float(inside[0] + inside[-1]) / 2
+    found = validate(PEPPER, ends, balance=asked, payload={"left": 0.4})
+    assert found.status is ValidationStatus.TIPS_OVER
+    assert found.place == pytest.approx(np.argmax(inside < asked + ROOM_TO_MOVE / 2) / 2000, abs=2e-3)
+    assert "center of mass with 0.4 kg at LArm_effector" in found.message
+    assert "2 mm to move with" in found.message
+    assert "lean less" in found.advice
+    assert validate(PEPPER, ends, balance=float(inside.min()) - ROOM_TO_MOVE, payload={"left": 0.4}).valid
+
+
+def test_validate_holds_motions_against_torque_and_balance_with_the_load():
+    ends = np.array(
+        [STAND, PEPPER.joint_vector({"LShoulderPitch": 0.8, "LElbowRoll": -0.3, "HipPitch": -0.1})]
+    )
+    carried = {"payload": {"left": 0.3}, "balance": 0.02}
+    motion = pk.retime(PEPPER, ends, **carried)
+    assert validate(PEPPER, motion, **carried).valid
+    heavier = validate(PEPPER, motion, payload={"left": 3.0})
+    assert heavier.status is ValidationStatus.TORQUE_LIMIT
+    state = motion(heavier.place)
+    model = PEPPER.inner_model.copy()
+    frame = model.frames[PEPPER.frame_id(HAND)]
+    model.appendBodyToJoint(
+        frame.parentJoint, pinocchio.Inertia(3.0, np.zeros(3), np.zeros((3, 3))), frame.placement
+    )
+    full = [
+        PEPPER.to_full(state.position),
+        *(PEPPER.full_map @ x for x in (state.velocity, state.acceleration)),
+    ]
+    torque = pinocchio.rnea(model, model.createData(), *full) @ PEPPER.full_map
+    joint = PEPPER.joint_index(heavier.joint)
+    assert abs(torque[joint]) > PEPPER.effort_limits[joint]
+    assert f"{torque[joint]:.6g} N m" in heavier.message
+    certificate = motion.check(PEPPER, payload={"left": 0.3})
+    stricter = validate(PEPPER, motion, payload={"left": 0.3}, balance=certificate.balance.value + 0.005)
+    assert stricter.status is ValidationStatus.TIPS_OVER
+    assert "the zero-moment point with 0.3 kg at LArm_effector" in stricter.message
+
+
+def test_retime_never_refuses_what_was_made_shorter_with_a_load():
+    rng, carried, without = np.random.default_rng(5), {"payload": {"left": 0.8}, "balance": 0.02}, 0
+    solved = 0
+    for number, (start, goal) in enumerate(_problems(24, 3)):
+        plan = pk.plan(PEPPER, start, goal, TABLE, seed=number, **carried)
+        if not plan.success or len(plan.path) < 3:
+            continue
+        way = interpolate_path(plan, count=10)
+        way[1:-1] += rng.normal(0.0, 0.03, (8, PEPPER.n))
+        way = np.clip(way, PEPPER.lower_limits, PEPPER.upper_limits)
+        loaded, free = (simplify_path(PEPPER, way, TABLE, **options) for options in (carried, {}))
+        for found in (loaded, simplify_path(PEPPER, plan, TABLE, **carried)):
+            if found.success:
+                solved += 1
+                certificate = pk.retime(PEPPER, found, **carried).check(PEPPER, scene=TABLE, **carried)
+                assert certificate.ok, certificate.report()
+                assert validate(PEPPER, found, TABLE, **carried).valid
+        without += free.success and not validate(PEPPER, free, TABLE, **carried).valid
+    assert solved > 12
+    assert without > 0
+
+
+def test_path_tools_refuse_loads_in_the_words_of_retime():
+    points = np.array([STAND, STAND + 0.01])
+    for tool in (validate, simplify_path):
+        with pytest.raises(InvalidValueError, match="balance: got -1"):
+            tool(PEPPER, points, balance=-1.0)
+        with pytest.raises(UnknownNameError, match="foot"):
+            tool(PEPPER, points, payload={"foot": 1.0})
+        heavy = tool(
+            PEPPER, np.array([STAND, PEPPER.joint_vector({"LShoulderRoll": 1.0})]), payload={"left": 2.0}
+        )
+        assert "with 2 kg at LArm_effector" in heavy.message

@@ -76,3 +76,20 @@ def test_misuse_is_named():
         RestSpline([0.0], [1.0, 2.0])
     with pytest.raises(InvalidValueError, match="states: got 5 of them, expected at least 20"):
         RestSpline([0.0], [1.0], 10).fit(np.zeros((5, 1)))
+
+
+def test_a_smooth_fit_is_the_least_of_distance_and_third_derivative():
+    spline = RestSpline([0.0, 1.0], [2.0, -1.0], 12)
+    states = np.random.default_rng(4).normal(size=(60, 2)).cumsum(axis=0)
+
+    def objective(unknowns, smoothness):
+        control = spline.control_points(unknowns)
+        apart = spline.basis(np.linspace(0.0, 1.0, 60)) @ control - states
+        rough = spline.difference(3) @ control / 12**3
+        return (apart**2).sum() / 60 + smoothness * (rough**2).sum()
+
+    for smoothness in (0.0, 0.3):
+        best = spline.fit(states, smoothness)
+        least = objective(best, smoothness)
+        for move in np.random.default_rng(5).normal(0.0, 1e-3, (20, *best.shape)):
+            assert objective(best + move, smoothness) > least

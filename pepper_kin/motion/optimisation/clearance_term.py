@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +14,7 @@ from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
+from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.bodies_of import bodies_of
 from pepper_kin.motion.optimisation.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimisation.moving import Moving, whole_states
@@ -30,7 +34,7 @@ from pepper_kin.motion.optimisation.term_memory import (
     take,
     words_of,
 )
-from pepper_kin.planners.optimisation import KINDS, ROWS, START, TIGHTEN, VALUES, add_row
+from pepper_kin.planners.optimisation import KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, add_row
 
 Array = NDArray[np.float64]
 
@@ -39,6 +43,8 @@ INFLUENCE = 0.08
 MOST_PAIRS = 8
 """Number of pairs that act at one sample: the nearest ones."""
 _SPARE = 2e-3  # [m]
+_RISE = 1e-4  # [m] of a floor
+_BLOCK = 80  # states that are measured at once
 _POSE = 16
 
 _N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
@@ -46,6 +52,45 @@ _N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
     _FLOOR, _JOINTS, _REST, _FRAME, _CORES, _RADIUS, _REACH, _CARRIED, _JOINT_FRAME, _JOINT_AXIS, _SLIDES,
     _PAIRS, _GAP, _COLUMNS, _ROOM,
 ) = range(7, 37, 2)  # fmt: skip
+
+
+class _Prepared(NamedTuple):
+    """What terms of one robot, scene and set of moving joints have in common.
+
+    Attributes:
+        memory: Memory of such a term without what is its own.
+        rows_count: Number of rows of a sample.
+        room_size: Numbers of its room for each sample, and for all.
+        keep_alive: What the memory points to.
+    """
+
+    memory: Array
+    rows_count: int
+    room_size: tuple[int, int]
+    keep_alive: object
+
+
+@lru_cache(maxsize=16)
+def _prepared(
+    pepper: PepperModel, scene: Scene, margin: float, moving: bytes, only_moving: bool
+) -> _Prepared:
+    bodies, frames = bodies_of(pepper, scene, margin)
+    poses, moved = kernel(pepper, "frame_poses", frames) if frames else None, np.frombuffer(moving, np.int64)
+    # d/dq = (d/dq_full) E, where mimic joints follow by q_full = E q + e.
+    columns = np.ascontiguousarray(pepper.full_map[:, moved])
+    if only_moving:
+        apart = bodies.carried[bodies.pairs[:, 0]] != bodies.carried[bodies.pairs[:, 1]]
+        places = np.flatnonzero((apart & (columns != 0).any(axis=1)).any(axis=1))
+        bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
+    address, room = (poses.batch_address, poses.work_size) if poses else (0, 0)
+    memory, kept = memory_of(
+        [pepper.n, margin, address, room, len(frames), 1.0, 0.0],
+        [np.zeros(0), moved, np.zeros(pepper.n), *bodies, columns, np.zeros(0)],
+    )
+    most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
+    # Poses twice, whole states, positions, cores, squares, rows; axes, words, a pair, work.
+    each = (_POSE + 12) * len(frames) + pepper.n + moved.size + 12 * count + 8 * most + 4
+    return _Prepared(memory, most, (each, 7 * joints + 52 + room), (poses, kept))
 
 
 class ClearanceTerm(FlooredTerm):
@@ -70,50 +115,34 @@ class ClearanceTerm(FlooredTerm):
         self, moving: Moving, scene: Scene, margin: float, per_interval: int, *, only_moving: bool = False,
         closeness: bool = False,
     ) -> None:  # fmt: skip
-        bodies, frames = bodies_of(moving.pepper, scene, margin)
-        poses = kernel(moving.pepper, "frame_poses", frames) if frames else None
-        # d/dq = (d/dq_full) E, where mimic joints follow by q_full = E q + e.
-        columns = np.ascontiguousarray(moving.pepper.full_map[:, moving.joints])
-        if only_moving:
-            apart = bodies.carried[bodies.pairs[:, 0]] != bodies.carried[bodies.pairs[:, 1]]
-            places = np.flatnonzero((apart & (columns != 0).any(axis=1)).any(axis=1))
-            bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
-        address, room = (poses.batch_address, poses.work_size) if poses else (0, 0)
-        memory, kept = memory_of(
-            [moving.pepper.n, margin, address, room, len(frames), -1.0 if closeness else 1.0, 0.0],
-            [np.zeros(0), moving.joints, moving.rest, *bodies, columns, np.zeros(0)],
-        )
-        most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
-        # Poses twice, whole states, positions, cores, squares, rows; axes, words, a pair, work.
-        moved = moving.pepper.n + moving.joints.size
-        self._room_size = (
-            (_POSE + 12) * len(frames) + moved + 12 * count + 8 * most + 4, 7 * joints + 52 + room
-        )  # fmt: skip
-        self._room = np.zeros(0)
+        made = _prepared(moving.pepper, scene, margin, moving.joints.tobytes(), only_moving)
+        memory, rest = made.memory.copy(), np.ascontiguousarray(moving.rest)
+        memory[_SIGN] = -1.0 if closeness else 1.0
+        set_array(memory, _REST, rest)
+        self._room_size, self._room = made.room_size, np.zeros(0)
         super().__init__(
-            clearance_rows.address, memory, _FLOOR, most, per_interval,
-            keep_alive=(poses, kept),
-        )  # fmt: skip
+            clearance_rows.address, memory, _FLOOR, made.rows_count, per_interval, keep_alive=(made, rest)
+        )
 
     def reserve(self, count: int) -> None:
         """Make room in memory for a number of samples."""
         size = count * self._room_size[0] + self._room_size[1]
         if size > self._room.size:
-            self._room = np.zeros(size)
+            self._room = np.empty(size)
             self.memory[_KNOWN] = 0.0
             set_array(self.memory, _ROOM, self._room)
 
-    def distances(self, q: Array) -> Array:
-        """Return the least distances beyond the margin at moving joints' positions, shape (K,) [m].
+    def least_distance(self, q: Array) -> float:
+        """Return the least distance beyond the margin at moving joints' positions, shape (K, k) [m].
 
         Those of `INFLUENCE` and more count as `INFLUENCE`.
         """
-        if not self.rows_count:
-            return np.full(len(q), INFLUENCE)
-        found = np.empty(len(q))
-        self.reserve(len(q))
-        least_distances(self.memory, np.ascontiguousarray(q), found)
-        return found
+        least, q = INFLUENCE, np.ascontiguousarray(q)
+        if self.rows_count:
+            self.reserve(min(len(q), _BLOCK))
+            for begin in range(0, len(q), _BLOCK):
+                least = least_distance(self.memory, q[begin : begin + _BLOCK], least)
+        return least
 
 
 @compiled
@@ -129,7 +158,9 @@ def _bodies_in(memory: Floats1) -> Bodies:
 
 
 @compiled
-def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Floats4, NearRows, NearRoom]:
+def _search_near(
+    memory: Floats1, q: Floats1, count: int, most: int, influence: float
+) -> tuple[Floats4, NearRows, NearRoom]:
     """Return the poses and the nearest pairs at positions of the moving joints, and room that was used.
 
     Asked again for the same positions, as a step asks after the search along the last one, it has them.
@@ -166,7 +197,7 @@ def _search_near(memory: Floats1, q: Floats1, count: int, most: int) -> tuple[Fl
         whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
         flat = poses.reshape((count, _POSE * frames))
         evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
-    find_near_rows(placed, bodies, INFLUENCE, near, near_room)
+    find_near_rows(placed, bodies, influence, near, near_room)
     memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
     for i in range(q.size):
         last[i] = q[i]
@@ -181,24 +212,32 @@ def _are_equal(first: Floats1, second: Floats1) -> bool:
     return same
 
 
-@compiled("void(float64[::1], float64[:, ::1], float64[::1])")
-def least_distances(memory: Floats1, q: Floats2, found: Floats1) -> None:
-    """Write the least distance beyond the margin at positions, shape (K,)."""
-    near = _search_near(memory, q.reshape(q.size), q.shape[0], 1)[1]
+@compiled("float64(float64[::1], float64[:, ::1], float64)")
+def least_distance(memory: Floats1, q: Floats2, influence: float) -> float:
+    """Return the least distance beyond the margin at positions, shape (K, k), if below some; else that."""
+    memory[_KNOWN] = 0.0
+    near, least = _search_near(memory, q.reshape(q.size), q.shape[0], 1, influence)[1], influence
     for k in range(q.shape[0]):
-        found[k] = near.distance[k, 0]
+        least = min(least, near.distance[k, 0])
+    memory[_KNOWN] = 0.0
+    return least
 
 
 @compiled
-def _move_floors(memory: Floats1, distance: Floats2, what: int) -> None:
-    """Lower the floors under a motion, or raise those that it lets rise."""
-    floors, margin = floats_of(memory, _FLOOR), memory[_MARGIN]
+def _move_floors(memory: Floats1, distance: Floats2, what: int) -> int:
+    """Lower the floors under a motion, or raise those that it lets rise; return RAISED where that is much."""
+    floors, margin, found = floats_of(memory, _FLOOR), memory[_MARGIN], 0
     for k in range(floors.size):
         apart = distance[k, 0] + margin
         # Half of what separates bodies may be used up, but no more: the floor must not let them touch.
         spare = min(2.0 * _SPARE, 0.5 * apart) if apart > 0.0 else 2.0 * _SPARE
         under = 0.0 if distance[k, 0] > _SPARE else distance[k, 0] - spare
-        floors[k] = under if what == START else max(floors[k], under)
+        if what != START:
+            under = max(floors[k], under)
+            if under - floors[k] > _RISE:
+                found = RAISED
+        floors[k] = under
+    return found
 
 
 @compiled
@@ -234,10 +273,9 @@ def clearance_rows(states: int, result: int, asked: int, memory_address: int) ->
     if what == TIGHTEN and not any_below_zero(floors):
         return 0
     most = min(MOST_PAIRS, floats_of(memory, _GAP).size)
-    poses, near, room = _search_near(memory, floats_at(states, count * moving), count, most)
+    poses, near, room = _search_near(memory, floats_at(states, count * moving), count, most, INFLUENCE)
     if what != VALUES and what != ROWS:
-        _move_floors(memory, near.distance, what)
-        return 0
+        return _move_floors(memory, near.distance, what)
     values, sign = floats_at(result, count * most), memory[_SIGN]
     for k in range(count):
         floor = floors[k] if k < floors.size else 0.0

@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.dynamics import inverse_dynamics
+from pepper_kin.batch import kernel
+from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
@@ -82,8 +83,10 @@ def figures_of(pepper: PepperModel, trajectory: Trajectory) -> Figures:
     steps = max(int(np.ceil(trajectory.duration / JERK_STEP)), 2)
     dt = trajectory.duration / steps
     state = trajectory(np.linspace(0.0, trajectory.duration, steps + 1))
-    acceleration = np.pad(state.acceleration, ((1, 1), (0, 0)))
-    jerk = np.diff(acceleration, axis=0) / (dt * jerk_scale(pepper))
-    share = inverse_dynamics(pepper, *state) / pepper.effort_limits
-    effort = np.trapezoid((share**2).sum(axis=1), dx=dt)
-    return Figures(trajectory.duration, float((jerk**2).sum() * dt), float(effort))
+    acceleration = np.zeros((steps + 3, pepper.n))
+    acceleration[1:-1] = state.acceleration
+    jerk = (acceleration[1:] - acceleration[:-1]) / (dt * jerk_scale(pepper))
+    share = evaluate(kernel(pepper, "inverse_dynamics"), *map(np.ascontiguousarray, state))
+    share /= pepper.effort_limits
+    effort = np.vdot(share, share) - (np.vdot(share[0], share[0]) + np.vdot(share[-1], share[-1])) / 2
+    return Figures(trajectory.duration, float(np.vdot(jerk, jerk) * dt), float(effort * dt))

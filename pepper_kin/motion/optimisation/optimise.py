@@ -112,8 +112,9 @@ def optimise(
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: where torque limits forbid the path to start from.
     """
-    from pepper_kin.motion.optimisation.spline_problem import SplineProblem  # loads Numba: only here
+    from pepper_kin.motion.optimisation.spline_problem import SplineProblem, load_search  # only here
 
+    load_search()
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
     wanted, seconds = _checked(margin, timeout, duration, solver, starts)
@@ -125,9 +126,8 @@ def optimise(
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
 
     def posed(motion: Trajectory) -> SplineProblem:
-        return SplineProblem(
-            pepper, motion, world, weights, limits, margin, intervals, tasks=tasks, jerk=rate
-        )
+        given = pepper, motion, world, weights, limits, margin, intervals
+        return SplineProblem(*given, tasks=tasks, jerk=rate)
 
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
@@ -347,4 +347,4 @@ class _Judge:
         if not is_clear_along(Checks(self.pepper, self.scene), motion):
             return -float("inf")
         times = sample_times(motion.duration, _DISTANCE_STEP)
-        return float(problem.distances(motion(times).position).min())
+        return problem.least_distance(motion(times).position)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,14 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.balance_term import BalanceTerm
-from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm
+from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm, clearance_rows, least_distance
 from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
 from pepper_kin.motion.optimisation.held_term import HeldTerm
+from pepper_kin.motion.optimisation.kernel_term import kernel_rows
 from pepper_kin.motion.optimisation.moving import Moving
-from pepper_kin.motion.optimisation.range_term import RangeTerm
+from pepper_kin.motion.optimisation.range_term import RangeTerm, range_rows
 from pepper_kin.motion.optimisation.torque_term import TorqueTerm
+from pepper_kin.planners.deadline import load_code
 from pepper_kin.planners.optimisation import (
     Bounds,
     Descent,
@@ -28,6 +31,7 @@ from pepper_kin.planners.optimisation import (
     descend,
     descend_by,
 )
+from pepper_kin.planners.optimisation.newton import measure_cost, measure_motion, search
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limits import Limits
 
@@ -39,7 +43,10 @@ GENERAL_STEPS = 10
 _STILL = 1e-9  # [rad or m]; joints that move less do not move
 _FIT_SAMPLES = 12  # of the first motion, for each interval
 _TORQUE_SHARE = 0.99  # of the limit at knots: between them torques may rise a little
-_FIRST_STRETCH, _STRETCH, _MOST_STRETCHES = 1.1, 1.2, 25
+_FIRST_STRETCH, _STRETCH, _MOST_STRETCHES = 0.9, 1.1, 50
+_SPARE_TIME = 1.02  # of the first duration that keeps all limits
+_SMOOTHNESS = 0.3  # of the first motion, see `RestSpline.fit`
+_DEEPEST = 0.5  # of the margin that a first motion so smooth may use up
 _INSIDE = 1e-4  # of the range: how far first control points keep from position limits
 _RANGE_MARGIN = 0.002  # [m] kept by neighbouring bodies, whose ranges change in steps between samples
 _SMALL = 1e-9  # weight of the jerk where only time counts: keeps the problem well posed
@@ -51,6 +58,14 @@ _WHAT = {
     "BalanceTerm": "the balance",
 }
 _SHORT = 0.995  # of the wanted duration, from which the search slows down to it
+
+
+@cache
+def load_search() -> None:
+    """Load, or compile, the search and its terms, before any clock starts."""
+    load_code(search, measure_motion, measure_cost, least_distance)
+    for term in (clearance_rows, range_rows, kernel_rows):
+        assert term.address
 
 
 class SplineProblem:
@@ -69,7 +84,8 @@ class SplineProblem:
         jerk: Limits of jerk of all joints, shape (n,); None for none.
 
     Attributes:
-        clearance_before: Least distance of the motion to start from, at samples [m]; see `distances`.
+        clearance_before: Least distance of the motion to start from, at samples [m]; see
+            `least_distance`.
     """
 
     def __init__(
@@ -98,14 +114,19 @@ class SplineProblem:
         self._margin = margin
         lower, upper = pepper.lower_limits[joints], pepper.upper_limits[joints]
         inside = np.where(np.isfinite(upper - lower), _INSIDE * (upper - lower), 0.0)
-        self._first = np.clip(self._spline.fit(path[:, joints]), lower + inside, upper - inside)
+        # Tasks are kept by the path as it is; else a smoother motion is nearer to what is sought.
+        self._firsts = [
+            np.clip(self._spline.fit(path[:, joints], smoothness), lower + inside, upper - inside)
+            for smoothness in ((0.0,) if tasks else (_SMOOTHNESS, 0.0))
+        ]
         efforts = pepper.effort_limits if limits.torque is None else limits.torque
         torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1)
-        self._clearance = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
-        apart = ClearanceTerm(self._moving, scene or Scene(), margin, 4, only_moving=True)
+        self._apart = ClearanceTerm(self._moving, scene or Scene(), margin, 4, only_moving=True)
+        everything = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
+        self._at_rest = everything.least_distance(path[:1, joints])
         constraints: list[RangeTerm | ClearanceTerm | HeldTerm] = [HeldTerm(self._moving, tasks, 4)]
         if scene is not None:
-            constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), apart]
+            constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._apart]
         costs: list[tuple[float, Term]] = []
         if cost.effort > 0:
             costs.append((cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)))
@@ -122,14 +143,15 @@ class SplineProblem:
             [torque, *standing, *self._floors],
             costs,
         )
-        self.clearance_before = float(self.distances(path[:: _FIT_SAMPLES // 4]).min())
+        self.clearance_before = self.least_distance(path[:: _FIT_SAMPLES // 4])
 
-    def distances(self, q: Array) -> Array:
-        """Return the least distances at whole configurations, shape (m, n) -> (m,) [m].
+    def least_distance(self, q: Array) -> float:
+        """Return the least distance at whole configurations, shape (m, n) [m].
 
-        They are cut off at `margin + INFLUENCE`.
+        It is cut off at `margin + INFLUENCE`.
         """
-        return self._clearance.distances(q[:, self._moving.joints]) + self._margin
+        found = self._apart.least_distance(q[:, self._moving.joints])
+        return min(found, self._at_rest) + self._margin  # other pairs stay as they are at rest
 
     def descend(
         self, wanted: float | None, max_iterations: int, timeout: float, solver: str = "newton"
@@ -146,18 +168,21 @@ class SplineProblem:
             The descent.
         """
         objective, spline = self._objective, self._spline
-        control = spline.control_points(self._first)
-        for term in self._floors:
-            term.start_from(objective.samples(term, control))
+        for first in self._firsts:
+            control = spline.control_points(first)
+            for term in self._floors:
+                term.start_from(objective.samples(term, control))
+            if self._apart.floor.min(initial=0.0) >= -_DEEPEST * self._margin:
+                break
         duration = self._feasible_duration(control)
         if solver != "newton":
             return descend_by(
-                objective, self._first, wanted or duration, solver=solver, free_duration=wanted is None,
+                objective, first, wanted or duration, solver=solver, free_duration=wanted is None,
                 max_iterations=GENERAL_STEPS * max_iterations, timeout=timeout,
             )  # fmt: skip
         if wanted is None:
-            return descend(objective, self._first, duration, max_iterations=max_iterations, timeout=timeout)
-        x = self._first
+            return descend(objective, first, duration, max_iterations=max_iterations, timeout=timeout)
+        x = first
         if duration >= wanted:
             hurry = Objective(
                 spline, objective.bounds, Weights(1.0, _SMALL, objective.weights.jerk_scale),
@@ -187,7 +212,7 @@ class SplineProblem:
             if self._objective.measure(control, duration)[1] < np.inf:
                 break
             duration *= _STRETCH
-        return 1.05 * duration
+        return _SPARE_TIME * duration
 
     def broken(self, descent: Descent) -> str:
         """Say which limit or constraint the motion of a descent breaks most, and where."""
