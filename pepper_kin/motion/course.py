@@ -83,6 +83,7 @@ class Course(NamedTuple):
         points: Receives way-points, progress[PIECES] + 1 of them, shape (MOST + 1, n).
         breaks: Receives the breaks of the spline through them, shape (MOST + 1,).
         coefficients: Receives its coefficients, shape (MOST, 4, n).
+        cost: Receives the length of the path that was found, in the metric, shape (1,).
         progress: See the places above.
     """
 
@@ -104,6 +105,7 @@ class Course(NamedTuple):
     points: Floats2
     breaks: Floats1
     coefficients: Floats3
+    cost: Floats1
     progress: Ints1
 
 
@@ -241,6 +243,8 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
         progress[FOUND_SIZE] = line.counters[SIZE]
         for k in range(progress[FOUND_SIZE]):
             _copy_row(line.points[k], course.found[k])
+        measure(line.points, line.counters[SIZE], course.space.weights, line.lengths[0])
+        course.cost[0] = line.lengths[0, line.counters[SIZE] - 1]
         progress[STAGE] = BEGIN
     if progress[STAGE] == BEGIN:
         _begin_shortening(course, line.counters[SIZE])

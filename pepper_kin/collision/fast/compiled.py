@@ -46,7 +46,7 @@ class StaticLoads:
     masses: Array = field(default_factory=lambda: np.empty(0))
     edges: Array = field(default_factory=lambda: np.empty((0, EDGE_NUMBERS)))
 
-    @property
+    @cached_property
     def kind(self) -> tuple[int, int, int]:
         """What blocks for this and for other loads have in common: the kernel and the lengths."""
         return self.kernel.single_address, self.masses.size, len(self.edges)

@@ -159,20 +159,19 @@ def _held(check: MotionCheck, count: int) -> bool:
 
 
 @compiled
-def _end_kept(check: MotionCheck, ends: Array, margin: float, self_margin: float) -> bool:
-    """Return whether the first of some states and another one keep margins [m]."""
+def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: float) -> int:
+    """Return how many of some states keep margins [m]; 0 where the first does not."""
     if blocked(check, margin, self_margin):
-        return False
+        return 0
+    found = 0
     for first in range(0, ends.shape[0], ROOM):
         count = min(ROOM, ends.shape[0] - first)
         _look(check, ends[first:], count, (margin, self_margin), False)
+        if first == 0 and check.answers[0] != FREE:
+            return 0
         for i in range(count):
-            free = check.answers[i] == FREE
-            if first + i == 0 and not free:
-                return False
-            if first + i > 0 and free:
-                return True
-    return False
+            found += 1 if check.answers[i] == FREE else 0
+    return found
 
 
 @compiled("void(MotionCheck, float64[:, ::1], float64, float64, float64[::1])")
@@ -190,12 +189,34 @@ def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float,
         kept: Receives the margins, shape (2,).
     """
     own = scene = margin
-    while own > least and not _end_kept(check, ends, 0.0, own):
+    while own > least and _kept_ends(check, ends, 0.0, own) < 2:
         own /= 2.0
     own = 0.0 if own <= least else own if own == margin else own / 2.0
-    while scene > least and not _end_kept(check, ends, scene, own):
+    while scene > least and _kept_ends(check, ends, scene, own) < 2:
         scene /= 2.0
     kept[0], kept[1] = 0.0 if scene <= least else scene, own
+
+
+@compiled("boolean(MotionCheck, float64[:, ::1], float64, float64, float64[::1])")
+def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, kept: Floats1) -> bool:
+    """Return whether all ends of a motion touch nothing and can be held; if so write their margins.
+
+    See `kept_margins` for the arguments.
+    """
+    for first in range(0, ends.shape[0], ROOM):
+        count = min(ROOM, ends.shape[0] - first)
+        for k in range(count):
+            for j in range(ends.shape[1]):
+                check.states[k, j] = ends[first + k, j]
+        if not _held(check, count):
+            return False
+    kept[0] = kept[1] = margin
+    if margin > least and _kept_ends(check, ends, margin, margin) == ends.shape[0]:
+        return True
+    if _kept_ends(check, ends, 0.0, 0.0) < ends.shape[0]:
+        return False
+    kept_margins(check, ends, margin, least, kept)
+    return True
 
 
 @compiled("int64(float64[::1], float64[:, :, ::1], float64[::1], float64, int64[::1])")
