@@ -222,8 +222,8 @@ class Checks:
         key = frozen.tobytes(), free.tobytes()
         found = self._made.get(key)
         if found is None:
-            effort, loads = self.statics.effort_limits, self.statics.loads()
-            found = self._fast.compiled(frozen, free, effort, loads)
+            effort, loads = self.statics.effort_limits, self.statics.loads
+            found = self._fast.of_motion(frozen.copy(), free.copy(), effort, loads)
             self._made = {key: found}
         return found
 

@@ -24,6 +24,7 @@ from pepper_kin.planners.shortcut import (
     drop_flat,
     measure,
     shorten,
+    skip_ahead,
 )
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
 from pepper_kin.planners.smooth import schoenberg_spline
@@ -248,6 +249,7 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
         progress[STAGE] = BEGIN
     if progress[STAGE] == BEGIN:
         _begin_shortening(course, line.counters[SIZE])
+        skip_ahead(course.space, line)
         progress[STAGE] = SHORTEN
     if progress[STAGE] == SHORTEN:
         ended = shorten(course.space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, False)

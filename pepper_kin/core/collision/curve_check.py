@@ -20,6 +20,9 @@ LONGEST, SHORTER = 0.008, 4
 next two is shorter than the one before."""
 SHORTEST = LONGEST / SHORTER**2
 
+SPARSE = 8
+"""One of as many states is looked at before all others, since what a curve meets is mostly wider."""
+
 
 class MotionCheck(NamedTuple):
     """What tells of states of one motion whether they are free and can be held.
@@ -275,7 +278,6 @@ def _near_ones(
     parts: Intervals,
     kept: tuple[float, float],
     step: float,
-    held: bool,
     strictly: bool,
 ) -> int:
     """Move the intervals that have to be cut to the front; return how many, or -1 for a curve not clear.
@@ -286,7 +288,6 @@ def _near_ones(
         parts: The intervals.
         kept: Margins that all middles have to keep [m].
         step: What no point of the body moves farther than in an interval [m].
-        held: Whether joints have to hold the middles.
         strictly: Whether the margin to the scene is to be kept by all of an interval.
     """
     proven = kept[0] + 0.5 * step if strictly else max(kept[0], 0.5 * step)
@@ -303,8 +304,6 @@ def _near_ones(
             place = first + k
             middle = parts.begin[place] + 0.5 * parts.width[place]
             _write_middle(coefficients, parts.piece[place], middle, states[k])
-        if held and not _held(check, count):
-            return -1
         if step > SHORTEST and not alike and not all_near:
             _look(check, states, count, far, True)
             left = 0
@@ -312,12 +311,12 @@ def _near_ones(
                 if answers[k] != FREE:
                     for j in range(states.shape[1]):
                         states[left, j] = states[k, j]
-                    _keep(parts, first + k, near + left)
+                    _copy_interval(parts, first + k, parts, near + left)
                     left += 1
         else:
             left = count
             for k in range(count):
-                _keep(parts, first + k, near + k)
+                _copy_interval(parts, first + k, parts, near + k)
         if left > 0:
             _look(check, states, left, kept, False)
             for k in range(left):
@@ -329,10 +328,25 @@ def _near_ones(
 
 
 @compiled
-def _keep(parts: Intervals, source: int, place: int) -> None:
-    """Copy an interval to another place."""
-    parts.piece[place], parts.begin[place] = parts.piece[source], parts.begin[source]
-    parts.width[place] = parts.width[source]
+def _copy_interval(source: Intervals, k: int, target: Intervals, place: int) -> None:
+    """Copy an interval to a place among the same or other ones."""
+    target.piece[place], target.begin[place] = source.piece[k], source.begin[k]
+    target.width[place] = source.width[k]
+
+
+@compiled
+def _sparse_first(parts: Intervals) -> Intervals:
+    """Return the same intervals, but every `SPARSE`th before all others."""
+    count, place = parts.piece.size, 0
+    ordered = Intervals(np.empty(count, np.int64), np.empty(count), np.empty(count))
+    for k in range(SPARSE // 2, count, SPARSE):
+        _copy_interval(parts, k, ordered, place)
+        place += 1
+    for k in range(count):
+        if k % SPARSE != SPARSE // 2:
+            _copy_interval(parts, k, ordered, place)
+            place += 1
+    return ordered
 
 
 @compiled
@@ -386,18 +400,13 @@ def is_clear(
     """
     if blocked(check, margin, self_margin):
         return False
-    closer = held and check.held_step < LONGEST
-    if closer and not _held_along(check, breaks, coefficients, reach):
-        return False
     counts, step = np.empty(coefficients.shape[0], np.int64), LONGEST
     total = count_intervals(breaks, coefficients, reach, step, counts)
     parts = Intervals(np.empty(total, np.int64), np.empty(total), np.empty(total))
     write_intervals(breaks, counts, parts)
-    while True:
-        here = held and not closer and step == LONGEST
-        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, here, strictly)
-        if near <= 0:
-            return near == 0
+    parts = _sparse_first(parts)
+    near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly)
+    while near > 0:
         step /= SHORTER
         cut = Intervals(
             np.empty(SHORTER * near, np.int64), np.empty(SHORTER * near), np.empty(SHORTER * near)
@@ -408,3 +417,5 @@ def is_clear(
             cut.piece[k], cut.width[k] = parts.piece[source], width
             cut.begin[k] = parts.begin[source] + width * (k % SHORTER)
         parts = cut
+        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly)
+    return near == 0 and (not held or _held_along(check, breaks, coefficients, reach))
