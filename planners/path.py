@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,13 +23,11 @@ class Path:
         points: Way-points, shape (k, n), k >= 1, read-only.
         weights: Weights of the metric, shape (n,), see `Metric`; ones if omitted.
         metric: The metric, made from the weights.
-        arc_lengths: Length from the first to each way-point, shape (k,) [length unit of the metric].
     """
 
     points: FloatArray
     weights: FloatArray | None = None
     metric: Metric = field(init=False, repr=False)
-    arc_lengths: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Copy and check the way-points and weights.
@@ -41,7 +40,6 @@ class Path:
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "weights", metric.weights)
         object.__setattr__(self, "metric", metric)
-        object.__setattr__(self, "arc_lengths", read_only(metric.arc_lengths(points)))
 
     @classmethod
     def trusted(cls, points: FloatArray, metric: Metric, arc_lengths: FloatArray | None = None) -> Path:
@@ -53,11 +51,15 @@ class Path:
             arc_lengths: Length up to each of them where that is known, shape (k,).
         """
         path = cls.__new__(cls)
-        lengths = metric.arc_lengths(points) if arc_lengths is None else arc_lengths
-        path.__dict__.update(
-            points=read_only(points), weights=metric.weights, metric=metric, arc_lengths=read_only(lengths)
-        )
+        path.__dict__.update(points=read_only(points), weights=metric.weights, metric=metric)
+        if arc_lengths is not None:
+            path.__dict__["arc_lengths"] = read_only(arc_lengths)
         return path
+
+    @cached_property
+    def arc_lengths(self) -> FloatArray:
+        """Length from the first to each way-point, shape (k,) [length unit of the metric]."""
+        return read_only(self.metric.arc_lengths(self.points))
 
     @property
     def n(self) -> int:

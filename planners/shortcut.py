@@ -311,6 +311,28 @@ def _replace(points: FloatArray, size: int, before: int, after: int, piece: Floa
     return before + count + size - after
 
 
+@compiled
+def skip_ahead(space: SearchSpace, line: Polyline) -> None:
+    """Let a polyline go straight from each way-point, in turn, to one as far ahead as it can.
+
+    The last is tried first, then the one halfway to it, and so on: few questions, which make few long edges.
+    What random short-cuts do one by one, asking about most of the way again each time, is mostly done then.
+    """
+    points, piece, lengths, counters, k = line.points, line.piece, line.lengths[1], line.counters, 0
+    while k + 2 < counters[SIZE]:
+        other = counters[SIZE] - 1
+        while other > k + 1:
+            _copy(points, k, 1, piece, 0)
+            _copy(points, other, 1, piece, 1)
+            measure(piece, 2, space.weights, lengths)
+            steps = step_count(lengths[1], space.resolution)
+            if edge_valid(space, piece[0], piece[1], steps, line.rows, counters, False):
+                counters[SIZE] = _replace(points, counters[SIZE], k + 1, other, piece, 0)
+                break
+            other = k + (other - k + 1) // 2
+        k += 1
+
+
 @compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64, boolean)")
 def shorten(
     space: SearchSpace,

@@ -113,6 +113,8 @@ def check_within_limits(
     Raises:
         LimitError: naming the worst joint, its value and its limits.
     """
+    if (q >= pepper.lower_limits).all() and (q <= pepper.upper_limits).all():
+        return
     excess = np.maximum(pepper.lower_limits - q, q - pepper.upper_limits)
     if excess.size and excess.max() > tolerance:
         index = np.unravel_index(int(np.argmax(excess)), excess.shape)

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.checker import LEVER
-from pepper_kin.collision.fast import CompiledValidity, fast_checker_for
+from pepper_kin.collision.fast import CompiledValidity, StaticLoads, fast_checker_for
 from pepper_kin.collision.fast.tables import tables_of
 from pepper_kin.core.collision.check import row_verdicts, valid_steps
-from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_margins
+from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_margins, sound_ends
 from pepper_kin.core.collision.gjk import CONTACT, TIE
 from pepper_kin.core.collision.layout import EDGE_NUMBERS, ROOM
 from pepper_kin.kernels.intrinsics import floats_at, words_at
@@ -56,7 +56,7 @@ class Checks:
         self._fast = fast_checker_for(pepper, scene)
         self.compiled, self.quick = self._fast.supported, self._fast.alone
         self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
-        self._checks: dict[tuple[int, bytes, bytes], MotionCheck] = {}
+        self._checks: dict[int, tuple[object, MotionCheck]] = {}
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
@@ -110,17 +110,19 @@ class Checks:
             standing: A configuration in which the joints stand that do not move, shape (n,).
             moving: Places of the joints that move, shape (k,).
         """
-        n, loads = self.pepper.n, self.statics.loads_along
-        key = get_ident(), standing.tobytes(), moving.tobytes()
+        made, loads = None, self.statics.loads_along
         still = moves = _NONE
         least, address = np.inf, 0
         if self.compiled:
-            still, moves = self._moving(standing, moving).blocks()
+            made = self._moving(standing, moving)
+            still, moves = made.blocks()
             least, address = self._fast.resting_margin, int(row_verdicts.address)
-        found = self._checks.get(key)
-        if found is not None and found.moving is moves:
+        thread, of = get_ident(), made or (standing.tobytes(), moving.tobytes())
+        known, found = self._checks.get(thread, (None, None))
+        if found is not None and known == of and found.moving is moves:
             return found
         heads, tables, _ = tables_of(self.pepper)
+        states, given, asked, work = _rooms_of(standing.size, loads)
         found = MotionCheck(
             verdicts=address,
             ask=_ASK_ADDRESS,
@@ -137,15 +139,15 @@ class Checks:
             heads=heads,
             tables=tables,
             held_step=self.statics.step,
-            states=np.empty((ROOM, n)),
-            given=np.empty((ROOM, n + loads.masses.size)),
-            asked=np.empty((ROOM, n + (EDGE_NUMBERS if len(loads.edges) else 0))),
+            states=states,
+            given=given,
+            asked=asked,
             answers=np.empty(ROOM, np.int64),
             margins=np.empty(2),
-            work=np.empty(loads.kernel.work_size + 8),
+            work=work,
             words=np.empty(8, np.int64),
         )
-        self._checks = {key: found}
+        self._checks = {thread: (of, found)}
         return found
 
     def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -224,8 +226,8 @@ class Checks:
         key = frozen.tobytes(), free.tobytes()
         found = self._made.get(key)
         if found is None:
-            effort, loads = self.statics.effort_limits, self.statics.loads()
-            found = self._fast.compiled(frozen, free, effort, loads)
+            effort, loads = self.statics.effort_limits, self.statics.loads
+            found = self._fast.of_motion(frozen.copy(), free.copy(), effort, loads)
             self._made = {key: found}
         return found
 
@@ -244,8 +246,38 @@ class Checks:
         self.run(kept_margins, self.of_motion(start, free), ends, margin, LEAST_MARGIN, kept)
         return float(kept[0]), float(kept[1])
 
+    def sound_ends(
+        self, start: Array, goals: Array, free: NDArray[np.int64], margin: float
+    ) -> tuple[float, float] | None:
+        """Return what `margins` does where all ends touch nothing and can be held, and else None.
+
+        It takes one call of machine code; None as well where that cannot answer.
+        """
+        if not self.compiled or self.statics.balance is not None or not free.size:
+            return None
+        ends, kept = np.concatenate([start[None], goals]), np.empty(2)
+        if not self.run(sound_ends, self.of_motion(start, free), ends, margin, LEAST_MARGIN, kept):
+            return None
+        return float(kept[0]), float(kept[1])
+
 
 _NONE = np.empty(0)
+
+_rooms = threading.local()
+
+
+def _rooms_of(n: int, loads: StaticLoads) -> tuple[Array, Array, Array, Array]:
+    """Return this thread's room for states of n joints, and for what is asked of a kernel of loads."""
+    size = n, loads.masses.size, len(loads.edges), loads.kernel.work_size
+    kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = _rooms.__dict__
+    found = kept.get(size)
+    if found is None:
+        asked = n + (EDGE_NUMBERS if len(loads.edges) else 0)
+        sizes = n, n + loads.masses.size, asked
+        states, given, torques = (np.empty((ROOM, size)) for size in sizes)
+        found = kept[size] = states, given, torques, np.empty(loads.kernel.work_size + 8)
+    return found
+
 
 _asking = threading.local()
 """The checks, of each thread, that a compiled function runs for, and what was raised meanwhile."""
@@ -280,4 +312,4 @@ def _load_code() -> None:
     from pepper_kin.motion.course import run
     from pepper_kin.planners.deadline import load_code
 
-    load_code(check_many, kept_margins, solve_rows, run)
+    load_code(check_many, sound_ends, solve_rows, run)

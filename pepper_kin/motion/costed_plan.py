@@ -102,7 +102,7 @@ def plan_costed(
     if isinstance(ends, Plan):
         return ends
     ik, states = ends.ik, 0
-    for room, share in falling_problems(checks, q_start, ends.goals, ends.free, margins):
+    for room, share in falling_problems(checks, q_start, ends.goals, ends.free, margins, kept=ends.kept):
         found = _Search(room, priced, seed, (begin + share * timeout, begin + timeout))
         states += found.states_checked
         if found.first is not None:

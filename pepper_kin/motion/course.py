@@ -23,6 +23,7 @@ from pepper_kin.planners.shortcut import (
     drop_flat,
     measure,
     shorten,
+    skip_ahead,
 )
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
 from pepper_kin.planners.smooth import schoenberg_spline
@@ -80,6 +81,7 @@ class Course(NamedTuple):
         points: Receives way-points, progress[PIECES] + 1 of them, shape (MOST + 1, n).
         breaks: Receives the breaks of the spline through them, shape (MOST + 1,).
         coefficients: Receives its coefficients, shape (MOST, 4, n).
+        cost: Receives the length of the path that was found, in the metric, shape (1,).
         progress: See the places above.
     """
 
@@ -100,6 +102,7 @@ class Course(NamedTuple):
     points: Floats2
     breaks: Floats1
     coefficients: Floats3
+    cost: Floats1
     progress: Ints1
 
 
@@ -232,9 +235,12 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
         progress[FOUND_SIZE] = line.counters[SIZE]
         for k in range(progress[FOUND_SIZE]):
             _copy_row(line.points[k], course.found[k])
+        measure(line.points, line.counters[SIZE], course.space.weights, line.lengths[0])
+        course.cost[0] = line.lengths[0, line.counters[SIZE] - 1]
         progress[STAGE] = BEGIN
     if progress[STAGE] == BEGIN:
         _begin_shortening(course, line.counters[SIZE])
+        skip_ahead(course.space, line)
         progress[STAGE] = SHORTEN
     if progress[STAGE] == SHORTEN:
         ended = shorten(course.space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, False)

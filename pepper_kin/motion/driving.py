@@ -52,7 +52,8 @@ def base_places(pepper: PepperModel) -> NDArray[np.int64]:
 
 def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:
     """Whether the base of a robot that goes where it points is among the joints that move."""
-    return bool(np.isin(base_places(pepper), free).any())
+    base = base_places(pepper)
+    return bool(base.size and np.isin(base, free).any())
 
 
 def refuse_what_cannot_drive(

@@ -97,11 +97,13 @@ class Ends(NamedTuple):
         goals: Goals that it can end at, shape (m, n).
         free: Places of the joints that move, rising, shape (k,).
         ik: The result of inverse kinematics where the goal was given as tasks.
+        kept: What `Checks.margins` returns for them; None where that is not known yet.
     """
 
     goals: Array
     free: NDArray[np.int64]
     ik: IKResult | None
+    kept: tuple[float, float] | None = None
 
 
 def ends_of(
@@ -124,6 +126,9 @@ def ends_of(
         margins: What is kept where the ends allow it, and what they have to keep [m].
         timeout: Time budget [s], of which inverse kinematics takes a third at most.
     """
+    sound = None if margins[1] > 0.0 or _are_tasks(goal) else _sound(checks, start, goal, joints, margins[0])
+    if sound is not None:
+        return sound
     fault = fault_of_start(checks, start, margins[1])
     if fault is not None:
         return ended(*fault)
@@ -134,6 +139,32 @@ def ends_of(
     if is_there(start, goals):
         return ended.solved(checks.exact, start[None], STAYS, ik=ik)
     return Ends(goals, free, ik)
+
+
+def _sound(
+    checks: Checks, start: Array, goal: Any, joints: str | Sequence[str] | None, margin: float
+) -> Ends | None:
+    """Return the ends of a path where a look at all of them at once says that none is at fault, else None."""
+    goals = _candidates(checks.pepper, goal)
+    try:
+        free = free_joints(checks.pepper, joints, start, goals)
+    except InvalidValueError:  # which a goal at fault may have caused
+        return None
+    if is_there(start, goals):
+        return None
+    kept = checks.sound_ends(start, goals, free, margin)
+    return None if kept is None else Ends(goals, free, None, kept)
+
+
+def _candidates(pepper: PepperModel, goal: Any) -> Array:
+    """Return configurations that are given as goals, shape (m, n)."""
+    candidates = as_joint_vectors(pepper, goal, "goal")
+    if candidates.ndim > 2:
+        raise InvalidValueError(
+            "goal", f"shape {candidates.shape}", f"shape ({pepper.n},) or (m, {pepper.n})"
+        )
+    check_within_limits(pepper, candidates, "goal")
+    return candidates.reshape(-1, pepper.n)
 
 
 def goals_of(
@@ -156,13 +187,7 @@ def goals_of(
         tasks = cast("Sequence[Task]", goal)
         found = _goals_of_tasks(checks, start, tasks, joints, margins[0], seed, timeout)
         return _far_enough(checks, *found, margins[1])
-    pepper = checks.pepper
-    candidates = np.atleast_2d(as_joint_vectors(pepper, goal, "goal"))
-    if candidates.ndim != 2:
-        raise InvalidValueError(
-            "goal", f"shape {candidates.shape}", f"shape ({pepper.n},) or (m, {pepper.n})"
-        )
-    check_within_limits(pepper, candidates, "goal")
+    candidates = _candidates(checks.pepper, goal)
     return _far_enough(checks, *_good_ones(checks, candidates, None), margins[1])
 
 

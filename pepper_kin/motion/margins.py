@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -41,14 +42,14 @@ def checked_least(margin: float, least: float) -> float:
         InvalidValueError: for what is no distance from 0 to the margin, or a margin that is none.
     """
     checked_margin(margin)
-    if isinstance(least, bool) or not (np.isfinite(least) and 0.0 <= least <= margin):
+    if isinstance(least, bool) or not (math.isfinite(least) and 0.0 <= least <= margin):
         raise InvalidValueError("least_margin", least, f"a distance from 0 to margin, {margin:g} [m]")
     return float(least)
 
 
 def falling_problems(
     checks: Checks, start: Array, goals: Array, free: NDArray[np.int64], margins: tuple[float, float],
-    resolution: float = RESOLUTION,
+    resolution: float = RESOLUTION, kept: tuple[float, float] | None = None,
 ) -> Iterator[tuple[PathProblem, float]]:  # fmt: skip
     """Yield the problem at margins that fall, and the share of the time at which the search of each ends.
 
@@ -61,10 +62,11 @@ def falling_problems(
         free: Places of the joints that move, shape (k,).
         margins: The margin wished for, and what must be kept [m].
         resolution: See `path_problem`.
+        kept: See there, at the margin wished for.
     """
     margin, least = margins
     last = max(least, min(margin, LEAST_SEARCHED))
-    before = path_problem(checks, start, goals, free, margin, resolution, least)
+    before = path_problem(checks, start, goals, free, margin, resolution, least, kept)
     if max(before.margins) <= last:
         yield before, 1.0
         return

@@ -151,7 +151,7 @@ class Pipeline:
             memory=check.moving,
             clock=CLOCK,
             resolution=room.resolution,
-            reach=LONGEST_STEP * float(room.metric.distance(*box)),
+            reach=LONGEST_STEP * room.diagonal,
             lower=box[0],
             extent=box[1] - box[0],
             weights=room.metric.weights,
@@ -162,8 +162,9 @@ class Pipeline:
             order = np.argsort(room.metric.distance(room.moving_start, goals), kind="stable")
         margins, relaxed = np.array(room.margins), np.array(room.relaxed_margins)
         return Course(
-            space, rooms.trees, rooms.line, check, room.moving_start, goals, order, rooms.found, room.free,
-            room.limits, room.reach, margins, relaxed, room.strictly, *rooms[3:], progress,
+            space, rooms.trees, rooms.line, check, room.moving_start, goals, order, rooms.found,
+            room.free, room.limits, room.reach, margins, relaxed, room.strictly, *rooms[3:], np.empty(1),
+            progress,
         )  # fmt: skip
 
     def _run(self, course: Course) -> tuple[int, Course]:
@@ -214,7 +215,7 @@ class Pipeline:
             status=planners.Status.SOLVED,
             path=path,
             goal_index=int(course.progress[GOAL]),
-            cost=path.length,
+            cost=float(course.cost[0]),
             iterations=int(counters[SAMPLES]),
             states_checked=int(counters[STATES]),
             validity_calls=int(counters[CALLS]),

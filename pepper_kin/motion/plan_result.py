@@ -217,7 +217,8 @@ def along_trajectory(
 
 def length_of(path: NDArray[np.float64]) -> float:
     """Return the length of a polyline in joint space, shape (k, n) [rad and m mixed]."""
-    return float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    steps = path[1:] - path[:-1]
+    return float(np.sqrt(np.einsum("ij,ij->i", steps, steps)).sum())
 
 
 def _proven_margin(

@@ -172,7 +172,7 @@ def _unguided(
         return made if ik is None else replace(made, ik=ik)
     coarse = planner == PLANNERS[0]
     spacing, states = COARSE if coarse else RESOLUTION, 0
-    for room, share in falling_problems(checks, q_start, goals, free, margins, spacing):
+    for room, share in falling_problems(checks, q_start, goals, free, margins, spacing, ends.kept):
         end = share if planner in PLANNERS else 1.0  # OMPL's planners take all of the time
         search = _Search(planner, gap, seed, begin, end * timeout, timeout)
         result, way = search(room, ik is not None, coarse)

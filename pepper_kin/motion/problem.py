@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -37,6 +38,7 @@ class PathProblem:
         margins: Kept to the scene and to the robot itself [m].
         box: Lower and upper bounds of the joints that move, shape (2, k).
         limits: Those of all joints, infinite where there are none, shape (2, n).
+        diagonal: Length of that box's diagonal in the metric [m].
         metric: Of the joints that move, with bounds of how far they move a point of the body.
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`; infinite where a
             joint that is carried slides without limits.
@@ -53,6 +55,7 @@ class PathProblem:
     free: NDArray[np.int64]
     margins: tuple[float, float]
     box: Array
+    diagonal: float
     limits: Array
     metric: planners.Metric
     reach: Array
@@ -78,12 +81,13 @@ class PathProblem:
     @cached_property
     def moving_start(self) -> Array:
         """The start of the joints that move, within the box, shape (k,)."""
-        return np.clip(self.start[self.free], *self.box)
+        return np.minimum(np.maximum(self.start[self.free], self.box[0]), self.box[1])
 
     @cached_property
     def moving_goals(self) -> Array:
         """The goals of the joints that move, within the box, shape (m, k)."""
-        return np.ascontiguousarray(np.clip(self.goals[:, self.free], *self.box))
+        inside = np.minimum(np.maximum(self.goals[:, self.free], self.box[0]), self.box[1])
+        return np.ascontiguousarray(inside)
 
     @cached_property
     def problem(self) -> planners.Problem:
@@ -130,6 +134,7 @@ def path_problem(
     margin: float,
     resolution: float = RESOLUTION,
     least: float = 0.0,
+    kept: tuple[float, float] | None = None,
 ) -> PathProblem:
     """Return the problem of moving from a start, shape (n,), to one of some goals, shape (m, n).
 
@@ -141,12 +146,13 @@ def path_problem(
         margin: Distance to keep where the ends allow it [m].
         resolution: Greatest distance between states that are looked at [m], in the metric.
         least: What the curve must keep from the scene at every point, as the ends do [m].
+        kept: What `Checks.margins` returns, where that is known.
     """
     pepper, held = checks.pepper, held_by(checks)
     limits, bounded, reach = _limits(pepper, held)
-    kept, kept_self = checks.margins(start, goals, free, margin)
+    scene_margin, own_margin = checks.margins(start, goals, free, margin) if kept is None else kept
     if bounded:
-        box, metric = _within_limits(pepper, held, free.tobytes())
+        box, diagonal, metric = _within_limits(pepper, held, free.tobytes())
     else:
         ends = np.vstack([start, goals])
         spare = np.array([UNBOUNDED_RANGE[unit] for unit in pepper.joint_units])
@@ -154,13 +160,15 @@ def path_problem(
         whole = np.where(np.isfinite(limits), limits, around)
         weights = reach if np.isfinite(reach).all() else motion_bounds(pepper, whole[0], whole[1], held)
         box, metric = np.ascontiguousarray(whole[:, free]), planners.Metric(weights[free])
+        diagonal = float(metric.distance(*box))
     return PathProblem(
         checks=checks,
         start=start,
         goals=goals,
         free=free,
-        margins=(max(kept, least), kept_self),
+        margins=(max(scene_margin, least), own_margin),
         box=box,
+        diagonal=diagonal,
         limits=limits,
         metric=metric,
         reach=reach,
@@ -180,13 +188,14 @@ def _limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> tuple[A
 @lru_cache(maxsize=64)
 def _within_limits(
     pepper: PepperModel, held: tuple[tuple[str, float], ...], free: bytes
-) -> tuple[Array, planners.Metric]:
-    """Return limits, shape (2, k), and metric of some joints of a robot of which all have limits."""
+) -> tuple[Array, float, planners.Metric]:
+    """Return limits, shape (2, k), their diagonal and the metric, of joints of a robot all limited."""
     places = np.frombuffer(free, np.int64)
     limits, _, reach = _limits(pepper, held)
     box = np.ascontiguousarray(limits[:, places])
     box.setflags(write=False)
-    return box, planners.Metric(reach[places])
+    metric = planners.Metric(reach[places])
+    return box, float(metric.distance(*box)), metric
 
 
 def held_by(checks: Checks) -> tuple[tuple[str, float], ...]:
@@ -207,7 +216,7 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
     if q_start.ndim != 1:
         raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
     check_within_limits(pepper, q_start, "start")
-    return np.clip(q_start, pepper.lower_limits, pepper.upper_limits)
+    return np.minimum(np.maximum(q_start, pepper.lower_limits), pepper.upper_limits)
 
 
 def checked_margin(margin: float) -> float:
@@ -216,6 +225,6 @@ def checked_margin(margin: float) -> float:
     Raises:
         InvalidValueError: for what is none.
     """
-    if not (np.isfinite(margin) and margin >= 0):
+    if not (math.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
     return margin

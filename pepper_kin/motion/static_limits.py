@@ -96,16 +96,21 @@ class StaticLimits:
         """What holding still may ask of the joints [N m or N], shape (n,)."""
         return TORQUE_SHARE * self.pepper.effort_limits
 
-    def loads(self) -> StaticLoads | None:
-        """Return what compiled checks of edges take; None where it is the robot's own weight."""
-        if self.balance is None and not self.payload:
-            return None
-        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(ROOM_TO_MOVE)))
+    @cached_property
+    def loads(self) -> StaticLoads:
+        """What compiled checks of edges take."""
+        return self._loads(ROOM_TO_MOVE)
 
     @cached_property
     def loads_along(self) -> StaticLoads:
         """What compiled checks of curves take, of which states are `step` apart at most."""
-        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(ROOM_ALONG)))
+        return self._loads(ROOM_ALONG)
+
+    def _loads(self, room: float) -> StaticLoads:
+        """Return what compiled checks take that keep some room [m] to the edges of the wheels' triangle."""
+        if self.balance is None and not self.payload:
+            return StaticLoads(self.kernel)
+        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(room)))
 
     def tasks(self) -> tuple[Task, ...]:
         """Return tasks that lead inverse kinematics to balanced postures, whatever a hand carries."""

@@ -11,7 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.checker import LEVER, checker_for
 from pepper_kin.collision.fast.certificate import certified
-from pepper_kin.collision.fast.compiled import CompiledValidity, StaticLoads, compile_validity
+from pepper_kin.collision.fast.compiled import (
+    CompiledValidity,
+    StaticLoads,
+    compile_validity,
+    trusted_validity,
+)
 from pepper_kin.collision.fast.prepared import prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance, resting_margin
 from pepper_kin.collision.fast.solids import Array
@@ -251,6 +256,12 @@ class FastChecker:
         """
         self._refuse_unknown()
         return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads)
+
+    def of_motion(
+        self, frozen: Array, free: NDArray[np.int64], effort_limits: Array, loads: StaticLoads
+    ) -> CompiledValidity:
+        """Return what `compiled` does, without a look at the arguments, which nobody may change."""
+        return trusted_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads)
 
     def _refuse_unknown(self) -> None:
         if not self.supported:

@@ -46,7 +46,7 @@ class StaticLoads:
     masses: Array = field(default_factory=lambda: np.empty(0))
     edges: Array = field(default_factory=lambda: np.empty((0, EDGE_NUMBERS)))
 
-    @property
+    @cached_property
     def kind(self) -> tuple[int, int, int]:
         """What blocks for this and for other loads have in common: the kernel and the lengths."""
         return self.kernel.block_address, self.masses.size, len(self.edges)
@@ -214,8 +214,6 @@ def compile_validity(
     loads: StaticLoads | None = None,
 ) -> CompiledValidity:
     """Return the validity of edges of some joints; see `FastChecker.compiled`."""
-    from pepper_kin.core.collision.check import valid_steps
-
     n = pepper.n
     q0 = np.array(as_joint_vectors(pepper, frozen, "frozen").reshape(n))
     places = _places(free, n)
@@ -225,9 +223,22 @@ def compile_validity(
         if limits.shape != (n,) or np.isnan(limits).any():
             raise InvalidValueError("effort_limits", repr(limits)[:80], f"{n} numbers, one per joint")
         asked = StaticLoads(kernel(pepper, "gravity_torque")) if loads is None else loads
-    address, margins = int(cast("Any", valid_steps).address), prepared.margins
-    limited = _limited(pepper, prepared, places)
-    return CompiledValidity(address, places, q0, limits, margins, asked, limited, prepared)
+    return trusted_validity(pepper, prepared, q0, places, limits, asked)
+
+
+def trusted_validity(
+    pepper: PepperModel,
+    prepared: Prepared,
+    frozen: Array,
+    free: NDArray[np.int64],
+    effort: Array,
+    loads: StaticLoads | None,
+) -> CompiledValidity:
+    """Return what `compile_validity` does, of arguments that are known to be right and stay as they are."""
+    from pepper_kin.core.collision.check import valid_steps
+
+    address, limited = int(cast("Any", valid_steps).address), _limited(pepper, prepared, free)
+    return CompiledValidity(address, free, frozen, effort, prepared.margins, loads, limited, prepared)
 
 
 def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]) -> Limited:

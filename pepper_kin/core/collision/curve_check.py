@@ -21,6 +21,9 @@ LONGEST, SHORTER = 0.008, 4
 next two is shorter than the one before."""
 SHORTEST = LONGEST / SHORTER**2
 
+SPARSE = 8
+"""One of as many states is looked at before all others, since what a curve meets is mostly wider."""
+
 
 class MotionCheck(NamedTuple):
     """What tells of states of one motion whether they are free and can be held.
@@ -164,20 +167,19 @@ def _held(check: MotionCheck, count: int) -> bool:
 
 
 @compiled
-def _end_kept(check: MotionCheck, ends: Array, margin: float, self_margin: float) -> bool:
-    """Return whether the first of some states and another one keep margins [m]."""
+def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: float) -> int:
+    """Return how many of some states keep margins [m]; 0 where the first does not."""
     if blocked(check, margin, self_margin):
-        return False
+        return 0
+    found = 0
     for first in range(0, ends.shape[0], ROOM):
         count = min(ROOM, ends.shape[0] - first)
         _look(check, ends[first:], count, (margin, self_margin), False)
+        if first == 0 and check.answers[0] != FREE:
+            return 0
         for i in range(count):
-            free = check.answers[i] == FREE
-            if first + i == 0 and not free:
-                return False
-            if first + i > 0 and free:
-                return True
-    return False
+            found += 1 if check.answers[i] == FREE else 0
+    return found
 
 
 @compiled("void(MotionCheck, float64[:, ::1], float64, float64, float64[::1])")
@@ -195,12 +197,34 @@ def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float,
         kept: Receives the margins, shape (2,).
     """
     own = scene = margin
-    while own > least and not _end_kept(check, ends, 0.0, own):
+    while own > least and _kept_ends(check, ends, 0.0, own) < 2:
         own /= 2.0
     own = 0.0 if own <= least else own if own == margin else own / 2.0
-    while scene > least and not _end_kept(check, ends, scene, own):
+    while scene > least and _kept_ends(check, ends, scene, own) < 2:
         scene /= 2.0
     kept[0], kept[1] = 0.0 if scene <= least else scene, own
+
+
+@compiled("boolean(MotionCheck, float64[:, ::1], float64, float64, float64[::1])")
+def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, kept: Floats1) -> bool:
+    """Return whether all ends of a motion touch nothing and can be held; if so write their margins.
+
+    See `kept_margins` for the arguments.
+    """
+    for first in range(0, ends.shape[0], ROOM):
+        count = min(ROOM, ends.shape[0] - first)
+        for k in range(count):
+            for j in range(ends.shape[1]):
+                check.states[k, j] = ends[first + k, j]
+        if not _held(check, count):
+            return False
+    kept[0] = kept[1] = margin
+    if margin > least and _kept_ends(check, ends, margin, margin) == ends.shape[0]:
+        return True
+    if _kept_ends(check, ends, 0.0, 0.0) < ends.shape[0]:
+        return False
+    kept_margins(check, ends, margin, least, kept)
+    return True
 
 
 @compiled("int64(float64[::1], float64[:, :, ::1], float64[::1], float64, int64[::1])")
@@ -259,7 +283,6 @@ def _near_ones(
     parts: Intervals,
     kept: tuple[float, float],
     step: float,
-    held: bool,
     strictly: bool,
 ) -> int:
     """Move the intervals that have to be cut to the front; return how many, or -1 for a curve not clear.
@@ -270,7 +293,6 @@ def _near_ones(
         parts: The intervals.
         kept: Margins that all middles have to keep [m].
         step: What no point of the body moves farther than in an interval [m].
-        held: Whether joints have to hold the middles.
         strictly: Whether the margin to the scene is to be kept by all of an interval.
     """
     proven = kept[0] + 0.5 * step if strictly else max(kept[0], 0.5 * step)
@@ -287,8 +309,6 @@ def _near_ones(
             place = first + k
             middle = parts.begin[place] + 0.5 * parts.width[place]
             _write_middle(coefficients, parts.piece[place], middle, states[k])
-        if held and not _held(check, count):
-            return -1
         if step > SHORTEST and not alike and not all_near:
             _look(check, states, count, far, True)
             left = 0
@@ -296,12 +316,12 @@ def _near_ones(
                 if answers[k] != FREE:
                     for j in range(states.shape[1]):
                         states[left, j] = states[k, j]
-                    _keep(parts, first + k, near + left)
+                    _copy_interval(parts, first + k, parts, near + left)
                     left += 1
         else:
             left = count
             for k in range(count):
-                _keep(parts, first + k, near + k)
+                _copy_interval(parts, first + k, parts, near + k)
         if left > 0:
             _look(check, states, left, kept, False)
             for k in range(left):
@@ -313,10 +333,25 @@ def _near_ones(
 
 
 @compiled
-def _keep(parts: Intervals, source: int, place: int) -> None:
-    """Copy an interval to another place."""
-    parts.piece[place], parts.begin[place] = parts.piece[source], parts.begin[source]
-    parts.width[place] = parts.width[source]
+def _copy_interval(source: Intervals, k: int, target: Intervals, place: int) -> None:
+    """Copy an interval to a place among the same or other ones."""
+    target.piece[place], target.begin[place] = source.piece[k], source.begin[k]
+    target.width[place] = source.width[k]
+
+
+@compiled
+def _sparse_first(parts: Intervals) -> Intervals:
+    """Return the same intervals, but every `SPARSE`th before all others."""
+    count, place = parts.piece.size, 0
+    ordered = Intervals(np.empty(count, np.int64), np.empty(count), np.empty(count))
+    for k in range(SPARSE // 2, count, SPARSE):
+        _copy_interval(parts, k, ordered, place)
+        place += 1
+    for k in range(count):
+        if k % SPARSE != SPARSE // 2:
+            _copy_interval(parts, k, ordered, place)
+            place += 1
+    return ordered
 
 
 @compiled
@@ -372,18 +407,13 @@ def is_clear(
         return False
     if not curve_keeps_ranges(check.heads, check.tables, breaks, coefficients):
         return False
-    closer = held and check.held_step < LONGEST
-    if closer and not _held_along(check, breaks, coefficients, reach):
-        return False
     counts, step = np.empty(coefficients.shape[0], np.int64), LONGEST
     total = count_intervals(breaks, coefficients, reach, step, counts)
     parts = Intervals(np.empty(total, np.int64), np.empty(total), np.empty(total))
     write_intervals(breaks, counts, parts)
-    while True:
-        here = held and not closer and step == LONGEST
-        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, here, strictly)
-        if near <= 0:
-            return near == 0
+    parts = _sparse_first(parts)
+    near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly)
+    while near > 0:
         step /= SHORTER
         cut = Intervals(
             np.empty(SHORTER * near, np.int64), np.empty(SHORTER * near), np.empty(SHORTER * near)
@@ -394,3 +424,5 @@ def is_clear(
             cut.piece[k], cut.width[k] = parts.piece[source], width
             cut.begin[k] = parts.begin[source] + width * (k % SHORTER)
         parts = cut
+        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly)
+    return near == 0 and (not held or _held_along(check, breaks, coefficients, reach))
