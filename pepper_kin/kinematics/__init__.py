@@ -1,5 +1,6 @@
 """Forward kinematics: poses, velocities, accelerations and Jacobians of frames, and maps of reach."""
 
+from pepper_kin.kinematics.axes import NamedAxis, named_axes
 from pepper_kin.kinematics.frames import frame_pose, frame_poses, link_poses
 from pepper_kin.kinematics.jacobian import frame_jacobian, frame_jacobian_rate
 from pepper_kin.kinematics.manipulability import manipulability
@@ -7,6 +8,7 @@ from pepper_kin.kinematics.reach_map import ReachMap, reach_map
 from pepper_kin.kinematics.velocity import frame_acceleration, frame_velocity
 
 __all__ = [
+    "NamedAxis",
     "ReachMap",
     "frame_acceleration",
     "frame_jacobian",
@@ -16,5 +18,6 @@ __all__ = [
     "frame_velocity",
     "link_poses",
     "manipulability",
+    "named_axes",
     "reach_map",
 ]
