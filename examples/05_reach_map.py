@@ -3,7 +3,7 @@
 import numpy as np
 
 import pepper_kin as pk
-from pepper_kin.kinematics.reach_map import reach_map
+from pepper_kin.kinematics import reach_map
 
 pepper = pk.load_pepper()
 frame = "LArm_effector"

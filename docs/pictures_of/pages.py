@@ -15,7 +15,7 @@ from PIL import Image
 import pepper_kin as pk
 from pepper_kin.jobs import demo_scene
 from pepper_kin.jobs.demo import GAZE, TARGET
-from pepper_kin.kinematics.reach_map import reach_map
+from pepper_kin.kinematics import reach_map
 from pepper_kin.kinematics.reach_picture import save_reach_picture
 from pepper_kin.model import Box, PepperModel
 from pepper_kin.trajectory import Trajectory

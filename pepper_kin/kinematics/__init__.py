@@ -1,11 +1,15 @@
-"""Forward kinematics: poses, velocities, accelerations and Jacobians of frames."""
+"""Forward kinematics: poses, velocities, accelerations and Jacobians of frames, and maps of reach."""
 
+from pepper_kin.kinematics.axes import NamedAxis, named_axes
 from pepper_kin.kinematics.frames import frame_pose, frame_poses, link_poses
 from pepper_kin.kinematics.jacobian import frame_jacobian, frame_jacobian_rate
 from pepper_kin.kinematics.manipulability import manipulability
+from pepper_kin.kinematics.reach_map import ReachMap, reach_map
 from pepper_kin.kinematics.velocity import frame_acceleration, frame_velocity
 
 __all__ = [
+    "NamedAxis",
+    "ReachMap",
     "frame_acceleration",
     "frame_jacobian",
     "frame_jacobian_rate",
@@ -14,4 +18,6 @@ __all__ = [
     "frame_velocity",
     "link_poses",
     "manipulability",
+    "named_axes",
+    "reach_map",
 ]

@@ -32,7 +32,7 @@ class ReachMap:
     """Voxels that a frame's origin was found in.
 
     A voxel that was hit can be reached; one that was not may be reachable all the same, more rarely the more
-    samples there are.  Collisions are not looked at.
+    samples there are.  Collisions count only where `reach_map` was told to look at them.
 
     Attributes:
         frame: Name of the frame.
@@ -42,7 +42,7 @@ class ReachMap:
         counts: (nx, ny, nz) samples in each voxel.
         best: (nx, ny, nz) largest manipulability for positions found there, sqrt(det(J J^T)) over the joints
             that moved [m^3]; zero where there is no sample.
-        samples: Number of samples.
+        samples: Number of samples that were drawn; `counts.sum()` of them were valid.
         seed: Seed of the samples.
     """
 
@@ -149,11 +149,18 @@ def reach_map(
     samples: int = 1_000_000,
     resolution: float = 0.05,
     seed: int = 0,
+    valid: Callable[[Array], NDArray[np.bool_]] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> ReachMap:
     """Sample postures and note where a frame's origin comes to be.
 
-    Positions are drawn uniformly between the limits of each joint (a full turn where there are none).
+    Positions are drawn uniformly between the limits of each joint (a full turn where there are none).  All
+    postures count, or those that `valid` lets pass, such as those free of collisions:
+
+        from pepper_kin.collision.fast import FastChecker
+
+        checker = FastChecker(pepper, pk.Scene())  # the robot itself and the scene
+        reach_map(pepper, "LArm_effector", valid=lambda q: ~checker.in_collision(q))
 
     Args:
         pepper: The robot.
@@ -162,6 +169,7 @@ def reach_map(
         samples: Number of postures.
         resolution: Edge of a voxel [m].
         seed: Seed of the postures.
+        valid: Tells which joint positions, shape (k, n) [rad or m], count, shape (k,); all if omitted.
         progress: Told the share that is done, from 0 to 1.
 
     Returns:
@@ -169,7 +177,8 @@ def reach_map(
 
     Raises:
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        InvalidValueError: for no joint, or a number of samples, resolution or seed out of range.
+        InvalidValueError: for no joint, a number of samples, resolution or seed out of range, another answer
+            of `valid` than booleans of shape (k,), or no posture that is valid.
     """
     pepper.frame_id(frame)
     names = _moving_joints(pepper, joints)
@@ -186,17 +195,31 @@ def reach_map(
         count = min(CHUNK, samples - done)
         q = np.tile(pepper.neutral(), (count, 1))
         q[:, columns] = rng.uniform(lower, upper, (count, len(columns)))
-        points = np.asarray(place(q))[:, :3, 3]
-        grid.add(np.floor(points / size).astype(np.int64), _manipulability(pepper, q, frame, columns))
         done += count
+        if valid is not None:
+            q = q[_checked_answer(valid(q), count)]
+        if len(q):
+            points = np.asarray(place(q))[:, :3, 3]
+            grid.add(np.floor(points / size).astype(np.int64), _manipulability(pepper, q, frame, columns))
         if progress is not None:
             progress(done / samples)
+    if not grid.counts.size:
+        raise InvalidValueError("valid", f"none of {samples} postures", "one valid posture at least")
     origin = grid.corner.astype(np.float64) * size
     return ReachMap(frame, names, origin, size, grid.counts, grid.best, int(samples), int(seed))
 
 
 def _moving_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> tuple[str, ...]:
     return tuple(sorted(pepper.resolve_joints(joints), key=pepper.joint_index))
+
+
+def _checked_answer(answer: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    found = np.asarray(answer)
+    if found.dtype != bool or found.shape != (count,):
+        raise InvalidValueError(
+            "answer of valid", f"{found.dtype} of shape {found.shape}", f"booleans of shape ({count},)"
+        )
+    return found
 
 
 def _manipulability(pepper: PepperModel, q: Array, frame: str, columns: list[int]) -> Array:

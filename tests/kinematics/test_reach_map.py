@@ -5,6 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import kinematics
+from pepper_kin.collision.fast import FastChecker
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError, UnknownNameError
 from pepper_kin.kinematics.reach_map import CHUNK, ReachMap, reach_map
 from pepper_kin.kinematics.reach_picture import save_reach_picture
@@ -145,6 +146,39 @@ def test_files_that_are_none_are_refused(arm_map, tmp_path):
 def test_misuse_is_named(pepper, arguments, error, message):
     with pytest.raises(error, match=message):
         reach_map(pepper, **{"frame": LEFT, "samples": 10, **arguments})
+
+
+def test_only_postures_free_of_collisions_count(pepper):
+    """By the fast checker as the docstring has it; the oracle is coal on the same postures, counted apart."""
+    scene = pk.Scene().add_box("table", size=(0.4, 0.8, 0.03), position=(0.45, 0.1, 0.8))
+    checker = FastChecker(pepper, scene)
+    found = pk.kinematics.reach_map(
+        pepper, LEFT, joints="left_arm", samples=2000, resolution=0.1, seed=4,
+        valid=lambda q: ~checker.in_collision(q),
+    )  # fmt: skip
+    q = postures(pepper, pepper.joint_group("left_arm"), 2000, 4)
+    free = ~pk.collision.in_collision(pepper, q, scene)
+    assert 100 < free.sum() < 1900
+    points = kinematics.frame_pose(pepper, q[free], LEFT)[:, :3, 3]
+    edges = [found.origin[k] + 0.1 * np.arange(found.counts.shape[k] + 1) for k in range(3)]
+    np.testing.assert_array_equal(found.counts, np.histogramdd(points, bins=edges)[0])
+    assert found.counts.sum() == free.sum()
+    assert found.samples == 2000
+
+
+def test_what_valid_may_not_answer(pepper):
+    for valid in (lambda q: np.ones(3, dtype=bool), lambda q: np.ones(len(q)), lambda q: True):
+        with pytest.raises(InvalidValueError, match=r"answer of valid: got .*booleans of shape \(10,\)"):
+            reach_map(pepper, LEFT, samples=10, valid=valid)
+    with pytest.raises(InvalidValueError, match="valid: got none of 10 postures"):
+        reach_map(pepper, LEFT, samples=10, valid=lambda q: np.zeros(len(q), dtype=bool))
+
+
+def test_the_name_is_the_functions_however_it_is_imported():
+    import pepper_kin.kinematics.reach_map  # noqa: F401
+
+    assert pk.kinematics.reach_map is reach_map
+    assert pk.kinematics.ReachMap is ReachMap
 
 
 @pytest.mark.parametrize("points", [1.0, [1, 2], "abc", [np.nan, 0, 0], None])
