@@ -263,19 +263,26 @@ class Checks:
 
 _NONE = np.empty(0)
 
-_rooms = threading.local()
+
+class _Rooms(threading.local):
+    """Arrays of each thread that its checks of curves share, by their sizes."""
+
+    def __init__(self) -> None:
+        self.kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = {}
+
+
+_rooms = _Rooms()
 
 
 def _rooms_of(n: int, loads: StaticLoads) -> tuple[Array, Array, Array, Array]:
     """Return this thread's room for states of n joints, and for what is asked of a kernel of loads."""
     size = n, loads.masses.size, len(loads.edges), loads.kernel.work_size
-    kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = _rooms.__dict__
-    found = kept.get(size)
+    found = _rooms.kept.get(size)
     if found is None:
         asked = n + (EDGE_NUMBERS if len(loads.edges) else 0)
         sizes = n, n + loads.masses.size, asked
         states, given, torques = (np.empty((ROOM, size)) for size in sizes)
-        found = kept[size] = states, given, torques, np.empty(loads.kernel.work_size + 8)
+        found = _rooms.kept[size] = states, given, torques, np.empty(loads.kernel.work_size + 8)
     return found
 
 
