@@ -40,7 +40,9 @@ def test_report_says_what_lies_outside():
     report = limits_table().report()
     assert "34 of Choregraphe's 34 values differ by more than the 0.005 rad that rounding" in report
     assert "28 lie within our range, by up to 0.0185 rad;" in report
-    assert "6 lie beyond it, by up to 0.0100 rad: LShoulderRoll lower, LElbowRoll upper, LHand lower" in report
+    assert (
+        "6 lie beyond it, by up to 0.0100 rad: LShoulderRoll lower, LElbowRoll upper, LHand lower" in report
+    )
     assert json.loads(json.dumps(limits_table().to_dict()))["rows"][0]["joint"] == "HeadYaw"
 
 

@@ -69,6 +69,7 @@
     button.hidden = plots.length === 0;
     button.addEventListener("click", () => show(list.hidden));
     window.addEventListener("resize", draw);
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
     motion.listeners.push(draw);
     return show;
   }
