@@ -1,4 +1,4 @@
-"""Pages in the dark scheme: dark behind the robot and in the panel, with text to read; pictures stay light."""
+"""Pages in the dark scheme: dark behind the robot and in the panel, text to read; pictures stay light."""
 
 from __future__ import annotations
 
