@@ -340,6 +340,7 @@ def _finish_reach(pepper: PepperModel, outcome: ReachOutcome, output: Path, as_j
 
 def _print_reach(outcome: ReachOutcome) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     figures = outcome.figures
@@ -358,14 +359,15 @@ def _print_reach(outcome: ReachOutcome) -> None:
     for row in rows:
         table.add_row(*row)
     joints = Table(title="Joints")
-    for heading in ("joint", "peak torque use", "rms tracking error [mrad]"):
-        joints.add_column(heading, justify="left" if heading == "joint" else "right")
+    for heading in ("joint", "peak torque [% of limit]", "rms tracking error [mrad]"):
+        # Escaped: in brackets rich looks for its own commands, and drops what it takes for one.
+        joints.add_column(escape(heading), justify="left" if heading == "joint" else "right")
     for joint, use in figures["peak_torque_use"].items():
-        joints.add_row(joint, f"{use * 100:.1f} %", f"{figures['tracking_error_rms'][joint] * 1000:.3f}")
+        joints.add_row(joint, f"{use * 100:.1f}", f"{figures['tracking_error_rms'][joint] * 1000:.3f}")
     console = Console()
     console.print(table)
     console.print(joints)
-    console.print(outcome.message)
+    console.print(outcome.message, markup=False)
 
 
 def main() -> None:

@@ -174,7 +174,9 @@ def _frames_table(movement: MovementCheck) -> str:
             name = joint if label.startswith("plan") else ""
             cells = [f"{value:.{digits}f}" for value in values[:, j]]
             rows.append([name, label, *cells, "" if label.startswith("plan") else f"{error:.4f}"])
-    return "\n".join(text_table((movement.name, "", "T0", "T1", "T2", "T3", "T4", "mean error"), rows))
+    return "\n".join(
+        text_table((f"{movement.name} [rad]", "", "T0", "T1", "T2", "T3", "T4", "mean error"), rows)
+    )
 
 
 def _tracking_table(movements: tuple[MovementCheck, ...]) -> list[str]:
@@ -201,7 +203,7 @@ def _tilt_table(movements: tuple[MovementCheck, ...]) -> list[str]:
                  "blind" if tilt.blind[j] else ""]
             )  # fmt: skip
     return text_table(
-        ("rms error [rad]", "tilt formulas", "filter", "least gravity across the axis", ""), rows
+        ("rms error [rad]", "tilt formulas", "filter", "least gravity across the axis [share]", ""), rows
     )
 
 

@@ -119,7 +119,7 @@ class PhysicsCheck:
         """Return the table of differences in words."""
         steps = self.rows[0].timesteps
         widths = (f"h = {1e3 * h:g} ms" for h in steps)
-        head = ("scenario", "moved", *widths, "at any time", "order", "worst joint")
+        head = ("scenario", "moved [rad or m]", *widths, "at any time", "order", "worst joint")
         rows = [
             [row.name, f"{row.moved:.2f}", *(f"{d:.1e}" for d in row.differences), f"{row.greatest[-1]:.1e}",
              "-" if np.isnan(row.order) else f"{row.order:.1f}", row.joint]

@@ -62,11 +62,22 @@ class Audit:
         unresolved = len(self.of_kind("mesh"))
         lines = [f"Audit of {self.name}", ""]
         lines += text_table(
-            ("link", "mass kg", "least moment", "triangle margin", "gyration m", "reach m", ""),
+            (
+                "link",
+                "mass [kg]",
+                "least moment [kg m^2]",
+                "triangle margin [share]",
+                "gyration [m]",
+                "reach [m]",
+                "",
+            ),
             [row.cells() for row in self.links],
         )
-        lines += ["", *text_table(("joint", "type", "lower", "upper", "velocity", "effort", ""),
-                                  [row.cells() for row in self.joints])]  # fmt: skip
+        head = (
+            "joint", "type", "lower [rad or m]", "upper [rad or m]", "velocity [rad/s or m/s]",
+            "effort [N m or N]", "",
+        )  # fmt: skip
+        lines += ["", *text_table(head, [row.cells() for row in self.joints])]
         lines += [
             "",
             f"total mass        {self.total_mass:.5f} kg in {len(self.links)} links",

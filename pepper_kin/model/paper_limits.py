@@ -78,7 +78,9 @@ class LimitsTable:
 
     def report(self) -> str:
         """Return the table and what follows from it as text."""
-        head = ("joint", "ours", "Choregraphe", "Gazebo", "MAE Choregraphe", "MAE Gazebo", "outside by")
+        head = (
+            "limits [rad]", "ours", "Choregraphe", "Gazebo", "MAE Choregraphe", "MAE Gazebo", "outside by",
+        )  # fmt: skip
         rows = [
             (
                 row.joint, f"{row.ours[0]:.6f} {row.ours[1]:.6f}",
@@ -97,18 +99,18 @@ class LimitsTable:
             if value > ROUNDING + SLACK
         ]
         lines = [
-            "Joint limits [rad; hands: opening] beside table 4 of Sekkat et al. 2024",
+            "Joint limits [rad; hands: share of the opening] beside table 4 of Sekkat et al. 2024",
             "",
             *text_table(head, rows),
             "",
-            f"mean absolute error of Choregraphe against ours  {self.mean_error:.4f}",
-            f"mean absolute error of Gazebo against ours       {self.mean_gazebo_error:.4f}",
+            f"mean absolute error of Choregraphe against ours  {self.mean_error:.4f} rad",
+            f"mean absolute error of Gazebo against ours       {self.mean_gazebo_error:.4f} rad",
             "",
             "outside by: how far Choregraphe's value lies beyond our limit (negative: within it).",
             f"{len(unexplained)} of Choregraphe's {len(values)} values differ by more than the {ROUNDING} "
-            "that rounding to two decimals can explain:",
-            f"{len(unexplained) - len(beyond)} lie within our range, by up to {-min(values):.4f};",
-            f"{len(beyond)} lie beyond it, by up to {max(values):.4f}: {', '.join(beyond)}.",
+            "rad that rounding to two decimals can explain:",
+            f"{len(unexplained) - len(beyond)} lie within our range, by up to {-min(values):.4f} rad;",
+            f"{len(beyond)} lie beyond it, by up to {max(values):.4f} rad: {', '.join(beyond)}.",
             "The Gazebo values are ours rounded to two decimals: the same source, not a second measurement."
             if all(row.gazebo_error <= ROUNDING + SLACK for row in self.rows)
             else "The Gazebo values differ from ours by more than rounding.",

@@ -6,6 +6,7 @@ import base64
 import html
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.drawing import draw_commands, link_path, meshcat_bundle
 from pepper_kin.viewer.motion_frames import MotionFrames, limited_series, motion_frames
+from pepper_kin.viewer.touching import TouchSpan
 
 _SCRIPTS = ("stage.js", "motion.js", "axes.js", "plots.js", "panel.js")
 
@@ -79,8 +81,12 @@ def write_frames_page(
     *,
     title: str,
     markers: Sequence[Drawable] = (),
+    touches: Sequence[TouchSpan] = (),
 ) -> Path:
-    """Write frames that are chosen already as one HTML file; see `write_motion_page`."""
+    """Write frames that are chosen already as one HTML file; see `write_motion_page`.
+
+    What touches in `touches` is drawn in red at these times, and told in a sentence.
+    """
     names = tuple(link_names)
     if len(set(names)) != len(names):
         raise InvalidValueError("link_names", "a name twice", "each link once")
@@ -94,6 +100,7 @@ def write_frames_page(
         "commands": [buffers.embed(command) for command in draw_commands(everything)],
         "markers": [_legend_entry(ball) for ball in markers],
         "motion": _motion_data(frames, names, drawn, buffers),
+        "touches": [asdict(span) for span in touches],
         "buffers": buffers.contents,
     }
     return atomic_file.write_text(path, _page(title, content))

@@ -32,6 +32,7 @@ from pepper_kin.viewer.motion_frames import (
 from pepper_kin.viewer.recording import write_frames_page
 from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
 from pepper_kin.viewer.target_listener import TargetListener
+from pepper_kin.viewer.touching import touch_spans
 from pepper_kin.viewer.video import check_video, write_video
 
 if TYPE_CHECKING:
@@ -305,6 +306,7 @@ class Viewer:
             chosen.series if own else series or {}, chosen.limits if own else limits or {}
         )
         frames = self._frames(chosen, curves, fps)
+        positions = chosen.positions[kept_samples(chosen.times, fps)]
         return write_frames_page(
             path,
             (*self._robot, *self._surroundings.values()),
@@ -312,6 +314,7 @@ class Viewer:
             frames,
             title=self._pepper.name if title is None else title,
             markers=tuple(self._targets.values()),
+            touches=touch_spans(self._pepper, frames.times, positions, self._scene, self._drawn_links),
         )
 
     def save_image(

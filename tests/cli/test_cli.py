@@ -1,4 +1,5 @@
 import json
+import re
 
 import pytest
 
@@ -18,7 +19,7 @@ def test_demo_prints_a_table_and_writes_all_files(demo):
         "hand error",
         "duration",
         "smallest clearance",
-        "peak torque use",
+        "peak torque",
         "tracking error",
         "KneePitch",
     ):
@@ -175,3 +176,44 @@ def test_check_limits_prints_table_4(run, tmp_path):
     assert "HeadYaw" in done.stdout
     assert "Choregraphe" in done.stdout
     assert len(json.loads(run("check", "limits", "--json", cwd=tmp_path).stdout)["rows"]) == 17
+
+
+NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+
+
+@pytest.mark.parametrize(
+    ("words", "headings"),
+    [
+        (("check", "limits"), ["limits [rad]", "share of the opening", "rad;", "against ours  0.0134 rad"]),
+        (
+            ("check", "model"),
+            [
+                "mass [kg]",
+                "least moment [kg m^2]",
+                "reach [m]",
+                "[rad/s or m/s]",
+                "effort [N m or N]",
+            ],
+        ),
+    ],
+)
+def test_tables_tell_the_units_of_their_numbers(run, words, headings, tmp_path):
+    said = run(*words, cwd=tmp_path).stdout
+    for heading in headings:
+        assert heading in said
+
+
+def test_the_tables_of_a_reach_tell_the_units_of_their_numbers(demo):
+    """Each number has its unit beside it, or in brackets in the heading of its column."""
+    said = demo[1].stdout
+    figures, joints = said.split("Joints", 1)
+    values = [
+        line.strip("│ ").split("│")[-1].strip() for line in figures.splitlines() if line.startswith("│")
+    ]
+    assert len(values) >= 8
+    for value in values:
+        assert NUMBER.match(value), value
+        assert value.split()[-1] in ("mm", "mrad", "rad", "deg", "m", "s"), value
+    headings = " ".join(joints.split("KneePitch")[0].split())
+    assert "[mrad]" in headings
+    assert "[% of limit]" in headings

@@ -38,9 +38,11 @@ def test_gazebo_is_ours_rounded_and_choregraphe_is_not():
 
 def test_report_says_what_lies_outside():
     report = limits_table().report()
-    assert "34 of Choregraphe's 34 values differ by more than the 0.005 that rounding" in report
-    assert "28 lie within our range, by up to 0.0185" in report
-    assert "6 lie beyond it, by up to 0.0100: LShoulderRoll lower, LElbowRoll upper, LHand lower" in report
+    assert "34 of Choregraphe's 34 values differ by more than the 0.005 rad that rounding" in report
+    assert "28 lie within our range, by up to 0.0185 rad;" in report
+    assert (
+        "6 lie beyond it, by up to 0.0100 rad: LShoulderRoll lower, LElbowRoll upper, LHand lower" in report
+    )
     assert json.loads(json.dumps(limits_table().to_dict()))["rows"][0]["joint"] == "HeadYaw"
 
 

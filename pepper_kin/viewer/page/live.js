@@ -175,6 +175,7 @@
       look(button.dataset.view);
     });
   });
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => parts?.plots.draw());
   stage.keepCamera(viewer, () => (own = stage.standing(viewer)));
   setInterval(() => parts?.scene.poses && lookAgain(), 500);
   window.pepperKin = {

@@ -120,7 +120,7 @@ class Plots {
     context.lineWidth = axes.ratio;
     const count = Array.isArray(rows[0]) ? rows[0].length : 1;
     for (let k = 0; k < count; k++) {
-      context.strokeStyle = count === 1 ? Axes.color("--accent") : `hsl(${(211 + 47 * k) % 360} 62% 50%)`;
+      context.strokeStyle = count === 1 ? Axes.color("--accent") : `hsl(${(211 + 47 * k) % 360} 62% ${Axes.color("--curve")})`;
       axes.line(context, rows.map((row, at) => {
         const value = count === 1 ? row : row[k];
         return value === null ? null : [axes.x(times[at]), axes.y(value)];

@@ -207,7 +207,7 @@ class Backdrop {
     const { renderer, camera, scene } = this.viewer;
     const { width, height } = this.cutout;
     const ratio = renderer.getPixelRatio();
-    const seen = [width, height, ratio, ...camera.matrixWorld.elements, ...camera.projectionMatrix.elements].join();
+    const seen = [stage.isDark(), width, height, ratio, ...camera.matrixWorld.elements, ...camera.projectionMatrix.elements].join();
     const rests = seen === this.seen;
     this.seen = seen;
     if (rests && seen !== this.kept) {

@@ -69,8 +69,35 @@
     button.hidden = plots.length === 0;
     button.addEventListener("click", () => show(list.hidden));
     window.addEventListener("resize", draw);
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
     motion.listeners.push(draw);
     return show;
+  }
+
+  // Draw what touches in red, and say it, while the motion is at such a time.
+  function connectTouches(viewer, motion, touches) {
+    const line = element("contact");
+    const path = (name) => name.replaceAll("/", "_");
+    const own = (name) => name.replace(/^\d+ /, "");
+    let shown;
+    const show = () => {
+      const time = motion.times[motion.locate(motion.time)[0]];
+      const now = touches.find(({ start, end }) => time >= start && time <= end) ?? null;
+      if (now === shown) return;
+      shown = now;
+      line.hidden = !now;
+      line.textContent = now?.text ?? "";
+      const links = new Set(now?.links.map(path));
+      const objects = new Set(now?.objects.map(path));
+      for (const link of viewer.scene_tree.find(["links"]).object.children) {
+        stage.tint(link, links.has(link.name));
+        link.children.forEach((part) => objects.has(own(part.name)) && stage.tint(part, true));
+      }
+      viewer.scene_tree.find(["world"]).object.children.forEach((part) => stage.tint(part, objects.has(own(part.name))));
+      viewer.set_dirty();
+    };
+    motion.listeners.push(show);
+    show();
   }
 
   function connectKeys(motion) {
@@ -118,6 +145,7 @@
     document.body.classList.toggle("bare", options.get("panel") === "0");
     listMarkers(content.markers);
     connectTimeline(motion);
+    if (content.touches.length) connectTouches(viewer, motion, content.touches);
     const showPlots = connectPlots(viewer, motion, content.motion.series);
     showPlots(content.motion.series.length > 0 && (options.get("plots") ?? (innerWidth > 900 ? "1" : "0")) === "1");
     const subject = stage.subject(viewer, motion, content.markers);

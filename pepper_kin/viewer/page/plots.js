@@ -6,7 +6,7 @@ class Plot {
     this.motion = motion;
     this.series = series;
     this.unit = /\[(.*)\]$/.exec(series.name)?.[1] ?? "";
-    this.color = `hsl(${hue}, 62%, 50%)`;
+    this.hue = hue;
     const figure = document.createElement("figure");
     figure.className = "plot";
     const caption = document.createElement("figcaption");
@@ -79,7 +79,7 @@ class Plot {
       for (let k = from; k !== to + step; k += step) context.lineTo(axes.x(times[k]), axes.y(values[k]));
     };
     const last = times.length - 1;
-    context.fillStyle = context.strokeStyle = this.color;
+    context.fillStyle = context.strokeStyle = `hsl(${this.hue} 62% ${Axes.color("--curve")})`;
     context.globalAlpha = 0.2;
     context.beginPath();
     trace(this.series.high, 0, last);

@@ -7,7 +7,10 @@ const stage = (() => {
   const FIELD_OF_VIEW = 32; // degrees, vertical: little distortion, like a photograph from a few metres
   const KEY = [2.2, 1.6, 4.2]; // where the light stands that throws shadows, from what it shines on [m]
   const REACH = 5; // how far the floor's lines are seen [m]
-  const HORIZON = "#eef2f6";
+  const SKIES = {
+    light: { top: "#cfdae6", horizon: "#eef2f6", ink: "#475c75", shade: 0.2 },
+    dark: { top: "#10151c", horizon: "#252d37", ink: "#a9b9cb", shade: 0.5 },
+  };
   const CONTACT = new THREE.Color("#e01b10"); // of what touches
   const VIEWS = { // azimuth from the front towards the robot's left, elevation, in degrees
     "three-quarter": [38, 14],
@@ -61,7 +64,7 @@ const stage = (() => {
   // Lines every half metre, finer ones every tenth, that fade out with the distance from the origin.
   function floorGrid() {
     const material = new THREE.ShaderMaterial({
-      uniforms: { reach: { value: REACH } },
+      uniforms: { reach: { value: REACH }, ink: { value: new THREE.Color() } },
       transparent: true,
       depthWrite: false,
       side: THREE.DoubleSide,
@@ -74,6 +77,7 @@ const stage = (() => {
         }`,
       fragmentShader: `
         uniform float reach;
+        uniform vec3 ink;
         varying vec2 place;
         float lines(float spacing, float width) {
           vec2 cell = place / spacing;
@@ -84,8 +88,8 @@ const stage = (() => {
         }
         void main() {
           float fade = 1.0 - smoothstep(0.2 * reach, reach, length(place));
-          float ink = max(0.30 * lines(0.5, 1.2), 0.12 * lines(0.1, 1.0));
-          gl_FragColor = vec4(0.28, 0.36, 0.46, ink * fade);
+          float strength = max(0.30 * lines(0.5, 1.2), 0.12 * lines(0.1, 1.0));
+          gl_FragColor = vec4(ink, strength * fade);
         }`,
     });
     return new THREE.Mesh(new THREE.PlaneGeometry(2.4 * REACH, 2.4 * REACH), material);
@@ -95,15 +99,29 @@ const stage = (() => {
     viewer.set_property(["Grid"], "visible", false);
     const grid = floorGrid();
     grid.renderOrder = -2;
-    const shade = new THREE.Mesh(new THREE.PlaneGeometry(12, 12), new THREE.ShadowMaterial({ opacity: 0.2 }));
+    const shade = new THREE.Mesh(new THREE.PlaneGeometry(12, 12), new THREE.ShadowMaterial());
     shade.receiveShadow = true;
     shade.material.depthWrite = false;
     shade.renderOrder = -1;
     viewer.set_object(["Stage", "grid"], grid);
     viewer.set_object(["Stage", "shade"], shade);
+    paintSky(viewer);
+    darkness.addEventListener("change", () => paintSky(viewer));
+  }
+
+  // Whether the picture is dark: as the visitor's other pages; pictures and films, which have no panel, never are.
+  const darkness = window.matchMedia("(prefers-color-scheme: dark)");
+  const isDark = () => darkness.matches && !/(^|[#&])panel=0/.test(location.hash);
+
+  function paintSky(viewer) {
+    const { top, horizon, ink, shade } = SKIES[isDark() ? "dark" : "light"];
     const color = (hex) => new THREE.Color(hex).toArray();
-    viewer.set_property(["Background"], "top_color", color("#cfdae6"));
-    viewer.set_property(["Background"], "bottom_color", color(HORIZON));
+    viewer.set_property(["Background"], "top_color", color(top));
+    viewer.set_property(["Background"], "bottom_color", color(horizon));
+    const part = (name) => viewer.scene_tree.find(["Stage", name, "<object>"]).object.material;
+    part("grid").uniforms.ink.value.set(ink);
+    part("shade").opacity = shade;
+    viewer.set_dirty();
   }
 
   // Lay the floor below everything that will be seen: points in three.js' world axes.
@@ -317,6 +335,6 @@ const stage = (() => {
 
   return {
     open, furnish, look, stand, standing, cameraOf, keepCamera, forgetCamera, fitWindow, subject, around, layFloor, lightUp,
-    corners, castShadows, tint, VIEWS,
+    corners, castShadows, tint, isDark, VIEWS,
   };
 })();

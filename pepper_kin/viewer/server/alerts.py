@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +14,11 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.viewer.server.merging import carriers_of
 from pepper_kin.viewer.server.readings import torque_use
-from pepper_kin.viewer.server.words import joint_words, length_words, listed, pair_words, sentence
+from pepper_kin.viewer.server.words import contact_words, joint_words, length_words, sentence
+from pepper_kin.viewer.touching import touching_names
 
 STAYS = 2.0
 """How long a warning of what is over stays, so that it can be read [s]."""
-MOST_PAIRS = 3
-"""Pairs that touch and are named; of more only the number is told."""
 
 Array = NDArray[np.float64]
 
@@ -112,14 +110,8 @@ class Alerts:
 
     def touching(self, scene: Scene) -> dict[str, list[str]]:
         """Return which bodies of the robot touch, by the names that poses have, and which objects."""
-        bodies, objects = set(), set()
-        for contact in self._contacts:
-            for name in contact.names:
-                if name in scene.names:
-                    objects.add(name)
-                elif name in self._carriers:
-                    bodies.add(self._carriers[name])
-        return {"bodies": sorted(bodies), "objects": sorted(objects)}
+        bodies, objects = touching_names(self._contacts, self._carriers, scene)
+        return {"bodies": list(bodies), "objects": list(objects)}
 
     def _warn(self, kind: str, excess: _Excess, now: float) -> None:
         known = self._warnings.get(kind)
@@ -147,23 +139,6 @@ class Alerts:
         if min(moving, held) >= 0:
             return None
         return _Excess(bool(held < 0), float(-(held if held < 0 else moving)))
-
-
-def contact_words(pepper: PepperModel, found: Iterable[Contact]) -> str:
-    """Return what touches what as a sentence; empty where nothing does."""
-    pairs: dict[str, list[str]] = {}
-    for contact in found:
-        subject, other = pair_words(pepper, contact)
-        pairs.setdefault(other, [])
-        if subject not in pairs[other]:
-            pairs[other].append(subject)
-    clauses = [
-        f"{listed(subjects)} {'touch' if len(subjects) > 1 else 'touches'} {other}"
-        for other, subjects in pairs.items()
-    ]
-    more = len(clauses) - MOST_PAIRS
-    rest = f"; and {more} more" if more > 0 else ""
-    return f"{sentence('; '.join(clauses[:MOST_PAIRS]))}{rest}." if clauses else ""
 
 
 def _torque_words(excess: _Excess) -> str:

@@ -28,6 +28,9 @@ _PARTS = {
 }
 _JOINTS = {"Knee": "knee", "Hip": "hip", "Head": "neck"}
 _LIMBS = {"Shoulder": "shoulder", "Elbow": "elbow", "Wrist": "wrist", "Hand": "hand"}
+MOST_PAIRS = 3
+"""Pairs that touch and are named; of more only the number is told."""
+
 _MOTIONS = ("Pitch", "Roll", "Yaw", "")
 
 
@@ -77,6 +80,23 @@ def listed(words: Iterable[str]) -> str:
 def sentence(text: str) -> str:
     """Return a text with its first letter as a capital."""
     return text[:1].upper() + text[1:]
+
+
+def contact_words(pepper: PepperModel, found: Iterable[Contact]) -> str:
+    """Return what touches what as a sentence; empty where nothing does."""
+    pairs: dict[str, list[str]] = {}
+    for contact in found:
+        subject, other = pair_words(pepper, contact)
+        pairs.setdefault(other, [])
+        if subject not in pairs[other]:
+            pairs[other].append(subject)
+    clauses = [
+        f"{listed(subjects)} {'touch' if len(subjects) > 1 else 'touches'} {other}"
+        for other, subjects in pairs.items()
+    ]
+    more = len(clauses) - MOST_PAIRS
+    rest = f"; and {more} more" if more > 0 else ""
+    return f"{sentence('; '.join(clauses[:MOST_PAIRS]))}{rest}." if clauses else ""
 
 
 def _depth(pepper: PepperModel, link: str | None) -> int:

@@ -1,0 +1,76 @@
+"""Where a recorded motion touches something: which bodies, when, and in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import Contact, Scene, contacts
+from pepper_kin.model import PepperModel
+from pepper_kin.viewer.server.merging import carriers_of
+from pepper_kin.viewer.server.words import contact_words
+
+
+@dataclass(frozen=True)
+class TouchSpan:
+    """A time in which the same things touch.
+
+    Attributes:
+        start: Time of its first frame [s].
+        end: Time of its last frame [s].
+        links: Links that are drawn in red.
+        objects: Objects that are drawn in red.
+        text: What touches what, in a sentence.
+    """
+
+    start: float
+    end: float
+    links: tuple[str, ...]
+    objects: tuple[str, ...]
+    text: str
+
+
+def touch_spans(
+    pepper: PepperModel,
+    times: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    scene: Scene,
+    links: Sequence[str],
+) -> tuple[TouchSpan, ...]:
+    """Return when the frames of a motion touch something, in order.
+
+    Args:
+        pepper: The robot.
+        times: Times of the frames, shape (F,) [s].
+        positions: Joint positions of the frames, shape (F, n) [rad or m].
+        scene: The world around it.
+        links: The links that are drawn.
+    """
+    carriers = {link: carrier for link, (carrier, _) in carriers_of(pepper).items()}
+    spans: list[TouchSpan] = []
+    last = None
+    for time, q in zip(times, positions, strict=True):
+        found = contacts(pepper, q, scene)
+        bodies, objects = touching_names(found, carriers, scene)
+        drawn = tuple(link for link in links if carriers[link] in bodies)
+        span = TouchSpan(float(time), float(time), drawn, objects, contact_words(pepper, found))
+        if found and last is not None and replace(last, start=span.start, end=span.end) == span:
+            spans[-1] = replace(spans[-1], end=span.end)
+        elif found:
+            spans.append(span)
+        last = span if found else None
+    return tuple(spans)
+
+
+def touching_names(
+    found: Iterable[Contact], carriers: dict[str, str], scene: Scene
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what touches: moving bodies, each by the link that `carriers` has for it, and objects."""
+    names = {name for contact in found for name in contact.names}
+    objects = names & set(scene.names)
+    return tuple(sorted({carriers[name] for name in names - objects if name in carriers})), tuple(
+        sorted(objects)
+    )
