@@ -265,7 +265,7 @@ _rooms = threading.local()
 def _rooms_of(n: int, loads: StaticLoads) -> tuple[Array, Array, Array, Array]:
     """Return this thread's room for states of n joints, and for what is asked of a kernel of loads."""
     size = n, loads.masses.size, len(loads.edges), loads.kernel.work_size
-    kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = _rooms.__dict__
+    kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = _rooms.__dict__.setdefault("kept", {})
     found = kept.get(size)
     if found is None:
         asked = n + (EDGE_NUMBERS if len(loads.edges) else 0)
