@@ -178,6 +178,8 @@ def solid_sections(rows: Array, vertices: Sequence[Array]) -> dict[int, Array]:
 
 def _padded(corners: Array) -> Array:
     """Return corners, the last as often as it takes to fill all lanes."""
+    if len(corners) % LANES == 0:
+        return corners
     return np.concatenate([corners, np.repeat(corners[-1:], -len(corners) % LANES, axis=0)])
 
 
