@@ -22,23 +22,29 @@ from .path import Path
 from .problem import FINEST_RESOLUTION, GoalSource, Problem
 from .result import Improvement, Result, Status, StopReason
 from .rrt_connect import Search
-from .sampling import luby
-from .shortcut import shortcut, shorten
+from .sampling import luby, stream_key, uniform
+from .shortcut import LEAST_GAIN, shortcut, shorten
 from .tree_growth import grow, new_counters, plant
 from .vectors import positive_number, whole_number
 
 _UNLIMITED = 2**62
 _LEAST_TIME = 1e-9  # [s]; a budget is above zero
 
-# Rounds of the search: samples of one, and the bound on its path as a multiple of the best length.
+# Rounds of the search: samples of one; the part of them that stay near the straight line, by how much the
+# ellipsoid around it is longer (as a part of the line), and how that changes; and for the others the bound on
+# the path as a multiple of the best length.
 _LEAST_ROUND, _MOST_ROUND, _OF_FIRST = 8_000, 64_000, 2
 _FACTOR, _LEAST_FACTOR, _MOST_FACTOR, _AFTER_SOON, _AFTER_LATE, _AFTER_NONE = 4.0, 1.1, 16.0, 0.95, 1.05, 1.3
 _SOON = 0.25  # of a round
+_NEAR, _WIDTH, _LEAST_WIDTH, _MOST_WIDTH, _NARROWER, _WIDER = 0.8, 4.0, 0.02, 64.0, 0.8, 1.15
+_JITTER = 0.5  # of the width, in its logarithm
+_STREAM = 2
 _EXACT_EVERY = 32  # rounds; one of these is bounded by the best length itself
 
 # Short-cuts of paths: attempts up to the first stage, and by what factor each stage has more attempts in all
 # and fewer paths than the one before.
 _PLAIN, _FIRST_STAGE, _STAGE_FACTOR = 60, 400, 4  # the first ones need no detours yet
+_FIRST_GAIN, _FIRST_POLISH = 8e-3, 4e-4  # of the length: less is passed over at first, to save checks
 _POLISH = 1600  # attempts to shorten the best path at once
 _MOST_WAITING = 64  # paths of a stage that are kept
 _LAST_PART = 0.15  # of the time, for the best path alone
@@ -171,10 +177,15 @@ class _Run:
     shorter is seen only after many of them.  So paths are searched again and again, and they compete: all
     are shortened a little, the best quarter of them four times as much, the best quarter of those again four
     times as much, and so on (L. Li et al., A system for massively parallel hyperparameter tuning, MLSys 2020:
-    asynchronous successive halving).
+    asynchronous successive halving).  Where time counts, the first short-cuts pass over small gains, which
+    cost as many checks as large ones.
 
-    Nearly all rounds of the search have a bound far above the best length, because short-cuts save most of a
-    new path; the factor falls when a round finds a path and rises when it does not.  One in 32 is AORRTC
+    Short-cuts save most of a new path, but seldom lead from one way around to another, so nearly all rounds
+    search with no bound or a generous one.  Four in five draw samples near the straight line, from the
+    ellipsoid of the states through which paths up to a length lead (never less than the best length).  It
+    becomes narrower where a round finds a path and wider where it does not, so that what is found lies as
+    near to the straight line as the time of a round allows.  The others draw from all of the box and bound
+    the path by a multiple of the best length, which falls and rises in the same way.  One in 32 is AORRTC
     itself: its bound is the best length, and its size follows Luby's sequence.  These make the length tend to
     that of the shortest path with probability one.
     """
@@ -186,6 +197,8 @@ class _Run:
         self.goal, self.lower_bound = -1, 0.0
         self.history: list[Improvement] = []
         self._stages: list[_Stage] = []
+        self._key = stream_key(seed, _STREAM)
+        self._factor, self._width, self._first_gain = _FACTOR, _WIDTH, 0.0
 
     def begin(self, path: Path, goal: int) -> None:
         """Begin with a path to one of the goals."""
@@ -210,31 +223,52 @@ class _Run:
 
     def improve(self, most: int) -> None:
         """Shorten the best path until it is short enough, or samples or time run out."""
-        search, rounds, factor = self._search, 0, _FACTOR
+        search, rounds = self._search, 0
         usual = min(max(_LEAST_ROUND, _OF_FIRST * search.samples), _MOST_ROUND)
-        last = self._deadline.timeout * _LAST_PART if most == _UNLIMITED else 0.0
+        last, gain = 0.0, _FIRST_POLISH
+        if most == _UNLIMITED:  # time counts, and its last part makes up for gains passed over
+            last, self._first_gain = self._deadline.timeout * _LAST_PART, _FIRST_GAIN
         if search.samples < most:
             self._compete(self.best, self.goal, 0)
         while search.samples < most and not self._over:
             if self._deadline.left < last:
-                self.offer(self._shortened(self.best, _POLISH), self.goal)
+                self.offer(self._shortened(self.best, _POLISH, gain), self.goal)
+                gain = max(gain / 2.0, LEAST_GAIN)
                 continue
             if self._promote():
                 continue
             rounds += 1
             exact = rounds % _EXACT_EVERY == 0
             size = usual * (luby(rounds // _EXACT_EVERY) if exact else 1)
-            bound = self.best.length * (1.0 if exact else factor)
-            before = search.samples
-            found = search.below(bound, min(size, most - before), self._deadline)
-            soon = search.samples - before < _SOON * size
+            size = min(size, most - search.samples)
+            if exact:
+                found = search.below(self.best.length, size, self._deadline)
+            elif uniform(self._key, 2 * rounds) < _NEAR:
+                found = self._search_inside(size, rounds)
+            else:
+                found = self._search_below(size)
             if found:
                 self._compete(*search.path(), 0)
-            if not exact:
-                factor *= (_AFTER_SOON if soon else _AFTER_LATE) if found else _AFTER_NONE
-                factor = min(max(factor, _LEAST_FACTOR), _MOST_FACTOR)
         while not self._over and self._promote():
             pass
+
+    def _search_below(self, size: int) -> bool:
+        """Search a path below a multiple of the best length, which adapts; return whether there is one."""
+        search, before = self._search, self._search.samples
+        found = search.below(self.best.length * self._factor, size, self._deadline)
+        soon = search.samples - before < _SOON * size
+        self._factor *= (_AFTER_SOON if soon else _AFTER_LATE) if found else _AFTER_NONE
+        self._factor = min(max(self._factor, _LEAST_FACTOR), _MOST_FACTOR)
+        return found
+
+    def _search_inside(self, size: int, number: int) -> bool:
+        """Search a path near the straight line, in an ellipsoid that adapts; return whether there is one."""
+        width = self._width * math.exp(_JITTER * (2.0 * uniform(self._key, 2 * number + 1) - 1.0))
+        inside = max(self.lower_bound * (1.0 + width), self.best.length)
+        found = self._search.below(math.inf, size, self._deadline, inside)
+        self._width *= _NARROWER if found else _WIDER
+        self._width = min(max(self._width, _LEAST_WIDTH), _MOST_WIDTH)
+        return found
 
     def _promote(self) -> bool:
         """Shorten one of the best paths of a stage on to the next; return whether there was any."""
@@ -249,19 +283,22 @@ class _Run:
         """Shorten a path up to a stage, and let it wait there."""
         attempts = _FIRST_STAGE * _STAGE_FACTOR**stage
         if not stage:
-            path = self._shortened(path, _PLAIN, detours=False)
-        path = self._shortened(path, attempts - (attempts // _STAGE_FACTOR if stage else _PLAIN))
+            path = self._shortened(path, _PLAIN, LEAST_GAIN, detours=False)
+        gain = max(self._first_gain / _STAGE_FACTOR**stage, LEAST_GAIN)
+        path = self._shortened(path, attempts - (attempts // _STAGE_FACTOR if stage else _PLAIN), gain)
         if stage == len(self._stages):
             self._stages.append(_Stage())
         self.offer(path, goal)
-        self._stages[stage].add(path, self._calls, goal)
+        if len(path) > 2:  # what is straight cannot become shorter
+            self._stages[stage].add(path, self._calls, goal)
 
-    def _shortened(self, path: Path, attempts: int, *, detours: bool = True) -> Path:
+    def _shortened(self, path: Path, attempts: int, gain: float, *, detours: bool = True) -> Path:
         """Return a path after some short-cuts, each time with other random choices."""
         self._calls += 1
         return shortcut(
             self._problem, path, seed=self._seed + (self._calls << 64), iterations=attempts,
-            timeout=max(self._deadline.left, _LEAST_TIME), resolution=self._fine, detours=detours,
+            timeout=max(self._deadline.left, _LEAST_TIME), resolution=self._fine, least_gain=gain,
+            detours=detours,
         )  # fmt: skip
 
     def offer(self, path: Path, goal: int) -> None:

@@ -267,13 +267,21 @@ class Search:
             for a, b, steps in zip(points[:-1], points[1:], counts, strict=True)
         )
 
-    def below(self, bound: float, iterations: int, deadline: Deadline) -> bool:
-        """Search anew for a path shorter than a bound, with so many samples; return whether there is one."""
+    def below(self, bound: float, iterations: int, deadline: Deadline, inside: float = math.inf) -> bool:
+        """Search anew for a path, with so many samples; return whether there is one.
+
+        Args:
+            bound: Length that the path has to be below [length unit of the metric].
+            iterations: Number of samples.
+            deadline: Time budget.
+            inside: Samples are drawn where a path of this length leads through [length unit of the metric].
+        """
         self._forget_nodes()
         region = np.array([self._problem.lower, self._problem.upper])
-        narrow(self._space, self._trees, 0.0, bound, region)
+        inside = min(bound, inside)
+        narrow(self._space, self._trees, 0.0, inside, region)
         self._draw_from(region)
-        within = bound if self._is_smaller_than_box(bound) else math.inf
+        within = inside if self._is_smaller_than_box(inside) else math.inf
         self._trees = self._trees._replace(bound=bound, within=within)
         self._round_end = until = self.samples + iterations
         return self.grow(until, deadline) == FOUND

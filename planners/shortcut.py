@@ -33,7 +33,7 @@ _MOST_NEW = 3  # way-points that one iteration may add
 
 # Of attempts with detours: parts that contract along a direction or go over another state, part whose places
 # are drawn near each other, from how near (e to the minus this, of the length), and greatest contraction.
-_CONTRACTS, _VIA, _LOCAL, _NARROWEST, _MOST_SHARE = 0.4, 0.4, 0.3, 4.0, 4.0
+_CONTRACTS, _VIA, _LOCAL, _NARROWEST, _MOST_SHARE = 0.6, 0.2, 0.2, 4.0, 4.0
 
 # How a call ends.
 DONE, TIME_UP, FULL = range(3)
@@ -83,8 +83,8 @@ def shortcut(
 
     It runs as machine code; a validity checker that is a Python callable is called back from there.
 
-    With detours, two iterations in five replace what lies between by two edges over a state that is drawn
-    evenly from those through which the way is shorter, and two draw a direction of the space along which
+    With detours, one iteration in five replaces what lies between by two edges over a state that is drawn
+    evenly from those through which the way is shorter, and three draw a direction of the space along which
     what lies between runs straighter, all of the way or in part, while it keeps its course across.  That lets
     a path slide along obstacles and past corners that hold it where no straight edge is free: where the
     straight edge is blocked by one obstacle, a fair part of all directions is not.

@@ -18,8 +18,11 @@ from pepper_kin.planners import (
     rrt_connect,
     shortcut,
 )
+from pepper_kin.planners.motion_validator import machine_code_of
+from pepper_kin.planners.rrt_connect import Search
 from pepper_kin.planners.sampling import stream_key, within_ellipsoid
 from pepper_kin.planners.search_space import SearchSpace
+from pepper_kin.planners.tree_growth import new_counters
 
 
 def box(lower, extent, weights) -> SearchSpace:  # type: ignore[no-untyped-def]
@@ -81,6 +84,26 @@ def test_shortest_path_around_a_ball(n: int, gap: float, toy) -> None:  # type: 
     assert np.median(costs) < shortest * (1 + gap)
     for result in results:
         assert np.linalg.norm(result.path.resample(1e-3).points - 0.5, axis=1).min() > 0.3
+
+
+@pytest.mark.parametrize("inside", [np.inf, 1.1])
+def test_searches_stay_where_paths_can_be_short(inside: float, toy) -> None:  # type: ignore[no-untyped-def]
+    """The states of a path lie in the ellipsoid of a length; without one they lie outside, too."""
+    problem, shortest = ball_problem(toy, 3)
+    assert shortest < 1.1
+    deadline, counters, found, farthest = Deadline(60.0), new_counters(), 0, 0.0
+    with machine_code_of(problem, deadline, counters=counters) as code:
+        search = Search(problem, code, counters, 1, None)
+        assert search.begin(deadline)
+        for _ in range(20):
+            if search.below(np.inf, 2000, deadline, inside):
+                points, found = search.path()[0].points, found + 1
+                ends = problem.start, problem.goals[0]
+                length = sum(np.linalg.norm(points - end, axis=1) for end in ends).max()
+                farthest = max(farthest, length)
+    assert found > 5
+    assert farthest <= inside * (1 + 1e-12)
+    assert (farthest > 1.1) == (inside == np.inf)
 
 
 def test_other_way_around_is_found(toy) -> None:  # type: ignore[no-untyped-def]
