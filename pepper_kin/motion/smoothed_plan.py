@@ -13,11 +13,12 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.driving import moves_base as drives
-from pepper_kin.motion.optimisation import Optimised, optimise
+from pepper_kin.motion.optimisation import optimise
 from pepper_kin.motion.optimisation.examined import is_clear_along
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Plan, along_trajectory
-from pepper_kin.trajectory import retime
+from pepper_kin.motion.static_limits import static_limits
+from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.trajectory.balance import moves_base as wheels_move
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.trajectory.path import CubicPath
@@ -59,12 +60,12 @@ def smoothed(
         margins: Distance wished for to all things, and what has to be kept from the scene [m].
         timeout: Time budget of planning and optimisation [s]; at least a twentieth is left to the latter.
         balance: As in `retime` [m].
-        payload: As in `retime`; what is optimised knows no payloads, and so the plan is retimed.
+        payload: As in `retime`.
     """
     if plan.curve is None:
         return plan
     try:
-        what = _not_optimised(pepper, plan.curve, balance, payload)
+        what = _not_optimised(pepper, plan.curve, balance)
         if what is not None:
             motion = retime(pepper, plan, balance=balance, payload=payload)
             said = f"It was timed along its own path, in {motion.duration:.3f} s: {what} is not optimised."
@@ -79,13 +80,15 @@ def smoothed(
             margin=margins[0],
             timeout=left,
             balance=balance,
+            payload=payload,
             constraints=constraints or (),
         )
     except InfeasibleError as error:
         return replace(plan, message=f"{plan.message} It cannot be timed: {error}")
     said = found.message
     if found.success:
-        if _keeps_what_plans_keep(pepper, scene, found, margins):
+        checks = Checks(pepper, scene, static_limits(pepper, None, payload))
+        if _keeps_what_plans_keep(checks, found.trajectory, margins):
             made = along_trajectory(pepper, plan, found.trajectory, scene, margins[0])
             message = f"{plan.message} Optimised: {said[0].lower()}{said[1:]}"
             errors, time = found.constraint_errors, plan.time + found.time
@@ -97,12 +100,8 @@ def smoothed(
     )
 
 
-def _not_optimised(
-    pepper: PepperModel, curve: CubicPath, balance: float | None, payload: Mapping[str, float] | None
-) -> str | None:
+def _not_optimised(pepper: PepperModel, curve: CubicPath, balance: float | None) -> str | None:
     """Return what a motion has that `optimise` does not know; None where it knows all."""
-    if payload:
-        return "a payload"
     if drives(pepper, np.flatnonzero((curve.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))):
         return "a base that goes where it points"
     if balance is not None and support_polygon(pepper) is not None and wheels_move(pepper):
@@ -110,11 +109,8 @@ def _not_optimised(
     return None
 
 
-def _keeps_what_plans_keep(
-    pepper: PepperModel, scene: Scene | None, found: Optimised, margins: tuple[float, float]
-) -> bool:
+def _keeps_what_plans_keep(checks: Checks, motion: Trajectory, margins: tuple[float, float]) -> bool:
     """Whether a motion keeps half the margins of its ends, and can be held, all along."""
-    checks, motion = Checks(pepper, scene), found.trajectory
     moved = np.flatnonzero(motion.start != motion.end)
     kept, kept_self = checks.margins(motion.start, motion.end[None], moved, margins[0])
     kept, strictly = max(kept / 2, margins[1]), margins[1] > 0.0

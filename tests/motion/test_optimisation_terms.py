@@ -1,6 +1,7 @@
 """Distances and ranges that the optimiser sees, against coal, tables and finite differences."""
 
 import numpy as np
+import pinocchio
 import pytest
 
 import pepper_kin as pk
@@ -97,6 +98,37 @@ def test_balance_and_its_derivatives():
     polygon = support_polygon(pepper)
     weight = 9.81 * pk.dynamics.total_mass(pepper) * BALANCE_INFLUENCE
     np.testing.assert_allclose(rows.value, edge_moments(pepper, polygon, q, v, a, 0.01) / weight, atol=1e-9)
+    for part, numeric in (
+        (rows.by_position, differences(lambda x: term.values(x, v, a), q)),
+        (rows.by_velocity, differences(lambda x: term.values(q, x, a), v)),
+        (rows.by_acceleration, differences(lambda x: term.values(q, v, x), a)),
+    ):
+        np.testing.assert_allclose(part, numeric, atol=1e-5)
+
+
+LOADS = (("LArm_effector", 0.7), ("RArm_effector", 0.2))
+
+
+@pytest.mark.parametrize("kind", ["torque", "balance"])
+def test_what_is_carried_counts_with_its_derivatives(kind):
+    pepper = pk.load_pepper()
+    q, v, a = (random_states(pepper, 20, seed=s) for s in (13, 14, 15))
+    if kind == "torque":
+        term = TorqueTerm(moving_of(pepper), pepper.effort_limits, 1, LOADS)
+        model = pepper.inner_model.copy()
+        for name, mass in LOADS:
+            frame = model.frames[pepper.frame_id(name)]
+            body = pinocchio.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+            model.appendBodyToJoint(frame.parentJoint, body, frame.placement)
+        data = model.createData()
+        expected = np.array([pinocchio.rnea(model, data, *state) for state in zip(q, v, a, strict=True)])
+        expected /= pepper.effort_limits
+    else:
+        term = BalanceTerm(moving_of(pepper), 0.01, 1, LOADS)
+        weight = 9.81 * pk.dynamics.total_mass(pepper) * BALANCE_INFLUENCE
+        expected = edge_moments(pepper, support_polygon(pepper), q, v, a, 0.01, LOADS) / weight
+    rows = term.rows(q, v, a)
+    np.testing.assert_allclose(rows.value, expected, atol=1e-9)
     for part, numeric in (
         (rows.by_position, differences(lambda x: term.values(x, v, a), q)),
         (rows.by_velocity, differences(lambda x: term.values(q, x, a), v)),

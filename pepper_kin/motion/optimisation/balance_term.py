@@ -12,10 +12,12 @@ from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.motion.optimisation.carried import carrying_kernels
 from pepper_kin.motion.optimisation.kernel_term import KernelTerm
 from pepper_kin.motion.optimisation.moving import Moving
 from pepper_kin.planners.optimisation import Wall
 from pepper_kin.trajectory.balance import support_polygon
+from pepper_kin.trajectory.payload import AtFrames
 
 if TYPE_CHECKING:
     import casadi
@@ -41,12 +43,13 @@ class BalanceTerm(KernelTerm):
         moving: The joints that move.
         margin: Distance that the zero-moment point keeps from the edges [m].
         per_interval: Samples in each interval of the spline.
+        payload: Masses held, by frame [kg].
 
     Raises:
         InvalidValueError: for a robot without Pepper's wheels, or with a base that moves.
     """
 
-    def __init__(self, moving: Moving, margin: float, per_interval: int) -> None:
+    def __init__(self, moving: Moving, margin: float, per_interval: int, payload: AtFrames = ()) -> None:
         pepper = moving.pepper
         polygon = support_polygon(pepper)
         if polygon is None or "BaseX" in pepper.joint_names:
@@ -59,7 +62,11 @@ class BalanceTerm(KernelTerm):
         map_of_wrench[:, 2] = -((inward * polygon).sum(axis=1) + margin)
         map_of_wrench[:, 3], map_of_wrench[:, 4] = inward[:, 1], -inward[:, 0]
         shares = map_of_wrench / (_GRAVITY * total_mass(pepper) * INFLUENCE)
-        kernels = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
+        if payload:
+            kernels = carrying_kernels(pepper, "base_wrench", tuple(name for name, _ in payload))
+        else:
+            kernels = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
+        shares = np.hstack([shares, *(mass * shares for _, mass in payload)])  # wrenches are linear in masses
         super().__init__(moving, kernels, shares, per_interval, Wall.ABOVE_ZERO)
 
 

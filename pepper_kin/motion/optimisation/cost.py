@@ -12,6 +12,7 @@ from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.payload import AtFrames, payload_torque
 
 Array = NDArray[np.float64]
 
@@ -78,8 +79,8 @@ def jerk_scale(pepper: PepperModel) -> Array:
     return np.where(finite, pepper.acceleration_limits, 1.0)
 
 
-def figures_of(pepper: PepperModel, trajectory: Trajectory) -> Figures:
-    """Measure a trajectory."""
+def figures_of(pepper: PepperModel, trajectory: Trajectory, payload: AtFrames = ()) -> Figures:
+    """Measure a trajectory with masses held at frames [kg]."""
     steps = max(int(np.ceil(trajectory.duration / JERK_STEP)), 2)
     dt = trajectory.duration / steps
     state = trajectory(np.linspace(0.0, trajectory.duration, steps + 1))
@@ -87,6 +88,8 @@ def figures_of(pepper: PepperModel, trajectory: Trajectory) -> Figures:
     acceleration[1:-1] = state.acceleration
     jerk = (acceleration[1:] - acceleration[:-1]) / (dt * jerk_scale(pepper))
     share = evaluate(kernel(pepper, "inverse_dynamics"), *map(np.ascontiguousarray, state))
+    if payload:
+        share += payload_torque(pepper, payload, *state)
     share /= pepper.effort_limits
     effort = np.vdot(share, share) - (np.vdot(share[0], share[0]) + np.vdot(share[-1], share[-1])) / 2
     return Figures(trajectory.duration, float(np.vdot(jerk, jerk) * dt), float(effort * dt))

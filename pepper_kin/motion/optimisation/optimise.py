@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -29,6 +29,7 @@ from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import PathLike
+from pepper_kin.trajectory.payload import AtFrames, at_frames
 from pepper_kin.trajectory.trajectory import sample_times
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ def optimise(
     acceleration_scale: float = 1.0,
     torque_scale: float = 1.0,
     balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
     constraints: Sequence[Task | TaskGroup] = (),
     max_iterations: int = 40,
@@ -91,9 +93,10 @@ def optimise(
             never less than half of that in between samples.
         intervals: Pieces of the spline, at least 4: more can follow sharper turns, and take longer.
         velocity_scale: Share of the velocity limits to use, in (0, 1].
-        acceleration_scale: Share of the acceleration limits to use, in (0, 1].
-        torque_scale: Share of the effort limits to use, in (0, 1].
+        acceleration_scale: The same of acceleration limits.
+        torque_scale: The same of effort limits.
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
+        payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`.
         jerk: Limits of jerk as in `retime`, which hold at every instant; None for none.  A path that is given
             is timed without them to start from.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
@@ -114,20 +117,18 @@ def optimise(
     """
     from pepper_kin.motion.optimisation.spline_problem import SplineProblem, load_search  # only here
 
-    load_search()
+    load_search(pepper, held := at_frames(pepper, "payload", payload, "kg"), balance is not None)
     begin = time.perf_counter()
-    check_choice("solver", solver, SOLVERS)
     wanted, seconds = _checked(margin, timeout, duration, solver, starts)
     scales = (velocity_scale, acceleration_scale, torque_scale)
-    before = _timed(pepper, path, *scales, balance)
-    limits = _scaled(pepper, *scales, balance)
+    before, limits = _timed(pepper, path, *scales, balance, payload), _scaled(pepper, *scales, balance, held)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
+    rest = world, weights, limits, margin, intervals
 
     def posed(motion: Trajectory) -> SplineProblem:
-        given = pepper, motion, world, weights, limits, margin, intervals
-        return SplineProblem(*given, tasks=tasks, jerk=rate)
+        return SplineProblem(pepper, motion, *rest, tasks=tasks, jerk=rate)
 
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
@@ -167,14 +168,16 @@ def _cost_of(descent: Descent) -> float:
 
 
 def _scaled(
-    pepper: PepperModel, velocity: float, acceleration: float, torque: float, balance: float | None
-) -> Limits:
+    pepper: PepperModel, velocity: float, acceleration: float, torque: float, balance: float | None,
+    payload: AtFrames,
+) -> Limits:  # fmt: skip
     """Return shares of a robot's limits."""
     return Limits(
         pepper.velocity_limits * velocity,
         pepper.acceleration_limits * acceleration,
         pepper.effort_limits * torque,
         balance,
+        payload,
     )
 
 
@@ -188,6 +191,7 @@ def _checked(
     margin: float, timeout: float | None, duration: float | None, solver: str, starts: int
 ) -> tuple[float | None, float]:
     """Return the duration wanted, if any, and the time that the search may take [s]."""
+    check_choice("solver", solver, SOLVERS)
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
     if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
@@ -209,6 +213,7 @@ def _timed(
     acceleration_scale: float,
     torque_scale: float,
     balance: float | None,
+    payload: Mapping[str, float] | None = None,
 ) -> Trajectory:
     """Return the motion to start from: the one that was given, or along a path in the shortest time."""
     for name, share in (
@@ -233,6 +238,7 @@ def _timed(
         acceleration_scale=acceleration_scale,
         torque_scale=torque_scale,
         balance=balance,
+        payload=payload,
     )
 
 
@@ -278,7 +284,7 @@ class _Judge:
 
     def __call__(self, problem: SplineProblem, descent: Descent) -> Optimised:
         """Return the outcome of a descent on a problem, that of the motion before or another."""
-        old = figures_of(self.pepper, self.before)
+        old = figures_of(self.pepper, self.before, self.limits.payload)
 
         def refused(status: OptimisedStatus, message: str) -> Optimised:
             return Optimised(
@@ -308,7 +314,7 @@ class _Judge:
             if error > task.tolerance * _MORE:
                 words = f"{error:.3g} {task.unit_on(self.pepper)} of {task.tolerance:.3g}"
                 return refused(OptimisedStatus.OFF_CONSTRAINT, f"{task.name} is not kept: {words}.")
-        new = figures_of(self.pepper, found)
+        new = figures_of(self.pepper, found, self.limits.payload)
         gain = (
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"

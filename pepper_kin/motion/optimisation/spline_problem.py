@@ -13,6 +13,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.optimisation.balance_term import BalanceTerm
+from pepper_kin.motion.optimisation.carried import carrying_kernels
 from pepper_kin.motion.optimisation.clearance_term import ClearanceTerm, clearance_rows, least_distance
 from pepper_kin.motion.optimisation.cost import Cost, jerk_scale
 from pepper_kin.motion.optimisation.held_term import HeldTerm
@@ -34,6 +35,7 @@ from pepper_kin.planners.optimisation import (
 from pepper_kin.planners.optimisation.newton import measure_cost, measure_motion, search
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.payload import AtFrames
 
 Array = NDArray[np.float64]
 
@@ -60,9 +62,15 @@ _WHAT = {
 _SHORT = 0.995  # of the wanted duration, from which the search slows down to it
 
 
-@cache
-def load_search() -> None:
+def load_search(pepper: PepperModel, payload: AtFrames, balanced: bool) -> None:
     """Load, or compile, the search and its terms, before any clock starts."""
+    _load_search()
+    for quantity in ("inverse_dynamics", "base_wrench")[: 1 + balanced] if payload else ():
+        carrying_kernels(pepper, quantity, tuple(frame for frame, _ in payload))
+
+
+@cache
+def _load_search() -> None:
     load_code(search, measure_motion, measure_cost, least_distance)
     for term in (clearance_rows, range_rows, kernel_rows):
         assert term.address
@@ -76,7 +84,7 @@ class SplineProblem:
         before: The motion to start from.
         scene: The world around the robot; None to look neither at it nor at the robot itself.
         cost: Weights.
-        limits: Limits of velocity, acceleration, torque and balance.
+        limits: Limits of velocity, acceleration, torque and balance, and what is carried.
         margin: Distance to keep [m].
         intervals: Pieces of the spline.
         tasks: IK tasks that stay met along the motion.
@@ -120,7 +128,8 @@ class SplineProblem:
             for smoothness in ((0.0,) if tasks else (_SMOOTHNESS, 0.0))
         ]
         efforts = pepper.effort_limits if limits.torque is None else limits.torque
-        torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1)
+        payload = limits.payload
+        torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1, payload)
         self._apart = ClearanceTerm(self._moving, scene or Scene(), margin, 4, only_moving=True)
         everything = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
         self._at_rest = everything.least_distance(path[:1, joints])
@@ -129,12 +138,12 @@ class SplineProblem:
             constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._apart]
         costs: list[tuple[float, Term]] = []
         if cost.effort > 0:
-            costs.append((cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1)))
+            costs.append((cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1, payload)))
         if cost.clearance > 0:
             near = ClearanceTerm(self._moving, scene or Scene(), 0.0, 2, closeness=True)
             costs.append((cost.clearance, near))
         self._floors = [term for term in constraints if term.rows_count]
-        standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1)]
+        standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1, payload)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
             self._spline,
