@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 PEPPER = pk.load_pepper()
 FRAME = "LArm_effector"
-CENTRE = np.array([0.0, 0.0, 0.9])
+CENTER = np.array([0.0, 0.0, 0.9])
 FARTHEST = 3.0
 ALLOWED = 5e-3  # [m]
 STARTS, STEPS, POLISHED = 200, 60, 10
@@ -118,10 +118,10 @@ def long_search(target: Array, generator: np.random.Generator) -> float:
 
 
 def targets(count: int, generator: np.random.Generator) -> Array:
-    """Return points whose directions and distances from `CENTRE` are even, shape (count, 3)."""
+    """Return points whose directions and distances from `CENTER` are even, shape (count, 3)."""
     direction = generator.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return CENTRE + direction * generator.uniform(0.0, FARTHEST, (count, 1))
+    return CENTER + direction * generator.uniform(0.0, FARTHEST, (count, 1))
 
 
 def compare(target: Array, generator: np.random.Generator) -> Comparison:
@@ -142,7 +142,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     generator = np.random.default_rng(arguments.seed)
-    pk.ik.solve(PEPPER, pk.ik.HandPosition("left", CENTRE))
+    pk.ik.solve(PEPPER, pk.ik.HandPosition("left", CENTER))
     found = []
     begin = time.perf_counter()
     for k, target in enumerate(targets(arguments.count, generator)):

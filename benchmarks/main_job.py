@@ -108,7 +108,7 @@ class Peer:
         self.low, self.high = PEPPER.lower_limits, PEPPER.upper_limits
 
     def free(self, q: np.ndarray) -> bool:
-        """Ask the tables of neighbouring links, gravity, and coal."""
+        """Ask the tables of neighboring links, gravity, and coal."""
         if any(table.violated(q) for table in self.checker._ranges):
             return False
         torque = pinocchio.computeGeneralizedGravity(self.model, self.data, q)

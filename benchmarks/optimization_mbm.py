@@ -28,7 +28,7 @@ import pinocchio
 
 import pepper_kin as pk
 from pepper_kin.exceptions import PepperKinError
-from pepper_kin.motion import Cost, optimise
+from pepper_kin.motion import Cost, optimize
 
 ACCELERATION = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
 """[rad/s^2], from https://frankaemika.github.io/docs/control_parameters.html."""
@@ -99,7 +99,7 @@ class Tally:
         self.planned += 1
         cost = Cost(jerk=arguments.weight)
         found, optimizing = spent(
-            lambda: optimise(robot, plan, scene, cost=cost, jerk=arguments.jerk, solver=arguments.solver)
+            lambda: optimize(robot, plan, scene, cost=cost, jerk=arguments.jerk, solver=arguments.solver)
         )
         self.statuses[found.status.value] += 1
         if not found.success:

@@ -1,6 +1,6 @@
 """Many planning problems: one after the other, by threads, and by `pk.plan_batch`.
 
-Each problem has a scene of its own, as in randomised worlds: six boxes, and a target for the left hand.
+Each problem has a scene of its own, as in randomized worlds: six boxes, and a target for the left hand.
 Processor time of this process and of its helpers is counted; on an idle machine with as many cores as
 processes, the larger of the two is the wall time.
 

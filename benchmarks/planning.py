@@ -5,9 +5,9 @@ one at a time, coal's and RoboPlan's one at a time, all from Python, on the same
 past a table with one arm and with torso and arm: ours over the compiled check, OMPL's over coal's, called
 from Python, and RoboPlan's, on the same problems in turn.  "Search" is `planners.rrt_connect` with the making
 of problem and check; "plan" is `pk.plan`, with its margins, short-cuts, smoothing and last examination.
-RoboPlan keeps no margin, knows neither the tabulated ranges of neighbouring links nor what the joints can
+RoboPlan keeps no margin, knows neither the tabulated ranges of neighboring links nor what the joints can
 hold, and measures steps in joint space: its step is ours over the root mean square of the joints' reaches.
-Third, ten kinds of problems in a second each, every path examined by coal at steps of half a millimetre of
+Third, ten kinds of problems in a second each, every path examined by coal at steps of half a millimeter of
 the fastest point; what is not solved is tried again for longer with other seeds, to tell whether it can be
 solved at all.
 

@@ -88,7 +88,7 @@ def main() -> None:
         f"{len(suite.names)} sensors read once, without cameras": everything,
         f"{SECONDS:g} s of 1 ms steps, each sensor at its rate": at_their_rates,
         "depth picture, 320 x 240": lambda: depth.depth(q, scene),
-        "colour picture, 320 x 240": lambda: color.color(q, scene),
+        "color picture, 320 x 240": lambda: color.color(q, scene),
         "76 800 rays at the drawn body": lambda: body.distances(q, None, origin, directions),
         "the same rays by MuJoCo": theirs,
     }

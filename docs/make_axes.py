@@ -15,7 +15,7 @@ from pepper_kin.model import Box, Capsule, Sphere
 
 PICTURE = Path(__file__).parent / "pictures" / "axes.svg"
 WHITE = "#fff"
-SCALE = 430.0  # picture units a metre
+SCALE = 430.0  # picture units a meter
 LENGTH = 0.12  # of an arrow [m]
 COLORS = {
     "palm": "#c0392b",
@@ -67,7 +67,7 @@ def main() -> None:
 
 
 def silhouette(pepper: pk.PepperModel, q: np.ndarray, plane: np.ndarray, middle: np.ndarray) -> list[str]:
-    """Return the collision shapes as grey outlines, those far away first."""
+    """Return the collision shapes as gray outlines, those far away first."""
     poses = dict(zip(pepper.link_names, pk.kinematics.link_poses(pepper, q), strict=True))
     toward = np.cross(plane[0], -plane[1]) / SCALE**2
     drawn = []

@@ -27,7 +27,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_12": motions.draw_12_carry_a_tray,
     "example_13": senses.draw_13_push_a_box,
     "example_14": senses.draw_14_sensors,
-    "example_15": forces.draw_15_randomised_twins,
+    "example_15": forces.draw_15_randomized_twins,
     "example_16": motions.draw_16_live_target,
     "example_17": motions.draw_17_jerk_limits,
     "example_18": motions.draw_18_soft_costs,

@@ -1,4 +1,4 @@
-"""Exact gradients: hold the hand where it is, and let an optimiser relax the arm that holds it."""
+"""Exact gradients: hold the hand where it is, and let an optimizer relax the arm that holds it."""
 
 import casadi
 import numpy as np

@@ -1,4 +1,4 @@
-"""A plan with the motion to execute: path and timing optimised together, and what that gains."""
+"""A plan with the motion to execute: path and timing optimized together, and what that gains."""
 
 import pepper_kin as pk
 
@@ -8,9 +8,9 @@ goal = pepper.joint_vector({"LShoulderPitch": 0.4, "LElbowRoll": -0.9, "LElbowYa
 
 plan = pk.plan(pepper, pepper.posture("Stand"), goal, scene, smooth=True)
 print(plan.report())
-motion, retimed = plan.trajectory, plan.optimised.before
-print(f"retimed:   {retimed.duration:.2f} s, jerk {plan.optimised.figures_before.jerk:.0f} /s")
-print(f"optimised: {motion.duration:.2f} s, jerk {plan.optimised.figures.jerk:.0f} /s")
+motion, retimed = plan.trajectory, plan.optimized.before
+print(f"retimed:   {retimed.duration:.2f} s, jerk {plan.optimized.figures_before.jerk:.0f} /s")
+print(f"optimized: {motion.duration:.2f} s, jerk {plan.optimized.figures.jerk:.0f} /s")
 
 # By other code: limits, torques by Newton and Euler, distances by coal.
 certificate = motion.check(pepper, scene)
@@ -18,6 +18,6 @@ for part in ("velocity", "acceleration", "torque", "clearance"):
     print(getattr(certificate, part).sentence())
     assert getattr(certificate, part).ok
 
-assert plan.optimised.success
+assert plan.optimized.success
 assert motion.duration < retimed.duration
-assert plan.optimised.smoother_by > 0.5
+assert plan.optimized.smoother_by > 0.5

@@ -89,13 +89,13 @@ def demo(output: Output = Path("pepper-kin-demo"), seed: Seed = 0, as_json: Json
 @app.command()
 def reach(
     hand: Annotated[str, typer.Option(help="left or right.", autocompletion=one_of(SIDES))],
-    at: Annotated[Point, typer.Option(help="Where the palm should go: X Y Z, in metres.")],
+    at: Annotated[Point, typer.Option(help="Where the palm should go: X Y Z, in meters.")],
     look_at: Annotated[
-        Point | None, typer.Option(help="Where the camera should look: X Y Z, in metres.")
+        Point | None, typer.Option(help="Where the camera should look: X Y Z, in meters.")
     ] = None,
     avoid_box: Annotated[
         list[str] | None,
-        typer.Option(help='A box "SX,SY,SZ,X,Y,Z": full lengths and centre, in metres; may be repeated.'),
+        typer.Option(help='A box "SX,SY,SZ,X,Y,Z": full lengths and center, in meters; may be repeated.'),
     ] = None,
     start_from: Annotated[
         str | None,

@@ -112,7 +112,7 @@ def stages(quiet: bool) -> Iterator[Callable[[str], None]]:
 
 
 def _bar() -> Any:
-    """Return a bar that is seen on terminals only; colours follow NO_COLOR."""
+    """Return a bar that is seen on terminals only; colors follow NO_COLOR."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 

@@ -68,7 +68,7 @@ class Car(NamedTuple):
     Attributes:
         radius: Least turning radius [m].
         backward: Whether it goes backward too.
-        rate: Length of a curve in the metric, for each metre of it, at most.
+        rate: Length of a curve in the metric, for each meter of it, at most.
         reach: Longest extension [m].
     """
 

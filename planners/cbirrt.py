@@ -113,7 +113,7 @@ def cbirrt(
         max_iterations: Greatest number of samples.
 
     Returns:
-        The result.  Neighbouring way-points of its path are no further apart than the resolution; they meet
+        The result.  Neighboring way-points of its path are no further apart than the resolution; they meet
         the constraints to half the tolerances (start and goal to the whole), and so do the middles between
         them to the whole.  `residual` is the largest error found, as a multiple of its tolerance: of the
         way-points, or of an end that is off the manifold.

@@ -124,7 +124,7 @@ def project(
 
     Returns:
         The states moved, shape (m, n), and which of them now meet the constraints, to half their tolerances,
-        shape (m,).  It is a local method: a state that is not there may have a neighbour that gets there.
+        shape (m,).  It is a local method: a state that is not there may have a neighbor that gets there.
 
     Raises:
         InvalidValueError: The states have the wrong shape, are not finite or not inside the box.

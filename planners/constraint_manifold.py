@@ -363,7 +363,7 @@ def _linearize(surface: Surface, aim: float) -> int:
 def _least_step(surface: Surface, count: int, damping: float) -> None:
     """Write the smallest step that removes the residuals, of the coordinates that are not fixed.
 
-    step = -W^-1 A^T (A A^T + damping diag(A A^T))^-1 e with A = J W^-1, by Cholesky's factorisation.
+    step = -W^-1 A^T (A A^T + damping diag(A A^T))^-1 e with A = J W^-1, by Cholesky's factorization.
     """
     gram, right, slopes, n = surface.gram, surface.right, surface.slopes, surface.weights.size
     for a in range(count):

@@ -18,7 +18,7 @@ class Metric:
 
     A weight turns the unit of its coordinate into the common unit of length of the problem: with radians
     everywhere and weights of one, a distance is in radians; with lever arms [m/rad] as weights it is in
-    metres.
+    meters.
 
     Attributes:
         weights: w, shape (n,), each above zero [length unit per coordinate unit].

@@ -17,7 +17,7 @@ from .vectors import FloatArray, finite_points, positive_number, read_only
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A polyline, parametrised by its arc length in a weighted metric.
+    """A polyline, parametrized by its arc length in a weighted metric.
 
     Attributes:
         points: Way-points, shape (k, n), k >= 1, read-only.
@@ -112,10 +112,10 @@ class Path:
         return Path(self.points[::-1], self.weights)
 
     def resample(self, spacing: float) -> Path:
-        """Return the same polyline with way-points added, so that no two neighbours are further apart.
+        """Return the same polyline with way-points added, so that no two neighbors are further apart.
 
         Args:
-            spacing: Greatest distance of neighbours [length unit of the metric].
+            spacing: Greatest distance of neighbors [length unit of the metric].
 
         Returns:
             A path through all way-points of this one and equally spaced new ones on each edge.

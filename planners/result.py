@@ -148,7 +148,7 @@ class Result:
         return self.cost / self.lower_bound - 1.0 if self.lower_bound > 0.0 else math.inf
 
     def __str__(self) -> str:
-        """Summarise the run in a line."""
+        """Summarize the run in a line."""
         return (
             f"{self.status.value}: cost {self.cost:.6g}, {self.iterations} iterations, "
             f"{self.states_checked} states checked, {self.time:.3g} s, seed {self.seed}. {self.status.advice}"

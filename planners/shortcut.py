@@ -168,7 +168,7 @@ def _copy(source: FloatArray, first: int, count: int, target: FloatArray, place:
 
 @compiled("int64(float64[:, ::1], int64, float64[::1], float64)")
 def drop_flat(points: Floats2, size: int, weights: Floats1, tolerance: float) -> int:
-    """Drop way-points on the edge between their neighbours, in place; return how many are left."""
+    """Drop way-points on the edge between their neighbors, in place; return how many are left."""
     kept = 1
     for k in range(1, size - 1):
         square = along = 0.0

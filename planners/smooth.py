@@ -335,7 +335,7 @@ def _refuse_straight(polyline: Path, abscissae: FloatArray, curve: SmoothPath, i
 
 
 def _halved(breaks: FloatArray, invalid: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Halve the invalid pieces and two neighbours on either side; also return which breaks are new."""
+    """Halve the invalid pieces and two neighbors on either side; also return which breaks are new."""
     halve = _dilated(invalid, 2)
     middles = 0.5 * (breaks[:-1] + breaks[1:])[halve]
     together = np.concatenate((breaks, middles))

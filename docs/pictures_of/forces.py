@@ -30,8 +30,8 @@ def draw_02_check_dynamics() -> None:
         low, middle, high = np.quantile(np.maximum(values, 1e-18), [0.1, 0.5, 1.0], axis=0)
         plot.vlines(columns, low, high, color=COLORS[color], linewidth=3, alpha=0.4)
         plot.plot(columns, middle, "o", color=COLORS[color], markersize=4.5, label=label)
-    plot.axhline(1e-9, color=COLORS["grey"], linestyle="--", linewidth=1)
-    plot.text(pepper.n - 0.6, 1.5e-9, "what the example allows", ha="right", fontsize=9, color=COLORS["grey"])
+    plot.axhline(1e-9, color=COLORS["gray"], linestyle="--", linewidth=1)
+    plot.text(pepper.n - 0.6, 1.5e-9, "what the example allows", ha="right", fontsize=9, color=COLORS["gray"])
     plot.set_yscale("log")
     plot.set(ylim=(1e-18, 1e4), xlim=(-0.7, pepper.n - 0.3))
     plot.set_xticks(columns, pepper.joint_names, rotation=60, ha="right", fontsize=8)
@@ -99,7 +99,7 @@ def draw_09_gradients() -> None:
     sheet.save("example_09.png")
 
 
-def draw_15_randomised_twins() -> None:
+def draw_15_randomized_twins() -> None:
     """The spread of the hand's error over time, and what tells it."""
     told = variables_of("15")
     times, errors = told["run"].time, 1000 * told["errors"]

@@ -13,7 +13,7 @@ from .album import gesture_album
 from .camera import framing
 from .examples import variables_of
 from .sheet import COLORS, SIZE, Sheet
-from .stage import GREY, ORANGE, Stage
+from .stage import GRAY, ORANGE, Stage
 
 HAND = "LArm_effector"
 
@@ -41,8 +41,8 @@ def draw_10_gestures() -> None:
     plots[0].set(xlabel="s", ylabel="HeadYaw [rad]", title="shake-head", xlim=(0, calm.duration))
     plots[0].set_ylim(-1.05, 0.65)
     plots[0].legend(fontsize=9, loc="lower right", bbox_to_anchor=(1.04, -0.03))
-    plots[1].axhspan(1, 1.3, color=COLORS["grey"], alpha=0.2, linewidth=0)
-    plots[1].axhspan(-1.3, -1, color=COLORS["grey"], alpha=0.2, linewidth=0)
+    plots[1].axhspan(1, 1.3, color=COLORS["gray"], alpha=0.2, linewidth=0)
+    plots[1].axhspan(-1.3, -1, color=COLORS["gray"], alpha=0.2, linewidth=0)
     plots[1].set(xlabel="s", ylim=(-1.3, 1.3), xlim=(0, calm.duration), ylabel="share of its limit")
     plots[1].set_title("acceleration: slower where it must be")
     sheet.save("example_10.png")
@@ -74,14 +74,14 @@ def draw_11_files() -> None:
             powers = [10.0**k for k in range(1 + row, 4) if 1.3 * limit < 10**k < top]
             plot.set_yticks([-limit, 0, limit, *powers, *(-x for x in powers)])
             plot.yaxis.set_major_formatter("{x:.3g}")
-        plot.axhspan(limit, top, color=COLORS["grey"], alpha=0.2, linewidth=0)
-        plot.axhspan(-top, -limit, color=COLORS["grey"], alpha=0.2, linewidth=0)
+        plot.axhspan(limit, top, color=COLORS["gray"], alpha=0.2, linewidth=0)
+        plot.axhspan(-top, -limit, color=COLORS["gray"], alpha=0.2, linewidth=0)
         plot.set(ylim=(-top, top), xlim=(0, imported.trajectory.duration), ylabel=f"{quantity}\n[{unit}]")
         plot.tick_params(labelbottom=row == 2, labelsize=9)
         plot.yaxis.set_label_coords(-0.075, 0.5)
         if row == 0:
             plot.legend(ncols=2, loc="upper right", fontsize=9)
-            plot.set_title("HeadYaw of an animation that snaps round: grey is beyond the limits")
+            plot.set_title("HeadYaw of an animation that snaps round: gray is beyond the limits")
     plot.set_xlabel("s", labelpad=0)
     sheet.save("example_11.png")
 
@@ -92,7 +92,7 @@ def draw_12_carry_a_tray() -> None:
     pepper, q, poses = told["pepper"], told["q"], told["poses"]
     size = (470, 500)
     stage = Stage().scene(told["scene"]).robot(pepper, q[-1])
-    stage.robot(pepper, q[0], color=GREY, opacity=0.22, apart_from=q[-1])
+    stage.robot(pepper, q[0], color=GRAY, opacity=0.22, apart_from=q[-1])
     stage.tube(poses[:: max(1, len(poses) // 150), :3, 3])
     for share in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
         pose = poses[round(share * (len(poses) - 1))].copy()
@@ -110,7 +110,7 @@ def draw_12_carry_a_tray() -> None:
     tipped = pk.kinematics.frame_pose(pepper, spline.at(pieces, within), HAND)[:, 2, 2]
     plot = sheet.axes(535, 60, 245, 370)
     for values, color, name in (
-        (np.degrees(np.arccos(np.clip(tipped, -1, 1))), "grey", "without the constraint"),
+        (np.degrees(np.arccos(np.clip(tipped, -1, 1))), "gray", "without the constraint"),
         (np.degrees(told["tilts"]), "orange", "with it"),
     ):
         plot.plot(np.linspace(0, 100, len(values)), values, color=COLORS[color], label=name)
@@ -129,7 +129,7 @@ def draw_16_live_target() -> None:
         dict.fromkeys(tuple(float(x) for x in place) for name, place in heard if name == "left hand")
     )
     stage = Stage().scene(told["scene"]).robot(pepper, told["reached"])
-    stage.robot(pepper, told["start"], color=GREY, opacity=0.2, apart_from=told["reached"])
+    stage.robot(pepper, told["start"], color=GRAY, opacity=0.2, apart_from=told["reached"])
     stage.tube(smooth(path), ORANGE, 0.004)
     around = np.array([[x, y, z] for x in (-0.2, 0.72) for y in (-0.3, 0.3) for z in (0.5, 1.22)])
     camera = framing(around, SIZE, 35, 16, margin=1.0)
@@ -183,8 +183,8 @@ def draw_18_soft_costs() -> None:
     size = (470, 500)
     q, places, lengths = ways["with"]
     stage = Stage().scene(told["scene"]).robot(pepper, q[-1])
-    stage.robot(pepper, q[0], color=GREY, opacity=0.22, apart_from=q[-1])
-    stage.tube(smooth(ways["without"][1]), GREY, 0.005)
+    stage.robot(pepper, q[0], color=GRAY, opacity=0.22, apart_from=q[-1])
+    stage.tube(smooth(ways["without"][1]), GRAY, 0.005)
     stage.tube(smooth(places), ORANGE, 0.005)
     stage.ball(plate, (0.85, 0.2, 0.15, 0.5), 0.06)
     around = np.array([[x, y, z] for x in (-0.1, 0.5) for y in (-0.25, 0.4) for z in (0.55, 1.22)])
@@ -192,7 +192,7 @@ def draw_18_soft_costs() -> None:
     sheet = Sheet().image(stage.picture(camera))
     sheet.label(camera, plate, "hot", (60, 40))
     plot = sheet.axes(535, 60, 245, 370)
-    for name, color in (("without", "grey"), ("with", "orange")):
+    for name, color in (("without", "gray"), ("with", "orange")):
         _, places, lengths = ways[name]
         price = 12 * np.exp(-np.sum((places - plate) ** 2, axis=1) / (2 * 0.06**2))
         plot.plot(100 * lengths / lengths[-1], price, color=COLORS[color], label=f"{name} the price")
@@ -202,9 +202,9 @@ def draw_18_soft_costs() -> None:
 
 
 def draw_19_smooth_plan() -> None:
-    """Speed and acceleration of two joints, along the retimed plan and the optimised one."""
+    """Speed and acceleration of two joints, along the retimed plan and the optimized one."""
     told = variables_of("19")
-    pepper, timings = told["pepper"], (("retimed", told["retimed"]), ("optimised", told["motion"]))
+    pepper, timings = told["pepper"], (("retimed", told["retimed"]), ("optimized", told["motion"]))
     sheet = Sheet()
     longest = max(trajectory.duration for _, trajectory in timings)
     for row, name in enumerate(("HipPitch", "LShoulderPitch")):

@@ -10,7 +10,7 @@ import pepper_kin as pk
 from .camera import framing
 from .examples import variables_of
 from .sheet import COLORS, SIZE, Sheet
-from .stage import BLUE, GREEN, GREY, ORANGE, Stage
+from .stage import BLUE, GRAY, GREEN, ORANGE, Stage
 
 BODY = np.array([[x, y, z] for x in (-0.22, 0.22) for y in (-0.28, 0.28) for z in (0.0, 1.22)])
 UPPER = np.array([[x, y, z] for x in (-0.15, 0.15) for y in (-0.28, 0.28) for z in (0.62, 1.24)])
@@ -42,7 +42,7 @@ def draw_03_unreachable() -> None:
     stage = Stage().robot(pepper, told["result"].q).ball(target)
     for share in np.linspace(0.06, 0.94, 12):
         stage.ball(palm + share * (target - palm), ORANGE, 0.006)
-    stage.robot(pepper, pepper.posture("Stand"), color=GREY, opacity=0.14, apart_from=told["result"].q)
+    stage.robot(pepper, pepper.posture("Stand"), color=GRAY, opacity=0.14, apart_from=told["result"].q)
     camera = framing([*BODY, target + np.array([0.0, 0.0, 0.1])], SIZE, 68, 8)
     sheet = Sheet().image(stage.picture(camera))
     gap = np.linalg.norm(target - palm)
@@ -53,7 +53,7 @@ def draw_03_unreachable() -> None:
 
 
 def draw_05_reach_map() -> None:
-    """Both maps round the robot, cut open at its left shoulder, coloured by manipulability."""
+    """Both maps round the robot, cut open at its left shoulder, colored by manipulability."""
     told = variables_of("05")
     pepper = told["pepper"]
     sheet = Sheet()
@@ -94,14 +94,14 @@ def draw_06_servo() -> None:
     times = 0.01 * np.arange(1, len(told["misses"]) + 1)
     off = sheet.axes(500, 50, 275, 165)
     off.semilogy(times, 1000 * np.array(told["misses"]), color=COLORS["orange"])
-    off.axhline(0.5, color=COLORS["grey"], linewidth=1, linestyle="--")
-    off.text(8, 0.55, "0.5 mm", ha="right", va="bottom", fontsize=9, color=COLORS["grey"])
+    off.axhline(0.5, color=COLORS["gray"], linewidth=1, linestyle="--")
+    off.text(8, 0.55, "0.5 mm", ha="right", va="bottom", fontsize=9, color=COLORS["gray"])
     off.set(title="hand to moving point", ylabel="mm", xlim=(0, 8))
     hard = sheet.axes(500, 285, 275, 165)
     use = np.abs(np.diff(path, 2, axis=0)) * told["servo"].rate ** 2 / pepper.acceleration_limits
     hard.plot(0.01 * np.arange(1, len(path) - 1), use.max(axis=1), color=COLORS["blue"], linewidth=0.9)
-    hard.axvline(8.0, color=COLORS["grey"], linewidth=1, linestyle="--")
-    hard.text(7.9, 0.93, "no more commands", ha="right", va="top", fontsize=9, color=COLORS["grey"])
+    hard.axvline(8.0, color=COLORS["gray"], linewidth=1, linestyle="--")
+    hard.text(7.9, 0.93, "no more commands", ha="right", va="top", fontsize=9, color=COLORS["gray"])
     hard.set(title="acceleration, share of its limit", xlabel="s", xlim=(0, None), ylim=(0, 1.05))
     sheet.save("example_06.png")
 
@@ -144,7 +144,7 @@ def draw_08_base_placement() -> None:
         apart_from=place.q[0],
     )
     stage.ball(told["cup"], ORANGE).ball(told["shelf"], BLUE)
-    stage.robot(pepper, pepper.posture("Stand"), color=GREY, opacity=0.3)
+    stage.robot(pepper, pepper.posture("Stand"), color=GRAY, opacity=0.3)
     here = place.transform_base_to_world
     way = np.linspace([0.25, 0.0, 0.012], [*(here[:2, 3] - 0.28 * here[:2, 0]), 0.012], 2)
     stage.arrow(*way, GREEN, 0.010)

@@ -11,7 +11,7 @@ from pepper_kin.twin.sensors import Camera as Eye
 from .camera import framing
 from .examples import variables_of
 from .sheet import COLORS, Sheet
-from .stage import BLUE, GREY, Stage
+from .stage import BLUE, GRAY, Stage
 
 
 def draw_13_push_a_box() -> None:
@@ -23,7 +23,7 @@ def draw_13_push_a_box() -> None:
     begin = np.eye(4)
     begin[:3, 3] = told["start"]
     box = Box((0.12, 0.16, 0.14))
-    stage.add(box, parcel.pose, (0.93, 0.75, 0.30, 1.0)).add(box, begin, (*GREY[:3], 0.22))
+    stage.add(box, parcel.pose, (0.93, 0.75, 0.30, 1.0)).add(box, begin, (*GRAY[:3], 0.22))
     for contact in world.contacts:
         force = np.asarray(contact.force)
         if np.linalg.norm(force) > 0.05 and "table" not in contact.names:
@@ -40,17 +40,17 @@ def draw_13_push_a_box() -> None:
     plots = [sheet.axes(540, top, 240, 160) for top in (45, 275)]
     plots[0].plot(times, told["pushes"], color=COLORS["blue"])
     weight = told["FRICTION"] * told["MASS"] * told["GRAVITY"]
-    plots[0].axhline(weight, color=COLORS["grey"], linestyle="--", linewidth=1)
-    plots[0].text(times[-1], weight, "μ m g ", ha="right", va="bottom", fontsize=9, color=COLORS["grey"])
+    plots[0].axhline(weight, color=COLORS["gray"], linestyle="--", linewidth=1)
+    plots[0].text(times[-1], weight, "μ m g ", ha="right", va="bottom", fontsize=9, color=COLORS["gray"])
     plots[0].set(ylabel="N", title="the hand's force", ylim=(0, 1.5 * weight))
     plots[1].plot(times, told["ratios"], color=COLORS["orange"])
-    plots[1].axhline(told["FRICTION"], color=COLORS["grey"], linestyle="--", linewidth=1)
+    plots[1].axhline(told["FRICTION"], color=COLORS["gray"], linestyle="--", linewidth=1)
     plots[1].set(xlabel="s", title="friction over normal force", ylim=(0, 1.5 * told["FRICTION"]))
     sheet.save("example_13.png")
 
 
 def draw_14_sensors() -> None:
-    """The robot before ball and wall, its colour picture and its depth picture."""
+    """The robot before ball and wall, its color picture and its depth picture."""
     told = variables_of("14")
     pepper, scene, posture = told["pepper"], told["scene"], told["posture"]
     size = (400, 500)
@@ -69,8 +69,8 @@ def draw_14_sensors() -> None:
     frames = [sheet.axes(415, top, 280, 210) for top in (26, 272)]
     frames[0].imshow(color)
     shown = frames[1].imshow(depth, cmap="viridis_r", vmin=near, vmax=far, interpolation="nearest")
-    frames[0].set_title("camera_top: colour")
-    frames[1].set_title("camera_depth: metres")
+    frames[0].set_title("camera_top: color")
+    frames[1].set_title("camera_depth: meters")
     for frame in frames:
         frame.set(xticks=[], yticks=[])
         frame.grid(False)

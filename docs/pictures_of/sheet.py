@@ -21,7 +21,7 @@ SIZE = (800, 500)
 FOLDER = Path(__file__).resolve().parents[1] / "pictures"
 HORIZON = "#eef2f6"
 INK = "#26323f"
-COLORS = {"orange": "#ed5c33", "blue": "#296bc7", "green": "#2e9459", "grey": "#73808f", "violet": "#8c45cc"}
+COLORS = {"orange": "#ed5c33", "blue": "#296bc7", "green": "#2e9459", "gray": "#73808f", "violet": "#8c45cc"}
 STYLE = {
     "font.size": 10,
     "axes.edgecolor": "#8793a0",
@@ -106,7 +106,7 @@ class Sheet:
 
 
 def save_small(image: Image.Image, name: str) -> Path:
-    """Write an image in at most 256 colours of its own."""
+    """Write an image in at most 256 colors of its own."""
     content = io.BytesIO()
     palette = image.quantize(256, method=Image.Quantize.MEDIANCUT, kmeans=3, dither=Image.Dither.NONE)
     few = image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)  # no steps in the sky

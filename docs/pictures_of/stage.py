@@ -25,7 +25,7 @@ from .camera import Camera
 ORANGE: Color = (0.93, 0.36, 0.20, 1.0)
 BLUE: Color = (0.16, 0.42, 0.78, 1.0)
 GREEN: Color = (0.18, 0.58, 0.35, 1.0)
-GREY: Color = (0.45, 0.50, 0.56, 1.0)
+GRAY: Color = (0.45, 0.50, 0.56, 1.0)
 WOOD: Color = (0.76, 0.55, 0.37, 1.0)
 
 MOVED = 0.02  # [m] and of the entries of a rotation: what moved less casts no ghost
@@ -54,7 +54,7 @@ class Stage:
         Args:
             pepper: The robot.
             q: Joint positions, shape (n,).
-            color: One colour for all of it; None keeps its own.
+            color: One color for all of it; None keeps its own.
             opacity: 1 for a solid, less for a ghost.
             apart_from: Joint positions, shape (n,); only links that are elsewhere than there are drawn.
             place: Transform from the robot's world to this one, shape (4, 4); None for none.
@@ -145,7 +145,7 @@ def tube_mesh(points: ArrayLike, radius: ArrayLike, corners: int = 10) -> Triang
     """Return a tube along points.
 
     Args:
-        points: Its middle line, shape (k, 3) [m]; neighbours that coincide count once.
+        points: Its middle line, shape (k, 3) [m]; neighbors that coincide count once.
         radius: At all points, or at each, shape (k,) [m].
         corners: Of its section.
 

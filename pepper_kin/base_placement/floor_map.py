@@ -48,7 +48,7 @@ class FloorMap:
 
     @property
     def centers(self) -> Array:
-        """Centres of the cells from which every target is reached [m], shape (k, 2)."""
+        """Centers of the cells from which every target is reached [m], shape (k, 2)."""
         return self.origin + (np.argwhere(np.isfinite(self.scores)) + 0.5) * self.resolution
 
     def score_at(self, point: tuple[float, float]) -> float:

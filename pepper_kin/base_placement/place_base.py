@@ -126,10 +126,10 @@ def _look_around(job: Job, trials: Trials) -> Trials:
     trier, generator = job.trier, np.random.default_rng((job.trier.seed, 1))
     base = trier.moving.base
     low, high = trier.moving.robot.lower_limits[base], trier.moving.robot.upper_limits[base]
-    for best, times, metres, radians in ROUNDS:
+    for best, times, meters, radians in ROUNDS:
         centers = np.repeat(trials.places[trials.order()[:best]], times, axis=0)
         places = np.clip(
-            centers + (metres, metres, radians) * generator.standard_normal(centers.shape), low, high
+            centers + (meters, meters, radians) * generator.standard_normal(centers.shape), low, high
         )
         places[:, 2] = wrapped(places[:, 2])
         trials = trials.with_more(trier(places))

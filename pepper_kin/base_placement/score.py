@@ -18,7 +18,7 @@ from pepper_kin.kinematics import manipulability
 ENOUGH_CLEARANCE = 0.10
 """A clearance of this much counts in full [m]."""
 
-METRES_PER_RADIAN = 0.3
+METERS_PER_RADIAN = 0.3
 """A turn on the spot is as dear as so long a way [m/rad]."""
 
 _SAMPLES = 1000
@@ -150,7 +150,7 @@ class Scorer:
     def scores(self, margin: Array, skill: Array, clearance: Array, distance: Array, turn: Array) -> Array:
         """Return the scores, shape (N,), of quantities of that shape; NaN and infinite ones are left out."""
         weights = self._weights
-        way = distance + METRES_PER_RADIAN * turn
+        way = distance + METERS_PER_RADIAN * turn
         near = np.where(np.isinf(clearance), np.nan, np.clip(clearance / ENOUGH_CLEARANCE, 0.0, 1.0))
         shares = np.array([margin, skill, near, 1.0 / (1.0 + way)])
         factors = np.array([weights.limit_margin, weights.manipulability, weights.clearance, weights.travel])

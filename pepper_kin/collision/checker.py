@@ -24,7 +24,7 @@ from pepper_kin.model.shapes import read_only
 __all__ = ["LEVER", "ClosestPair", "CollisionChecker", "checker_for", "coal_geometry"]
 
 LEVER = 0.1
-"""About how far from their joint neighbouring bodies meet [m]: turns a distance kept into an angle kept."""
+"""About how far from their joint neighboring bodies meet [m]: turns a distance kept into an angle kept."""
 
 
 class CollisionChecker:
@@ -146,7 +146,7 @@ class CollisionChecker:
     def contact_points(self, q: ArrayLike, within: float = 0.0) -> tuple[Contact, ...]:
         """Return where things touch at one configuration q, shape (n,), the deepest first.
 
-        Each pair of links or objects is listed once, where it is nearest.  A pair of neighbours that a table
+        Each pair of links or objects is listed once, where it is nearest.  A pair of neighbors that a table
         decides comes last, without points.
 
         Args:

@@ -1,4 +1,4 @@
-"""Neighbouring bodies that capsules cannot tell apart: where one joint's free range depends on another.
+"""Neighboring bodies that capsules cannot tell apart: where one joint's free range depends on another.
 
 The capsules of pelvis and trunk, trunk and head, upper arm and forearm overlap in postures in which the
 bodies are well apart.  For these pairs the free interval of one joint is tabulated against the other,

@@ -55,7 +55,7 @@ def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = Non
     that slides).  Proof: go from q to q' by turning one joint after the other, from the base on.  When j
     turns, the joints behind it still stand as in q, and they alone decide how far the body is from the axis
     of j; so none of its points moves by more than |q'_j - q_j| l_j(q).  A body lies in the ball around its
-    shape: with that ball's centre c and radius r, and the column (v, w) of the Jacobian of j about the
+    shape: with that ball's center c and radius r, and the column (v, w) of the Jacobian of j about the
     world's origin, l_j <= |v + w x c| + r |w|.
 
     So a distance that was measured at q bounds from below what it can be in a stretch of configurations
@@ -64,7 +64,7 @@ def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = Non
 
     Args:
         pepper: The robot.
-        q: Joint positions [rad or m], shape (T, n).  Neighbours should be near each other: nothing is wrong
+        q: Joint positions [rad or m], shape (T, n).  Neighbors should be near each other: nothing is wrong
             if they are not, but then little can be left out.
         scene: The world around it, with what the robot holds; None for the robot against itself only.
 
@@ -187,7 +187,7 @@ class _Search:
         return found
 
     def _place(self, q: Array, pairs: Indices) -> tuple[Array, Indices, tuple[Indices, Indices]]:
-        """Place all shapes; return centres of balls, the bodies they are of, and where a pair's two are."""
+        """Place all shapes; return centers of balls, the bodies they are of, and where a pair's two are."""
         import pinocchio
 
         checker, (data, geometry_data) = self.checker, self.checker._data

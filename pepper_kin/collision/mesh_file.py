@@ -23,7 +23,7 @@ def read_mesh(
 
     Args:
         path: The file; its suffix tells the format.
-        scale: Factors along x, y and z, shape (3,), or one for all, from the file's unit to metres.
+        scale: Factors along x, y and z, shape (3,), or one for all, from the file's unit to meters.
 
     Returns:
         Vertices, shape (k, 3) [m], and faces, shape (f, 3), indices of vertices.

@@ -59,7 +59,7 @@ def near_pairs(pepper: PepperModel, q: ArrayLike, distance: float, scene: Scene 
 
         dd/dq = n . (J_a - J_b).
 
-    Neighbouring bodies that `in_collision` decides by joint ranges have no distance and are left out.
+    Neighboring bodies that `in_collision` decides by joint ranges have no distance and are left out.
 
     Args:
         pepper: The robot.

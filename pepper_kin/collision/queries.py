@@ -68,7 +68,7 @@ def without_robot(
 def clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.float64]:
     """Return the exact smallest distance of the robot to itself and the scene.
 
-    Neighbouring bodies that `in_collision` decides by joint ranges have no distance and do not count here.
+    Neighboring bodies that `in_collision` decides by joint ranges have no distance and do not count here.
 
     Args:
         pepper: The robot.
@@ -111,7 +111,7 @@ def contacts(
 ) -> tuple[Contact, ...]:
     """Return where things touch at one configuration, the deepest first.
 
-    Each pair of links or objects is listed once, where it is nearest.  A pair of neighbouring links that a
+    Each pair of links or objects is listed once, where it is nearest.  A pair of neighboring links that a
     table of joint ranges decides comes last, without points.
 
     Args:

@@ -113,7 +113,7 @@ class Scene:
         Args:
             name: A name that the scene does not have yet.
             geometry: Its shape.
-            position: Position of its centre in the world [m], shape (3,).
+            position: Position of its center in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             color: Red, green, blue and opacity, 0 to 1.
 
@@ -192,7 +192,7 @@ class Scene:
             vertices: Points [m], shape (k, 3), or a mesh file (STL, OBJ) whose vertices are taken.
             position: Position of the points' origin in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
-            scale: Factor from the unit of the points, or of the file, to metres.
+            scale: Factor from the unit of the points, or of the file, to meters.
 
         Raises:
             InvalidValueError: for points in a plane, NaN, a taken name; see `add`.
@@ -221,7 +221,7 @@ class Scene:
             faces: Indices of each triangle's vertices, shape (f, 3); None with a file.
             position: Position of the points' origin in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
-            scale: Factor from the unit of the points, or of the file, to metres.
+            scale: Factor from the unit of the points, or of the file, to meters.
 
         Raises:
             InvalidValueError: for a face that names no vertex, no triangle with an area, NaN, a taken name.

@@ -190,9 +190,9 @@ def not_negative(quantity: str, value: float) -> float:
 
 def _spans_volume(points: NDArray[np.float64]) -> bool:
     """Whether the least extent, that along the last principal axis, is more than nothing."""
-    centred = points - points.mean(axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2]
-    return bool(np.ptp(centred @ axes.T, axis=0).min() > FLAT)
+    centered = points - points.mean(axis=0)
+    axes = np.linalg.svd(centered, full_matrices=False)[2]
+    return bool(np.ptp(centered @ axes.T, axis=0).min() > FLAT)
 
 
 def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 JOINT = 17
 """Numbers of a joint: its parent, whether it slides, its placement there as a pose (12), its axis (3).
 
-A pose is the centre and the x, y and z axis, shape (12,)."""
+A pose is the center and the x, y and z axis, shape (12,)."""
 
 
 @compiled

@@ -36,7 +36,7 @@ class Solids(NamedTuple):
             shape (m, 2).
         node_box: Nodes of the trees of all meshes and clouds, shape (k, 6).
         node_link: See `build_tree`, shape (k, 2); places count from the solid's own first.
-        parts: A corner and two sides of each triangle, or the centre of each ball and zeros, shape (p, 9).
+        parts: A corner and two sides of each triangle, or the center of each ball and zeros, shape (p, 9).
     """
 
     kind: Ints1
@@ -608,7 +608,7 @@ def half_space(o: Vector, d: Vector, offset: float) -> float:
 def triangle(o: Vector, d: Vector, a: Vector, e: Vector, f: Vector) -> float:
     """Return the t >= 0 at which a triangle with corners a, a + e and a + f is crossed, or inf.
 
-    Moeller and Trumbore, Fast, minimum storage ray/triangle intersection (1997).  Seams between neighbours
+    Moeller and Trumbore, Fast, minimum storage ray/triangle intersection (1997).  Seams between neighbors
     are closed by a tolerance of 1e-9 of the sides.
     """
     p = cross(d, f)

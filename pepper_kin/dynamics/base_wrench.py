@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
     """Return the wrench of the floor on the robot, about the world's origin.
 
-    With p the linear momentum, L the angular momentum about the centre c of the moving mass, m the mass of
-    all links with centre c_all, and g the gravity vector,
+    With p the linear momentum, L the angular momentum about the center c of the moving mass, m the mass of
+    all links with center c_all, and g the gravity vector,
         f = dp/dt - m g,   n = dL/dt + c x dp/dt - c_all x m g.
     Linear in the accelerations.
 

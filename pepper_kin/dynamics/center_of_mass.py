@@ -1,4 +1,4 @@
-"""Centre of mass of the whole robot."""
+"""Center of mass of the whole robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
-    """Return the centre of mass of all links, c = sum(m_i c_i) / sum(m_i).
+    """Return the center of mass of all links, c = sum(m_i c_i) / sum(m_i).
 
     Links fixed to the floor count (Pinocchio leaves them out: with the base fixed, Pepper's 16 kg base).
 
@@ -56,7 +56,7 @@ def _extension(pepper: PepperModel) -> Callable[[Array], None]:
 
 @kept_while_private
 def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
-    """Return the moving links' share of the mass, and what those fixed to the floor add to the centre [m]."""
+    """Return the moving links' share of the mass, and what those fixed to the floor add to the center [m]."""
     still = pepper.inner_model.inertias[0]
     part = still.mass / total_mass(pepper)
     return 1.0 - part, part * np.array(still.lever)
@@ -68,7 +68,7 @@ def _share(pepper: PepperModel) -> Array:
 
 
 def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> Array:
-    """Return J_c(q): the velocity of the centre of mass of all links is J_c v.
+    """Return J_c(q): the velocity of the center of mass of all links is J_c v.
 
     Args:
         pepper: The robot.

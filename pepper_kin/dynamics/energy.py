@@ -40,7 +40,7 @@ def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def potential_energy(pepper: PepperModel, q: ArrayLike) -> Array:
-    """Return -sum(m_i g . c_i) over the moving links [J], shape (...); zero where their centre is at z = 0.
+    """Return -sum(m_i g . c_i) over the moving links [J], shape (...); zero where their center is at z = 0.
 
     Args:
         pepper: The robot.

@@ -1,4 +1,4 @@
-"""Momentum of the whole robot about its centre of mass."""
+"""Momentum of the whole robot about its center of mass."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 
 def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
-    """Return A(q), which maps joint velocities to the momentum about the centre of mass of all links.
+    """Return A(q), which maps joint velocities to the momentum about the center of mass of all links.
 
-    Orin and Goswami, Centroidal momentum matrix of a humanoid robot (2008); through Pinocchio, whose centre
+    Orin and Goswami, Centroidal momentum matrix of a humanoid robot (2008); through Pinocchio, whose center
     is that of the moving links only: the angular part is moved to that of `center_of_mass`.
 
     Args:
@@ -47,14 +47,14 @@ def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
 
 
 def _map(pepper: PepperModel, data: Any, q: Array) -> Array:
-    # computeCentroidalMap would leave the centre of mass as it was; any velocity will do.
+    # computeCentroidalMap would leave the center of mass as it was; any velocity will do.
     matrix: Array = pinocchio.ccrba(pepper.inner_model, data, q, q)
     _shift(pepper)(pepper.moving_center, matrix.ravel())
     return matrix
 
 
 def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Array:
-    """Return the momentum of the robot about the centre of mass of all its links, A(q) v.
+    """Return the momentum of the robot about the center of mass of all its links, A(q) v.
 
     Args:
         pepper: The robot.

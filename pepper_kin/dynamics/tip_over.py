@@ -32,7 +32,7 @@ def tip_over_margin(
 ) -> Array:
     """Return how far the zero-moment point lies inside the polygon of the wheels.
 
-    The smallest distance to a line through two neighbouring contacts, counted negative outside: below zero
+    The smallest distance to a line through two neighboring contacts, counted negative outside: below zero
     the robot begins to tip over that line.
 
     Args:

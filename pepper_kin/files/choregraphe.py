@@ -1,4 +1,4 @@
-"""Animations from Choregraphe's behaviours and projects, and from lists for NAOqi."""
+"""Animations from Choregraphe's behaviors and projects, and from lists for NAOqi."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class _Element:
 
 
 def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
-    """Read all timelines with motion of a behaviour (.xar) or of the behaviours of a project (.pml).
+    """Read all timelines with motion of a behavior (.xar) or of the behaviors of a project (.pml).
 
-    Of behaviours in the older format, which keep their boxes in other files, the files with the root
+    Of behaviors in the older format, which keep their boxes in other files, the files with the root
     `Animation` can be read one by one.
 
     A key at frame f is at (f - start_frame) / fps seconds, as the robot's own player takes it; keys before
@@ -59,7 +59,7 @@ def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
         return _project(path)
     root = _parse(path)
     if root.tag not in ("ChoregrapheProject", "Animation"):
-        raise FileFormatError(path, f"is no behaviour: its root is {root.tag!r}", root.line)
+        raise FileFormatError(path, f"is no behavior: its root is {root.tag!r}", root.line)
     found = tuple(_timelines(path, root, ()))
     if not found:
         old = next((child for child in root.children if child.tag == "BoxInstance"), None)
@@ -157,22 +157,22 @@ def _project(path: PathName) -> tuple[Timeline, ...]:
     root = _parse(path)
     if root.tag != "Package":
         raise FileFormatError(path, f"is no project: its root is {root.tag!r}", root.line)
-    behaviours = [
+    behaviors = [
         b for group in root.named("BehaviorDescriptions") for b in group.named("BehaviorDescription")
     ]
-    if not behaviours:
-        raise FileFormatError(path, "names no behaviour", root.line)
+    if not behaviors:
+        raise FileFormatError(path, "names no behavior", root.line)
     found: list[Timeline] = []
-    for behaviour in behaviours:
-        folder, xar = (_attribute(path, behaviour, name) for name in ("src", "xar"))
+    for behavior in behaviors:
+        folder, xar = (_attribute(path, behavior, name) for name in ("src", "xar"))
         below = Path(folder) / xar
         if below.is_absolute() or ".." in below.parts:
-            raise FileFormatError(path, f"names {str(below)!r}, outside its own folder", behaviour.line)
+            raise FileFormatError(path, f"names {str(below)!r}, outside its own folder", behavior.line)
         file = Path(path).parent / below
         content = _parse(file)
         found += _timelines(file, content, (folder,))
     if not found:
-        raise FileFormatError(path, "has no behaviour with a timeline that moves a joint")
+        raise FileFormatError(path, "has no behavior with a timeline that moves a joint")
     return tuple(found)
 
 

@@ -88,12 +88,12 @@ def naoqi_arguments(trajectory: Trajectory, dt: float = 2 * CYCLE) -> NaoqiArgum
         The lists; the position at time 0 is apart, because NAOqi takes only times above 0.
 
     Raises:
-        InvalidValueError: for a joint in metres, or a dt that is not above zero.
+        InvalidValueError: for a joint in meters, or a dt that is not above zero.
     """
     sliding = [n for n, u in zip(trajectory.joint_names, trajectory.joint_units, strict=True) if u != "rad"]
     if sliding:
         raise InvalidValueError(
-            "trajectory", f"joints in metres: {', '.join(sliding)}", "joints that angleInterpolation has"
+            "trajectory", f"joints in meters: {', '.join(sliding)}", "joints that angleInterpolation has"
         )
     samples = trajectory.sample(dt)
     times = samples.time[1:].tolist()
@@ -114,7 +114,7 @@ def write_naoqi(path: PathName, trajectory: Trajectory, dt: float = 2 * CYCLE) -
         dt: Time between positions [s].
 
     Raises:
-        InvalidValueError: for a joint in metres, or a dt that is not above zero.
+        InvalidValueError: for a joint in meters, or a dt that is not above zero.
         FileFormatError: where the file cannot be written.
     """
     names, angles, times, start = naoqi_arguments(trajectory, dt)

@@ -78,7 +78,7 @@ def put_first(problem: Problem, context: SolverContext, q: Array) -> Array:
     """Return a configuration that meets better what comes first, searched from where the search ended.
 
     The search itself weighs hard tasks HARD_WEIGHT times as much as others, which meets them to a fraction of
-    a millimetre.  Where one is still not met, its weight is raised in steps and the descent goes on from q
+    a millimeter.  Where one is still not met, its weight is raised in steps and the descent goes on from q
     (the penalty method: Nocedal and Wright, Numerical Optimization, 2006, ch. 17).  Then tasks that yield get
     smaller weights in the same way, until those before them are met, and last the tasks that are met with
     room to spare in a wide tolerance, until all are.

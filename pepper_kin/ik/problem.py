@@ -1,4 +1,4 @@
-"""The optimisation problem that all solvers share."""
+"""The optimization problem that all solvers share."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def solutions(
     starts: int = 64,
     max_iterations: int = 150,
 ) -> Array:
-    """Return different joint positions that fulfil tasks: those that motors can hold first, nearest first.
+    """Return different joint positions that fulfill tasks: those that motors can hold first, nearest first.
 
     Found by the fast solver from starts that lie ever farther from q0.  With a scene, solutions that touch
     something are moved clear, where a descent can.  The same arguments give the same
@@ -47,7 +47,7 @@ def solutions(
 
     Args:
         pepper: The robot.
-        tasks: What to fulfil.
+        tasks: What to fulfill.
         q0: Where to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         count: Largest number of solutions.
         scene: What to keep clear of; None for nothing.

@@ -51,17 +51,17 @@ def solve(
     restarts: int = 32,
     timeout: float | None = None,
 ) -> IKResult:
-    """Find joint positions that fulfil tasks, or come closest.
+    """Find joint positions that fulfill tasks, or come closest.
 
-    Minimises sum_i s_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
-    of a quadratic programme, first from q0 and then from further starts; see `Problem`.  Of several solutions
+    Minimizes sum_i s_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
+    of a quadratic program, first from q0 and then from further starts; see `Problem`.  Of several solutions
     it prefers one that touches nothing (with a scene), that the motors can hold, and that is near q0.
     Where not all tasks can be met, hard ones come first, then positions before their orientations; see
     `precedence`.  The same arguments give the same result, unless a timeout cuts in.
 
     Args:
         pepper: The robot.
-        tasks: What to fulfil, such as `HandPosition` and `LookAt`.
+        tasks: What to fulfill, such as `HandPosition` and `LookAt`.
         q0: Where to start and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         solver: "fast", "placo" or "proxsuite".
         scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.

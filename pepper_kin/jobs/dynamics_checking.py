@@ -213,7 +213,7 @@ def _kinematic_rows(pepper: PepperModel, s: _States, frame: str) -> list[Dynamic
     return [
         _row("frame Jacobian", against, limit, _along(jacobians, s.direction), twist, 1.0),
         _row("frame Jacobian rate", against, limit, rates, rate, 1.0),
-        _row("centre-of-mass Jacobian", against, limit, _along(centers, s.direction), center, 1.0),
+        _row("center-of-mass Jacobian", against, limit, _along(centers, s.direction), center, 1.0),
     ]
 
 

@@ -93,7 +93,7 @@ def assembly(ir: str, target: Target) -> str:
 def _parsed(ir: str) -> llvm.ModuleRef:
     """The module as written.
 
-    No optimisation passes run on it: the writer has folded constants and shared values already, and LLVM's
+    No optimization passes run on it: the writer has folded constants and shared values already, and LLVM's
     standard pipeline doubled the time of compiling without making any kernel faster (measured).
     """
     module = llvm.parse_assembly(ir)

@@ -160,7 +160,7 @@ def compile_function(
             also be a callable without arguments that makes one; it is called only if the cache has no code.
         dtype: "float64" or "float32": the format of inputs, outputs and of everything between.
         key: Name under which the code is cached.  It must change whenever the function does.  Without it, the
-            function's serialised expression is the key.
+            function's serialized expression is the key.
         cache: Whether to read and write the cache on disk.
         target: Processor to compile for: the one this runs on, or one with fewer instructions.
         vector_bytes: Width of the vectors of lanes [bytes], for callers that need a certain number of lanes.

@@ -9,7 +9,7 @@ beside a multiple of pi.  On |r| <= pi / 4, with z = r * r,
     sin r = r + r z (s0 + s1 z + ...),        cos r = 1 + z (-1/2 + z (c0 + c1 z + ...)),
 
 and n modulo 4 swaps and negates the two.  n is found by adding a number so large that the sum has no bits
-below 1.  An optimiser that may reassociate would remove that sum, so nothing in this file carries a
+below 1.  An optimizer that may reassociate would remove that sum, so nothing in this file carries a
 fast-math flag.  `multiply_add` is exact here with and without fused instructions (without them only to
 |n| < 2**14), so there is one text for all processors.
 

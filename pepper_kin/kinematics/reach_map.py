@@ -68,7 +68,7 @@ class ReachMap:
 
     @property
     def centers(self) -> Array:
-        """Centres of all voxels that were hit [m], shape (k, 3)."""
+        """Centers of all voxels that were hit [m], shape (k, 3)."""
         return self.origin + (np.argwhere(self.counts > 0) + 0.5) * self.resolution
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ VIEWS = (("from the side", 1, "x [m]", "z [m]"), ("from above", 2, "x [m]", "y [
 def save_reach_picture(maps: Mapping[str, ReachMap], path: str | Path) -> Path:
     """Draw maps next to one another, from the side and from above.
 
-    Colours show the best manipulability along each line of sight; they are shares of a map's own largest
+    Colors show the best manipulability along each line of sight; they are shares of a map's own largest
     value, since more joints give more manipulability everywhere.
 
     Args:

@@ -11,7 +11,7 @@ from pepper_kin.model.shape_extent import link_extent
 from pepper_kin.model.tolerant_urdf import LinkFacts, UrdfFacts
 
 HIDDEN_HARDWARE = 1.25
-"""How far beyond its link's shape a radius of gyration may reach: motors sit inside the neighbouring link."""
+"""How far beyond its link's shape a radius of gyration may reach: motors sit inside the neighboring link."""
 ROUNDING = 1e-6
 """Relative violation of a law that the rounding of published digits explains."""
 
@@ -26,8 +26,8 @@ class LinkRow:
         least_moment: Smallest principal moment of inertia [kg m^2]; nan where none is stated.
         triangle_margin: (sum of the two smaller principal moments - the largest) / the largest; a real body
             has none below zero.
-        gyration: Radius of gyration about the centre of mass, sqrt(tr(I) / 2m) [m].
-        reach: Distance from the centre of mass to the farthest corner of the box around the link's shapes
+        gyration: Radius of gyration about the center of mass, sqrt(tr(I) / 2m) [m].
+        reach: Distance from the center of mass to the farthest corner of the box around the link's shapes
             [m], which no real body's radius of gyration exceeds; nan where the link has no shape.
         status: "ok", "note" or "fault".
     """
@@ -92,7 +92,7 @@ def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRo
         if gyration > HIDDEN_HARDWARE * reach:
             message = (
                 f"radius of gyration {gyration:.4f} m, but no point of the link's shape is farther than "
-                f"{reach:.4f} m from its centre of mass"
+                f"{reach:.4f} m from its center of mass"
             )
             faults.append(Fault("inertia", where, message))
         else:
@@ -104,12 +104,12 @@ def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRo
 def _beyond_shape(link: LinkFacts, mass: float, box: np.ndarray, where: str) -> list[Fault]:
     """Return notes on mass that must lie outside the box around the link's shapes.
 
-    Mass inside [a, b] with its centre at c spreads no more than (b - c)(c - a) (mean square about c, Bhatia
+    Mass inside [a, b] with its center at c spreads no more than (b - c)(c - a) (mean square about c, Bhatia
     and Davis 2000); the spread along x is (Iyy + Izz - Ixx) / 2m.
     """
     outside = np.maximum(np.maximum(link.center - box[1], box[0] - link.center), 0.0)
     if outside.max() > 1e-6:
-        message = f"its centre of mass is {outside.max():.4f} m outside the box around its shapes"
+        message = f"its center of mass is {outside.max():.4f} m outside the box around its shapes"
         return [Fault("inertia", where, message)]
     if link.inertia is None:
         return []
@@ -120,6 +120,6 @@ def _beyond_shape(link: LinkFacts, mass: float, box: np.ndarray, where: str) -> 
         return []
     message = (
         f"its mass spreads {np.sqrt(spread[axis]):.4f} m along {'xyz'[axis]}, the box around its shapes "
-        f"allows {np.sqrt(allowed[axis]):.4f} m: part of it must sit inside a neighbouring link"
+        f"allows {np.sqrt(allowed[axis]):.4f} m: part of it must sit inside a neighboring link"
     )
     return [Fault("inertia", where, message)]

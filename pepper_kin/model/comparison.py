@@ -100,7 +100,7 @@ def compare(
 ) -> Comparison:
     """Compare two descriptions by the names of their joints and links.
 
-    Compared are, of joints: type, ends, origin, axis, limits and what they follow; of links: mass, centre of
+    Compared are, of joints: type, ends, origin, axis, limits and what they follow; of links: mass, center of
     mass and inertia about it, in link axes.  Looks and collision shapes are not compared.
 
     Args:
@@ -206,7 +206,7 @@ class _Differ:
         masses = a.mass or 0.0, b.mass or 0.0
         yield from self.values("mass", *masses, "kg")
         if min(masses) > 0:
-            yield from self.arrays("centre of mass", a.center, b.center, "m")
+            yield from self.arrays("center of mass", a.center, b.center, "m")
         if a.inertia is not None and b.inertia is not None:
             rows, columns = np.triu_indices(3)
             yield from self.arrays("inertia", a.inertia[rows, columns], b.inertia[rows, columns], "kg m^2")

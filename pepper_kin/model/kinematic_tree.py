@@ -19,8 +19,8 @@ class Body:
 
     Attributes:
         mass: Mass [kg].
-        center: (3,) centre of mass in the link frame [m].
-        inertia: (3, 3) inertia about the centre of mass, axes parallel to the link frame [kg m^2].
+        center: (3,) center of mass in the link frame [m].
+        inertia: (3, 3) inertia about the center of mass, axes parallel to the link frame [kg m^2].
     """
 
     mass: float

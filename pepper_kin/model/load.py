@@ -46,7 +46,7 @@ def load_pepper(
         hands: "locked" (fingers fixed, open), "mimic" (`LHand`, `RHand` drive their fingers) or
             "independent" (28 finger joints).
         meshes: Folder with the vendor's meshes, named after the links, to show in place of our own shapes.
-        mesh_scale: Factor from the unit of these meshes to metres.
+        mesh_scale: Factor from the unit of these meshes to meters.
 
     Returns:
         The model; 15 joints with the defaults. Loaded once per choice, then shared: it is frozen.
@@ -146,9 +146,9 @@ def load_robot(
             semantics = parse_srdf(read_source(srdf), document)
         _warn_of_unknown_names(srdf, semantics)
     if not semantics.disabled_pairs:
-        from pepper_kin.model.neighbours import neighbouring_pairs
+        from pepper_kin.model.neighbors import neighboring_pairs
 
-        semantics = replace(semantics, disabled_pairs=neighbouring_pairs(document))
+        semantics = replace(semantics, disabled_pairs=neighboring_pairs(document))
     with told_of(urdf):
         return build_model(document, semantics)
 

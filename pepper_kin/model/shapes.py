@@ -36,7 +36,7 @@ def _positive(quantity: str, value: float) -> None:
 
 @dataclass(frozen=True)
 class Box:
-    """A box centred at its frame.
+    """A box centered at its frame.
 
     Attributes:
         size: Full lengths along x, y and z [m].
@@ -53,7 +53,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere centred at its frame.
+    """A sphere centered at its frame.
 
     Attributes:
         radius: Radius [m].
@@ -67,7 +67,7 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder along the z axis, centred at its frame.
+    """A cylinder along the z axis, centered at its frame.
 
     Attributes:
         radius: Radius [m].
@@ -84,7 +84,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A capsule along the z axis, centred at its frame: all points within `radius` of a segment.
+    """A capsule along the z axis, centered at its frame: all points within `radius` of a segment.
 
     Attributes:
         radius: Radius [m].

@@ -38,7 +38,7 @@ class ShapeFacts:
 
 @dataclass
 class LinkFacts:
-    """A link: mass [kg], centre of mass [m], inertia about it in link axes [kg m^2], shapes."""
+    """A link: mass [kg], center of mass [m], inertia about it in link axes [kg m^2], shapes."""
 
     name: str
     mass: float | None = None

@@ -47,7 +47,7 @@ def read_shapes(
 def _color(material: ET.Element) -> tuple[float, float, float, float]:
     color = material.find("color")
     text = None if color is None else color.get("rgba")
-    red, green, blue, opacity = numbers_of(text, 4, (0.8, 0.8, 0.8, 1.0), "a colour")
+    red, green, blue, opacity = numbers_of(text, 4, (0.8, 0.8, 0.8, 1.0), "a color")
     return (red, green, blue, opacity)
 
 

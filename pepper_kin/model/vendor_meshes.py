@@ -25,7 +25,7 @@ def with_vendor_meshes(urdf: str, folder: str | Path, scale: float = 0.1) -> str
     Args:
         urdf: The URDF text, without prefix.
         folder: Where the meshes are.
-        scale: Factor from the files' unit to metres; the vendor's files are in decimetres.
+        scale: Factor from the files' unit to meters; the vendor's files are in decimeters.
 
     Returns:
         The URDF with absolute file names.

@@ -9,14 +9,14 @@ from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.curves import Arc, Curve, Line
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
-from pepper_kin.motion.optimisation import (
+from pepper_kin.motion.optimization import (
     Cost,
-    Optimised,
-    OptimisedStatus,
+    Optimized,
+    OptimizedStatus,
     Swing,
     SwingStatus,
     minimum_effort_swing,
-    optimise,
+    optimize,
 )
 from pepper_kin.motion.path_costs import CostAlong, PathCost
 from pepper_kin.motion.path_tools import interpolate_path, simplify_path
@@ -34,8 +34,8 @@ __all__ = [
     "FrameInPlane",
     "Leg",
     "Line",
-    "Optimised",
-    "OptimisedStatus",
+    "Optimized",
+    "OptimizedStatus",
     "PathCost",
     "Plan",
     "PlanBatch",
@@ -53,7 +53,7 @@ __all__ = [
     "interpolate_path",
     "manifold_of",
     "minimum_effort_swing",
-    "optimise",
+    "optimize",
     "plan",
     "plan_batch",
     "plan_constrained",

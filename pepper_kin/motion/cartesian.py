@@ -135,7 +135,7 @@ def cartesian_path(
 
     The position is met at every stop to the tolerance; the direction as far as it can be.  Where the whole
     body would touch something, the arm tries alone, and then the body, keeping clear.  Between stops the
-    hand leaves the curve by some step^2 / 8 times its curvature in joint space, far below a millimetre.
+    hand leaves the curve by some step^2 / 8 times its curvature in joint space, far below a millimeter.
 
     Args:
         pepper: The robot.

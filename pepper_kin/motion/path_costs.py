@@ -35,7 +35,7 @@ _kept: RobotMemory[tuple[tuple[str, ...], tuple[Structure, ...]], Kernel] = Robo
 
 @dataclass(frozen=True, eq=False, init=False)
 class PathCost:
-    """A price w c(q) >= 0 of being at a configuration, for each metre of the path.
+    """A price w c(q) >= 0 of being at a configuration, for each meter of the path.
 
         hand = pk.symbolic.frame_pose(pepper, "LArm_effector")
         high = pk.motion.PathCost(pepper, lambda q: 20 * (1.1 - hand(q)[2, 3]) ** 2)

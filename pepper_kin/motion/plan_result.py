@@ -20,7 +20,7 @@ from pepper_kin.planners import Result
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 if TYPE_CHECKING:
-    from pepper_kin.motion.optimisation import Optimised
+    from pepper_kin.motion.optimization import Optimized
     from pepper_kin.motion.path_costs import CostAlong
     from pepper_kin.trajectory import Trajectory
 
@@ -99,10 +99,10 @@ class Plan:
         constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio,
             groups taken apart [m or rad]; empty where there are none.
         costs: Soft costs along the curve, one after the other; empty where there are none.
-        trajectory: With `smooth=True` the motion to execute, from rest to rest: optimised, and then path and
+        trajectory: With `smooth=True` the motion to execute, from rest to rest: optimized, and then path and
             curve are its own, or retimed where that is not better.  None otherwise, and where no timing is
             within the limits: the message says why.
-        optimised: What the optimisation returned; None where there was none.
+        optimized: What the optimization returned; None where there was none.
         states_checked: Number of configurations asked about.
         time: Wall time [s], without the loading or compiling of code.
         seed: Seed: the same problem and seed give the same plan.
@@ -124,7 +124,7 @@ class Plan:
     costs: tuple[CostAlong, ...] = ()
     search: Result | None = None
     trajectory: Trajectory | None = None
-    optimised: Optimised | None = None
+    optimized: Optimized | None = None
     evidence: Callable[[], float] | None = field(default=None, repr=False)
     proof: Callable[[], float] | None = field(default=None, repr=False)
 

@@ -82,7 +82,7 @@ def plan(
             `retime`; None lets the base be held from below.
         payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`: the joints can
             hold them all along the path, and they count for balance.
-        smooth: Whether to make the motion to execute, too: `optimise` changes path and timing together,
+        smooth: Whether to make the motion to execute, too: `optimize` changes path and timing together,
             within the limits of velocity, acceleration and torque.  Where that gains nothing over `retime`,
             the retimed plan stays, and the message says so.
 

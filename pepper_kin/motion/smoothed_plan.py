@@ -1,4 +1,4 @@
-"""From a plan to the motion that a robot executes: path and timing optimised together, or retimed."""
+"""From a plan to the motion that a robot executes: path and timing optimized together, or retimed."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.driving import moves_base as drives
-from pepper_kin.motion.optimisation import optimise
-from pepper_kin.motion.optimisation.examined import is_clear_along
+from pepper_kin.motion.optimization import optimize
+from pepper_kin.motion.optimization.examined import is_clear_along
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Plan, along_trajectory
 from pepper_kin.motion.static_limits import static_limits
@@ -23,11 +23,11 @@ from pepper_kin.trajectory.balance import moves_base as wheels_move
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.trajectory.path import CubicPath
 
-_LEAST_SHARE = 0.05  # of the timeout, for the optimisation of a plan that took all of it
+_LEAST_SHARE = 0.05  # of the timeout, for the optimization of a plan that took all of it
 
 
 def refuse_costs(costs: Sequence[PathCost | Task | TaskGroup] | None) -> None:
-    """Refuse soft costs of a plan that is to be smoothed, since the optimisation would undo them.
+    """Refuse soft costs of a plan that is to be smoothed, since the optimization would undo them.
 
     Raises:
         InvalidValueError: There are any.
@@ -47,9 +47,9 @@ def smoothed(
     balance: float | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> Plan:
-    """Return a plan with a trajectory: optimised where that is better than retimed, as `plan(smooth=)` says.
+    """Return a plan with a trajectory: optimized where that is better than retimed, as `plan(smooth=)` says.
 
-    The optimised motion counts only if it keeps what the curve of a plan keeps, all along: half the margin,
+    The optimized motion counts only if it keeps what the curve of a plan keeps, all along: half the margin,
     and that the joints can hold it against gravity.
 
     Args:
@@ -58,22 +58,22 @@ def smoothed(
         scene: The world around the robot.
         constraints: IK tasks that stay met along the motion.
         margins: Distance wished for to all things, and what has to be kept from the scene [m].
-        timeout: Time budget of planning and optimisation [s]; at least a twentieth is left to the latter.
+        timeout: Time budget of planning and optimization [s]; at least a twentieth is left to the latter.
         balance: As in `retime` [m].
         payload: As in `retime`.
     """
     if plan.curve is None:
         return plan
     try:
-        what = _not_optimised(pepper, plan.curve, balance)
+        what = _not_optimized(pepper, plan.curve, balance)
         if what is not None:
             motion = retime(pepper, plan, balance=balance, payload=payload)
-            said = f"It was timed along its own path, in {motion.duration:.3f} s: {what} is not optimised."
+            said = f"It was timed along its own path, in {motion.duration:.3f} s: {what} is not optimized."
             return replace(plan, trajectory=motion, message=f"{plan.message} {said}")
         if support_polygon(pepper) is None:
             balance = None
         left = max(timeout - plan.time, _LEAST_SHARE * timeout)
-        found = optimise(
+        found = optimize(
             pepper,
             plan,
             scene,
@@ -90,18 +90,18 @@ def smoothed(
         checks = Checks(pepper, scene, static_limits(pepper, None, payload))
         if _keeps_what_plans_keep(checks, found.trajectory, margins):
             made = along_trajectory(pepper, plan, found.trajectory, scene, margins[0])
-            message = f"{plan.message} Optimised: {said[0].lower()}{said[1:]}"
+            message = f"{plan.message} Optimized: {said[0].lower()}{said[1:]}"
             errors, time = found.constraint_errors, plan.time + found.time
-            return replace(made, message=message, optimised=found, constraint_errors=errors, time=time)
+            return replace(made, message=message, optimized=found, constraint_errors=errors, time=time)
         said = "The best found keeps less than half the margin, or cannot be held against gravity."
     message = f"{plan.message} Timed along its own path, in {found.before.duration:.3f} s: {said}"
     return replace(
-        plan, trajectory=found.before, optimised=found, message=message, time=plan.time + found.time
+        plan, trajectory=found.before, optimized=found, message=message, time=plan.time + found.time
     )
 
 
-def _not_optimised(pepper: PepperModel, curve: CubicPath, balance: float | None) -> str | None:
-    """Return what a motion has that `optimise` does not know; None where it knows all."""
+def _not_optimized(pepper: PepperModel, curve: CubicPath, balance: float | None) -> str | None:
+    """Return what a motion has that `optimize` does not know; None where it knows all."""
     if drives(pepper, np.flatnonzero((curve.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))):
         return "a base that goes where it points"
     if balance is not None and support_polygon(pepper) is not None and wheels_move(pepper):

@@ -22,7 +22,7 @@ class BalanceRows:
         zero-moment point z of the acceleration (v' - v) / dt:   i . (z - p) >= m,
         capture point x = c + J_c v' (dt + 1 / omega):           i . (x - p) >= m.
 
-    The first keeps this tick from tipping, the second keeps a motion of the centre of mass c that can be
+    The first keeps this tick from tipping, the second keeps a motion of the center of mass c that can be
     stopped before the edge (Pratt et al., Capture point: a step toward humanoid push recovery, 2006).  Both
     are linear in the next velocity v': the first times the floor's vertical force.
 
@@ -61,7 +61,7 @@ class BalanceRows:
         return VelocityRows(matrix, least, ("balance",) * len(least))
 
     def _center_rate(self, q: Array, pose: Array, center: Array) -> Array:
-        """Return the Jacobian of the centre of mass as seen from the base, shape (3, n)."""
+        """Return the Jacobian of the center of mass as seen from the base, shape (3, n)."""
         base = frame_jacobian(self._pepper, q, BASE)
         carried = base[:3] + np.cross(base[3:], center - pose[:3, 3], axisa=0, axisc=0)
         return center_of_mass_jacobian(self._pepper, q) - carried

@@ -100,7 +100,7 @@ def curvature_damping(rate: Array, motion: Array, weight: float, dt: float) -> f
     Where a direction is lost, at a stretched arm or at an obstacle, its slope is about R x, with x how far a
     joint is from there and R a lever arm.  Pulled at a speed p without yielding, the joint obeys
     dx/dt = -R p x / lambda^2, which in steps of dt swings unless lambda^2 > R p dt / 2.  This is 2 p dt, for
-    an R of a metre, with p the part of the wanted rate that the last velocity failed to deliver.
+    an R of a meter, with p the part of the wanted rate that the last velocity failed to deliver.
 
     Args:
         rate: The wanted rate [m/s or rad/s], shape (m,).

@@ -72,7 +72,7 @@ def differential_step(
         |v'| <= v_max,  |v' - v| <= a_max dt,  and v' so low that every joint can brake before its limit
         dd/dt >= -approach (d - clearance) for all near pairs;  balance.
 
-    The hardest brake always fulfils the first line; rows of the second that it breaks give way and are named.
+    The hardest brake always keeps the first line; rows of the second that it breaks give way and are named.
     `Servo` does the same from tick to tick, with the solver kept warm; use it for loops.
 
     Args:

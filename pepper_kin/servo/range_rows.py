@@ -1,4 +1,4 @@
-"""Neighbouring bodies without a distance: rows that keep one joint in its range while another moves."""
+"""Neighboring bodies without a distance: rows that keep one joint in its range while another moves."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RangeRows:
     """Velocity dampers on the tabulated joint ranges.
 
     Between two rows of a table the tighter one holds, which makes it a staircase; here a row's value is the
-    tightest of itself and its neighbours, joined by straight lines, which is nowhere looser.  With h the
+    tightest of itself and its neighbors, joined by straight lines, which is nowhere looser.  With h the
     angle left and b = gain max(h - kept, 0), each of the two joints by itself keeps dh/dt >= -b: they may not
     make up for one another, because they do not brake alike.
 

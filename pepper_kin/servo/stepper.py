@@ -46,7 +46,7 @@ class Tick:
 
 
 class Stepper:
-    """Solves the ticks of one robot; keeps the programme warm.
+    """Solves the ticks of one robot; keeps the program warm.
 
         min over v' of  sum_i w_i^2 |J_i v' - rate_i|^2 + lambda^2 |D v'|^2 + eps^2 |v' - k (q_rest - q)|^2
         subject to      velocity bounds (always kept), clearance rows (kept unless even braking breaks them),

@@ -1,4 +1,4 @@
-"""CasADi `SX` functions of the model's quantities, for optimisation and for compilation.
+"""CasADi `SX` functions of the model's quantities, for optimization and for compilation.
 
     from pepper_kin import load_pepper, symbolic
 

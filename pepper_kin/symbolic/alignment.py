@@ -1,7 +1,7 @@
 """Body frames that make expressions short: z along the joint's axis, origins where translations vanish.
 
 A frame that is fixed to a moving body may be chosen freely.  With z along the joint's axis a rotation by the
-joint costs six operations instead of fifteen; with the origin moved along the axis to where the neighbouring
+joint costs six operations instead of fifteen; with the origin moved along the axis to where the neighboring
 axis passes by, most components of the translations between joints are zero (Denavit and Hartenberg, 1955).
 """
 

@@ -1,4 +1,4 @@
-"""Centre of mass of the whole robot and its Jacobian."""
+"""Center of mass of the whole robot and its Jacobian."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @remembered
 def center_of_mass(pepper: PepperModel) -> casadi.Function:
-    """Return the function q -> centre of mass of all links, those fixed to the floor included.
+    """Return the function q -> center of mass of all links, those fixed to the floor included.
 
     Args:
         pepper: The robot.
@@ -36,7 +36,7 @@ def center_of_mass(pepper: PepperModel) -> casadi.Function:
 
 @remembered
 def center_of_mass_jacobian(pepper: PepperModel) -> casadi.Function:
-    """Return the function q -> J_c(q): velocity of the centre of mass of all links = J_c v.
+    """Return the function q -> J_c(q): velocity of the center of mass of all links = J_c v.
 
     Column i is z_i x h_i / m, or z_i m_i / m where the joint slides: h_i and m_i are the moment of what
     joint i carries, about a point on its axis, and its mass.
@@ -65,6 +65,6 @@ def total_mass(tree: Tree) -> float:
 
 
 def center_of_all(state: State) -> Vector:
-    """Return the centre of mass of all links in the world."""
+    """Return the center of mass of all links in the world."""
     moment = add(first_moments(state)[2], state.tree.still.first)
     return scale(1.0 / total_mass(state.tree), moment)

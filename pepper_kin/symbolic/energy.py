@@ -47,7 +47,7 @@ def kinetic_energy(pepper: PepperModel) -> casadi.Function:
 
 @remembered
 def potential_energy(pepper: PepperModel) -> casadi.Function:
-    """Return the function q -> -sum(m_i g . c_i) over the moving links; zero where their centre is at z = 0.
+    """Return the function q -> -sum(m_i g . c_i) over the moving links; zero where their center is at z = 0.
 
     Args:
         pepper: The robot.

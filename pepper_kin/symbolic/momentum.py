@@ -1,4 +1,4 @@
-"""Momentum about the centre of mass."""
+"""Momentum about the center of mass."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @remembered
 def centroidal_momentum(pepper: PepperModel) -> casadi.Function:
-    """Return the function (q, v) -> momentum of the robot about the centre of mass of all its links.
+    """Return the function (q, v) -> momentum of the robot about the center of mass of all its links.
 
     Args:
         pepper: The robot.

@@ -206,7 +206,7 @@ def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> 
 
 
 def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> ScalarCheck:
-    """Find the least distance of all milliseconds; neighbours decided by joint ranges count as yes or no."""
+    """Find the least distance of all milliseconds; neighbors decided by joint ranges count as yes or no."""
     from pepper_kin import collision
 
     time, piece, local = _instants(trajectory)
@@ -218,5 +218,5 @@ def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> Scala
     detail = f"is the least distance{pair}"
     if found.forbidden is not None and worst > 0:
         worst, at = -_TOUCH, found.forbidden
-        detail = "two neighbouring links touch, by their joint ranges"
+        detail = "two neighboring links touch, by their joint ranges"
     return ScalarCheck("clearance", worst, worst, float(time[at]), "m", detail)

@@ -9,7 +9,7 @@ robot sets out with zero speed, and the rate y = (d tau / dt)^2 > 0 is improved:
 
 Limits on velocity, acceleration, torque and balance are linear in y and y'.  Those on jerk, divided by
 sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies below it, so that a linear
-programme with tangents at the last y leaves only motions that keep the limit, and its solution is at least as
+program with tangents at the last y leaves only motions that keep the limit, and its solution is at least as
 fast.  (Sequential convex programming of convex-concave constraints: F. Debrouwere et al., IEEE Trans.
 Robotics 29, 2013.)  y is a quadratic spline in tau, so that jerk is smooth between its knots.
 """
@@ -33,7 +33,7 @@ from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
 
-_ITERATIONS = 12  # linear programmes
+_ITERATIONS = 12  # linear programs
 _ENOUGH = 1e-3  # gain of duration below which to stop
 _TRUST = 2.0  # factor by which y may change in one step
 _PARTS = 3  # polynomials for each piece of y

@@ -1,4 +1,4 @@
-"""Limits on the rate of a smooth time law, as rows of linear programmes."""
+"""Limits on the rate of a smooth time law, as rows of linear programs."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from pepper_kin.trajectory.smooth_time import SmoothTime
 Array = NDArray[np.float64]
 
 _POINTS = (0.0, 1 / 3, 2 / 3, 1.0)  # of each piece, where limits are kept
-_KEEP = 0.65  # share of a limit from which on its row is given to the programme at first
-_ROUNDS = 6  # programmes with rows added that the last one had exceeded
+_KEEP = 0.65  # share of a limit from which on its row is given to the program at first
+_ROUNDS = 6  # programs with rows added that the last one had exceeded
 _EXCESS = 1e-7
-_LONGEST = 5.0  # [s] for one programme, which takes some milliseconds; then the last y is kept
+_LONGEST = 5.0  # [s] for one program, which takes some milliseconds; then the last y is kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Rows:
         return max(float(min(bounds)) * (1 - 1e-9), 1e-6)
 
     def improved(self, y: Array, trust: float) -> Array | None:
-        """Return a faster y near the last one that keeps all limits; None where the programme has none."""
+        """Return a faster y near the last one that keeps all limits; None where the program has none."""
         from scipy.optimize import linprog
         from scipy.sparse import csr_matrix
 

@@ -24,7 +24,7 @@ class Handle:
     Attributes:
         kind: "bezier" (the control point is at the key plus (time, value)), "linear" (the control point is
             the key itself), "constant" (behind the key the value stays until the next key) or "auto" (flat
-            where the key is an extreme, else along its neighbours, without overshooting them).
+            where the key is an extreme, else along its neighbors, without overshooting them).
         time: Of the control point, from the key [s]; negative before the key, positive behind it.
         value: Of the control point, from the key [rad].
     """
@@ -142,7 +142,7 @@ def _control(
 
 
 def _auto_slope(keys: tuple[Key, ...], i: int) -> float:
-    """Return the slope of an automatic handle: that of the neighbours' secant, if neither is overshot."""
+    """Return the slope of an automatic handle: that of the neighbors' secant, if neither is overshot."""
     if i in (0, len(keys) - 1):
         return 0.0
     before, key, behind = keys[i - 1 : i + 2]

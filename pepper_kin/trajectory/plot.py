@@ -23,7 +23,7 @@ FORMATS = ("png", "pdf", "svg")
 QUANTITIES = ("position", "velocity", "acceleration", "torque")
 _POINTS = 1500
 _MOVES = 1e-3  # [rad or m] a joint that moves less is left out
-_COLOURS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3", "#e7298a", "#66a61e", "#a6761d", "#444444")
+_COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3", "#e7298a", "#66a61e", "#a6761d", "#444444")
 _OUTSIDE = "#c0392b"
 _LEGEND = "greatest share of limits: position [rad]; velocity [rad/s]; acceleration [rad/s²]; torque [N m]"
 
@@ -130,8 +130,8 @@ def _draw_quantity(
         share = (2 * value[:, j] - lower[j] - upper[j]) / (upper[j] - lower[j])
         at = int(np.argmax(np.abs(share)))
         largest = max(largest, float(np.abs(share[at])))
-        colour, style = _style(number)
-        axes.plot(time, share, color=colour, linestyle=style, linewidth=1.4)
+        color, style = _style(number)
+        axes.plot(time, share, color=color, linestyle=style, linewidth=1.4)
         limit = upper[j] if share[at] > 0 else lower[j]
         peaks.append(f"{value[at, j]:.3g} of {limit:.3g}{unit}")
     reach = 1.18 * largest
@@ -147,7 +147,7 @@ def _draw_quantity(
 
 
 def _style(number: int) -> tuple[str, Any]:
-    return _COLOURS[number % len(_COLOURS)], "-" if number < len(_COLOURS) else "--"
+    return _COLORS[number % len(_COLORS)], "-" if number < len(_COLORS) else "--"
 
 
 def _draw_legend(axes: Any, pepper: PepperModel, places: list[int], peaks: list[list[str]]) -> None:

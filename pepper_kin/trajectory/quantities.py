@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pepper_kin.exceptions import UnknownNameError
 
-# quantity -> unit for a joint in radians, unit for a joint in metres
+# quantity -> unit for a joint in radians, unit for a joint in meters
 UNITS = {
     "position": ("rad", "m"),
     "velocity": ("rad/s", "m/s"),

@@ -1,4 +1,4 @@
-"""Series of numbers packed without loss: neighbours in time differ little, so their differences pack well."""
+"""Series of numbers packed without loss: neighbors in time differ little, so their differences pack well."""
 
 from __future__ import annotations
 

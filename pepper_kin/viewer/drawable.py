@@ -1,4 +1,4 @@
-"""What the viewer draws: a solid, a colour and the link it moves with."""
+"""What the viewer draws: a solid, a color and the link it moves with."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def marker(name: str, position: ArrayLike, radius: float = 0.03, color: Color = 
 
     Args:
         name: What the page calls it.
-        position: Its centre in the world, shape (3,) [m].
+        position: Its center in the world, shape (3,) [m].
         radius: Its radius [m].
         color: Red, green, blue and opacity, each in [0, 1].
 

@@ -34,7 +34,7 @@ class SampledSeries:
     Attributes:
         name: What it shows, unit included.
         value: Value at each frame, shape (F,).
-        low: Smallest value nearer to this frame than to its neighbours, shape (F,).
+        low: Smallest value nearer to this frame than to its neighbors, shape (F,).
         high: Largest such value, shape (F,).
         limit: Largest magnitude that it may have, in its unit; None where it has no limit.
     """
@@ -166,7 +166,7 @@ def frames_of_samples(
     instants = _checked_times(times)
     poses = rigid_transforms("link_poses", kept_poses, (kept.size, link_count, 4, 4))
     quaternions = quaternions_of(poses[..., :3, :3])
-    # q and -q are one orientation; choose signs so that neighbouring frames blend along the short way.
+    # q and -q are one orientation; choose signs so that neighboring frames blend along the short way.
     turns = np.where(np.einsum("fli,fli->fl", quaternions[1:], quaternions[:-1]) < 0.0, -1.0, 1.0)
     quaternions[1:] *= np.cumprod(turns, axis=0)[..., None]
     curves = tuple(_sampled(name, curve, instants.size, kept) for name, curve in series.items())

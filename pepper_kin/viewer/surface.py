@@ -44,7 +44,7 @@ def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surfac
 
     Args:
         path: The file.
-        crease_angle: Largest angle between neighbouring triangles that is drawn smooth [rad].
+        crease_angle: Largest angle between neighboring triangles that is drawn smooth [rad].
 
     Returns:
         The surface, in the units of the file.
@@ -113,7 +113,7 @@ def _least_connected(count: int, first: NDArray, second: NDArray) -> NDArray:
 
 
 def capsule_surface(radius: float, length: float, segments: int = 24, rings: int = 8) -> Surface:
-    """Make a capsule around the z axis, centred at the origin.
+    """Make a capsule around the z axis, centered at the origin.
 
     Args:
         radius: Radius of the tube and of its two half spheres [m].
@@ -153,8 +153,8 @@ def balls_surface(points: NDArray, radius: float, most: int = 40_000) -> Surface
     """Make a little octahedron for each of many balls.
 
     Args:
-        points: Centres, shape (k, 3) [m].
-        radius: Distance of the corners from the centre [m].
+        points: Centers, shape (k, 3) [m].
+        radius: Distance of the corners from the center [m].
         most: Balls drawn at most; of more, every second, third, ... is drawn.
 
     Returns:

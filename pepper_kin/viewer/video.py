@@ -130,7 +130,7 @@ def _encode_mp4(pictures: Iterable[Image.Image], fps: float, size: tuple[int, in
 
 
 def _encode_gif(pictures: Iterable[Image.Image], fps: float) -> bytes:
-    """Encode as an endless GIF in the colours of the first frame: what stands still costs nothing."""
+    """Encode as an endless GIF in the colors of the first frame: what stands still costs nothing."""
     from PIL import Image
 
     frames: list[Image.Image] = []

@@ -48,7 +48,7 @@ def test_the_report_agrees_with_the_room_of_dynamics(base):
     assert "least margin" in report.report()
 
 
-def test_a_robot_at_rest_stands_on_its_centre_of_mass(pepper, monitor):
+def test_a_robot_at_rest_stands_on_its_center_of_mass(pepper, monitor):
     report = monitor.assess(*still(pepper))
     center = pk.dynamics.center_of_mass(pepper, pepper.posture("Stand"))
     np.testing.assert_allclose(report.point, np.tile(center[:2], (401, 1)), atol=1e-9)
@@ -157,7 +157,7 @@ def pendulum(pepper, monitor, edge, rate, seconds=2.0, **options):
 def test_it_falls_beyond_the_critical_rate_and_comes_back_below(pepper, monitor, edge):
     _, inertia, b, h, weight = pendulum(pepper, monitor, edge, 0.0)
     assert b > 0
-    critical = np.sqrt(2 * weight * (np.hypot(b, h) - h) / inertia)  # the centre just over the edge
+    critical = np.sqrt(2 * weight * (np.hypot(b, h) - h) / inertia)  # the center just over the edge
     below = pendulum(pepper, monitor, edge, 0.99 * critical, 3.0)[0]
     above = pendulum(pepper, monitor, edge, 1.01 * critical, 3.0)[0]
     assert below.status == "rocked"

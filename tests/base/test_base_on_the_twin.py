@@ -43,7 +43,7 @@ def test_the_twin_follows_the_base_and_odometry_tells_where_it_is():
 
 
 def test_braking_hard_shifts_the_point_as_the_height_of_the_mass_says():
-    """With everything else at rest the zero-moment point lags the centre by a h / g."""
+    """With everything else at rest the zero-moment point lags the center by a h / g."""
     pepper = pk.load_pepper(base="planar")
     monitor, q = BalanceMonitor(pepper), pepper.posture("Stand")
     a = np.zeros(pepper.n)

@@ -197,7 +197,7 @@ def test_odometry_from_true_turns_is_exact_and_from_wrong_ones_as_wrong_as_asked
         for _ in range(20):
             slipping.add(base.wheel_speeds((0.05, 0, 0)))
         ends.append(slipping.pose)
-    turn = np.abs(base.wheel_speeds((1.0, 0, 0)))  # in all one metre
+    turn = np.abs(base.wheel_speeds((1.0, 0, 0)))  # in all one meter
     spread = np.linalg.inv(base.wheel_map) @ np.diag(0.02**2 * turn) @ np.linalg.inv(base.wheel_map).T
     assert np.std(ends, axis=0)[0] == pytest.approx(np.sqrt(spread[0, 0]), rel=0.15)
     assert np.std(ends, axis=0)[2] == pytest.approx(np.sqrt(spread[2, 2]), rel=0.15)

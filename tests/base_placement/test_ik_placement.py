@@ -305,7 +305,7 @@ def test_any_fixed_robot_can_be_placed():
 
 
 def test_the_robot_on_a_moving_base_is_the_robot_moved():
-    """Frames, centre of mass and gravity torques, against the fixed robot and a rigid transform."""
+    """Frames, center of mass and gravity torques, against the fixed robot and a rigid transform."""
     moving = moving_base(PEPPER)
     generator = np.random.default_rng(7)
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""What holds for every command: an example, JSON, a line in the docs, exit codes, no stray colours."""
+"""What holds for every command: an example, JSON, a line in the docs, exit codes, no stray colors."""
 
 import importlib.metadata
 import json
@@ -132,13 +132,13 @@ def on_a_terminal(*arguments, cwd, **environment):
     return said.decode()
 
 
-COLOURS = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
-COLOUR = re.compile(r"\x1b\[[0-9;]*(?:3[0-9]|4[0-9]|38;5;\d+)m")
+COLORS = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
+COLOR = re.compile(r"\x1b\[[0-9;]*(?:3[0-9]|4[0-9]|38;5;\d+)m")
 
 
-def test_colours_are_for_terminals_that_want_them(tmp_path):
-    assert COLOUR.search(on_a_terminal("--help", cwd=tmp_path))
-    assert not COLOUR.search(on_a_terminal("--help", cwd=tmp_path, NO_COLOR="1"))
+def test_colors_are_for_terminals_that_want_them(tmp_path):
+    assert COLOR.search(on_a_terminal("--help", cwd=tmp_path))
+    assert not COLOR.search(on_a_terminal("--help", cwd=tmp_path, NO_COLOR="1"))
     assert "\x1b" not in run_process("--help", cwd=tmp_path).stdout
 
 
@@ -147,7 +147,7 @@ def test_a_bar_with_the_time_left_on_a_terminal_only(chromium_path, tmp_path):
     make_nod(tmp_path)
     arguments = ("render", "nod.csv", "-o", "nod.gif", "--fps", "2", "--size", "64x48")
     seen = on_a_terminal(*arguments, cwd=tmp_path)
-    assert re.search(r"rendering .*100%.* left", COLOURS.sub("", seen), re.DOTALL)
+    assert re.search(r"rendering .*100%.* left", COLORS.sub("", seen), re.DOTALL)
     done = run_process(*arguments, "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == {"written": ["nod.gif"]}

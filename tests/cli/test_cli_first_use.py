@@ -29,14 +29,14 @@ def leaves(command):
 
 @pytest.mark.parametrize("command", leaves(typer.main.get_command(app)), ids=lambda command: command.name)
 def test_help_writes_units_in_words(command):
-    """Units in square brackets are taken for marks of colour, and vanish."""
+    """Units in square brackets are taken for marks of color, and vanish."""
     for parameter in command.params:
         assert "[" not in (getattr(parameter, "help", None) or ""), parameter.name
 
 
 def test_help_of_reach_names_its_units(tmp_path):
     told = run("reach", "--help", cwd=tmp_path).stdout
-    assert "Where the palm should go: X Y Z, in metres." in told
+    assert "Where the palm should go: X Y Z, in meters." in told
     assert "Time budget of IK and planning, in seconds." in told
 
 

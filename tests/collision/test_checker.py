@@ -56,9 +56,9 @@ def test_clearance_to_a_sphere_is_the_closed_form():
     pose = pk.kinematics.frame_pose(pepper, q, "LForeArm") @ shape.transform_shape_to_link
     half = np.array([0, 0, shape.geometry.length / 2])
     ends = [pose[:3, :3] @ (s * half) + pose[:3, 3] for s in (-1, 1)]
-    centre = pose[:3, 3] + np.array([0.0, 0.2, 0.05])
-    scene = pk.Scene().add_sphere("ball", 0.03, centre)
-    expected = point_segment_distance(centre, *ends) - shape.geometry.radius - 0.03
+    center = pose[:3, 3] + np.array([0.0, 0.2, 0.05])
+    scene = pk.Scene().add_sphere("ball", 0.03, center)
+    expected = point_segment_distance(center, *ends) - shape.geometry.radius - 0.03
     nearest = min(
         pk.collision.checker_for(pepper, scene).clearance(q), pk.collision.checker_for(pepper).clearance(q)
     )
@@ -75,12 +75,12 @@ def test_clearance_to_the_only_near_thing():
     q = pepper.posture("Stand")
     head = next(s for s in pepper.collision_shapes if s.link == "Head")
     pose = pk.kinematics.frame_pose(pepper, q, "Head") @ head.transform_shape_to_link
-    centre = pose[:3, 3] + [0.0, 0.0, 0.2]
+    center = pose[:3, 3] + [0.0, 0.0, 0.2]
     half = pose[:3, :3] @ [0, 0, head.geometry.length / 2]
     expected = (
-        point_segment_distance(centre, pose[:3, 3] - half, pose[:3, 3] + half) - head.geometry.radius - 0.0855
+        point_segment_distance(center, pose[:3, 3] - half, pose[:3, 3] + half) - head.geometry.radius - 0.0855
     )
-    found = pk.collision.closest_pair(pepper, q, pk.Scene().add_sphere("lamp", 0.0855, centre))
+    found = pk.collision.closest_pair(pepper, q, pk.Scene().add_sphere("lamp", 0.0855, center))
     assert found.names == ("Head", "lamp")
     assert found.distance == pytest.approx(expected, abs=1e-6)
     assert 0 < expected < 0.0032

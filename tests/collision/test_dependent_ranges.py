@@ -102,12 +102,12 @@ ALWAYS = {
     "Hip-torso", "Bicep-Elbow", "Elbow-ForeArm", "Shoulder-Bicep", "Neck-Head", "Pelvis-Hip", "Tibia-Pelvis",
     "torso-Bicep", "torso-Shoulder", "torso-Neck",
 }  # fmt: skip
-"""Neighbours whose measured surfaces overlap in all of 3000 random postures: one is inside the other."""
+"""Neighbors whose measured surfaces overlap in all of 3000 random postures: one is inside the other."""
 NEVER = {"ForeArm-wrist"}
-"""Neighbours whose measured surfaces touched in none of them."""
+"""Neighbors whose measured surfaces touched in none of them."""
 
 
-def test_no_other_neighbour_can_be_told_apart_by_its_surface():
+def test_no_other_neighbor_can_be_told_apart_by_its_surface():
     """What is exempt without a table touches always or never: there is nothing that a table could decide."""
     pepper = pk.load_pepper()
     exempt = {}

@@ -27,7 +27,7 @@ def random_pose(rng, spread=0.3):
 
 
 def least_over_box(function, half):
-    """Least value of a convex function over a box by a general minimiser, from several starts."""
+    """Least value of a convex function over a box by a general minimizer, from several starts."""
     bounds = [(-h, h) for h in half]
     starts = [np.zeros(len(half)), np.array(half) * 0.9, -np.array(half) * 0.9]
     return min(minimize(function, x, bounds=bounds, method="L-BFGS-B", tol=1e-14).fun for x in starts)
@@ -37,7 +37,7 @@ def point_of(pose, local):
     return pose[:3] + pose[3:].reshape(3, 3).T @ local
 
 
-def test_segments_against_a_general_minimiser():
+def test_segments_against_a_general_minimizer():
     rng = np.random.default_rng(0)
     for _ in range(30):
         a, b = random_pose(rng), random_pose(rng)
@@ -60,7 +60,7 @@ def test_parallel_segments(shift):
     )
 
 
-def test_segment_and_box_against_a_general_minimiser():
+def test_segment_and_box_against_a_general_minimizer():
     rng = np.random.default_rng(1)
     inside = 0
     for _ in range(60):

@@ -32,7 +32,7 @@ answers["near pairs"] = near.distances.tolist()
 path = np.stack([pepper.posture("Stand"), pepper.joint_vector({"HeadYaw": 0.3})])
 trajectory = pk.retime(pepper, path)
 answers["timing"] = [trajectory.duration, *trajectory(0.1)[0].tolist()]
-motion = pk.motion.optimise(pepper, path, intervals=4, max_iterations=2)
+motion = pk.motion.optimize(pepper, path, intervals=4, max_iterations=2)
 answers["optimization"] = [motion.descent.cost, *motion.descent.unknowns.ravel()]
 twin = pk.Twin(pepper, timestep=0.002)
 twin.reset(path[0])

@@ -62,15 +62,15 @@ def test_power_is_the_rate_of_energy(base, hands):
     np.testing.assert_allclose(rate, np.sum(tau * v, axis=-1), rtol=1e-6, atol=1e-6)
 
 
-def test_published_centre_of_mass_mass_and_gravity_torques():
-    """Figures of the reference data: total mass, zero and Stand centres of mass, gravity torques at Stand."""
+def test_published_center_of_mass_mass_and_gravity_torques():
+    """Figures of the reference data: total mass, zero and Stand centers of mass, gravity torques at Stand."""
     pepper = pk.load_pepper()
     assert pk.dynamics.total_mass(pepper) == pytest.approx(28.68118, abs=1e-5)
-    centre = pk.dynamics.center_of_mass(pepper, np.zeros(15))
-    np.testing.assert_allclose(centre, [0.00948, 0.0, 0.41449], atol=5e-6)
+    center = pk.dynamics.center_of_mass(pepper, np.zeros(15))
+    np.testing.assert_allclose(center, [0.00948, 0.0, 0.41449], atol=5e-6)
     stand = pepper.posture("StandInit")
-    centre = pk.dynamics.center_of_mass(pepper, stand)
-    np.testing.assert_allclose(centre, [-0.00351, -0.00023, 0.3997], atol=1e-5)
+    center = pk.dynamics.center_of_mass(pepper, stand)
+    np.testing.assert_allclose(center, [-0.00351, -0.00023, 0.3997], atol=1e-5)
     expected = [
         -1.3941, -1.4513, 0.0641, -0.0014, 0.2609, -0.2187, 0.3014, -0.047, -0.3268, -0.0034,
         -0.2196, -0.2812, 0.044, 0.3298, 0.0034,
@@ -78,7 +78,7 @@ def test_published_centre_of_mass_mass_and_gravity_torques():
     np.testing.assert_allclose(pk.dynamics.gravity_torque(pepper, stand), expected, atol=6e-5)
 
 
-def test_at_rest_the_zero_moment_point_is_below_the_centre_of_mass():
+def test_at_rest_the_zero_moment_point_is_below_the_center_of_mass():
     for base in ("fixed", "planar"):
         pepper = pk.load_pepper(base)
         q, v, _ = states(pepper, 20, seed=4)
@@ -92,9 +92,9 @@ def test_zero_moment_point_balances_the_planar_base():
     q, zero = pepper.posture("Stand"), np.zeros(pepper.n)
     push = zero.copy()
     push[pepper.joint_index("BaseX")] = 0.5
-    centre = pk.dynamics.center_of_mass(pepper, q)
+    center = pk.dynamics.center_of_mass(pepper, q)
     zmp = pk.dynamics.zero_moment_point(pepper, q, zero, push)
-    np.testing.assert_allclose(zmp, centre[:2] - [0.5 * centre[2] / 9.81, 0.0], atol=1e-10)
+    np.testing.assert_allclose(zmp, center[:2] - [0.5 * center[2] / 9.81, 0.0], atol=1e-10)
 
 
 def test_zero_moment_point_from_the_forces_of_the_base_joints():

@@ -80,7 +80,7 @@ def test_regressor_times_parameters_is_the_torque(pepper):
     np.testing.assert_allclose(np.array(symbolic.regressor(pepper)(q, v, a)), matrix, atol=1e-9)
 
 
-def test_momentum_and_centre_of_mass(pepper):
+def test_momentum_and_center_of_mass(pepper):
     q, v, _ = states(pepper)
     momentum = pk.dynamics.centroidal_momentum(pepper, q, v)
     np.testing.assert_allclose(momentum, pk.dynamics.centroidal_map(pepper, q) @ v, atol=1e-12)
@@ -121,7 +121,7 @@ def test_base_wrench_of_the_planar_base_by_newton_euler():
 
 
 def test_tip_over_margin_of_a_triangle():
-    """At rest the margin is the distance of the centre of mass from the nearest side, by Heron's formula."""
+    """At rest the margin is the distance of the center of mass from the nearest side, by Heron's formula."""
     pepper = pk.load_pepper()
     q = np.stack([pepper.posture("Stand"), np.zeros(15)])
     margin = pk.dynamics.tip_over_margin(pepper, q, np.zeros(15), np.zeros(15))

@@ -19,7 +19,7 @@ from pepper_kin.trajectory import (
     read_choregraphe,
 )
 
-BEHAVIOUR = """<?xml version="1.0" encoding="UTF-8" ?>
+BEHAVIOR = """<?xml version="1.0" encoding="UTF-8" ?>
 <ChoregrapheProject xmlns="http://www.aldebaran-robotics.com/schema/choregraphe/project.xsd" xar_version="3">
  <Box name="root" id="-1">
   <Timeline enable="0">
@@ -65,9 +65,9 @@ BEHAVIOUR = """<?xml version="1.0" encoding="UTF-8" ?>
 
 
 @pytest.fixture
-def behaviour(tmp_path):
+def behavior(tmp_path):
     path = tmp_path / "behavior.xar"
-    path.write_text(BEHAVIOUR)
+    path.write_text(BEHAVIOR)
     return path
 
 
@@ -98,8 +98,8 @@ def bezier(first, last, at):
     return blend(y, (low + high) / 2)
 
 
-def test_behaviour_is_read(behaviour, pepper):
-    (timeline,) = read_choregraphe(behaviour)
+def test_behavior_is_read(behavior, pepper):
+    (timeline,) = read_choregraphe(behavior)
     assert timeline.name == "root/Hello"
     assert timeline.joint_names == ("HeadYaw", "HeadPitch", "RHand")  # the muted elbow is left out
     yaw = timeline.curves[0].keys
@@ -112,8 +112,8 @@ def test_behaviour_is_read(behaviour, pepper):
     assert timeline.duration == pytest.approx(1.4)
 
 
-def test_behaviour_moves_as_drawn(behaviour, pepper):
-    (timeline,) = read_choregraphe(behaviour)
+def test_behavior_moves_as_drawn(behavior, pepper):
+    (timeline,) = read_choregraphe(behavior)
     start = pepper.posture("Stand")
     start[pepper.joint_index("HeadYaw")] = 0.0
     times = [0.0, 0.2, 0.4, 0.8, 1.0, 1.1999, 1.2, 1.4]
@@ -238,24 +238,24 @@ def test_start_posture_is_where_it_begins(pepper):
         ),
     ],
 )
-def test_wrong_behaviours(behaviour, old, new, line, message):
-    assert old in BEHAVIOUR
-    behaviour.write_text(BEHAVIOUR.replace(old, new, 1))
+def test_wrong_behaviors(behavior, old, new, line, message):
+    assert old in BEHAVIOR
+    behavior.write_text(BEHAVIOR.replace(old, new, 1))
     with pytest.raises(FileFormatError) as caught:
-        read_choregraphe(behaviour)
+        read_choregraphe(behavior)
     assert message in str(caught.value)
     if message != "is no whole XML":
         assert caught.value.line == line
 
 
-def test_every_truncated_behaviour_is_refused(behaviour):
-    for place in range(0, len(BEHAVIOUR) - 2, 97):
-        behaviour.write_text(BEHAVIOUR[:place])
+def test_every_truncated_behavior_is_refused(behavior):
+    for place in range(0, len(BEHAVIOR) - 2, 97):
+        behavior.write_text(BEHAVIOR[:place])
         with pytest.raises(FileFormatError):
-            read_choregraphe(behaviour)
+            read_choregraphe(behavior)
 
 
-def test_behaviours_without_motion(behaviour):
+def test_behaviors_without_motion(behavior):
     for content, message in [
         ("<ChoregrapheProject/>", "has no timeline that moves a joint"),
         ('<ChoregrapheProject><BoxInstance path="root.xml"/></ChoregrapheProject>', "an older format"),
@@ -263,9 +263,9 @@ def test_behaviours_without_motion(behaviour):
         ("<Animation/>", "has no timeline that moves a joint"),
         ("<a>" * 500 + "</a>" * 500, "nests more than 200 elements"),
     ]:
-        behaviour.write_text(content)
+        behavior.write_text(content)
         with pytest.raises(FileFormatError, match=message):
-            read_choregraphe(behaviour)
+            read_choregraphe(behavior)
 
 
 def test_animations_of_the_older_format(tmp_path, pepper):
@@ -300,11 +300,11 @@ def test_projects(tmp_path):
         read_choregraphe(path)
     for folder in ("hello", "again"):
         (tmp_path / folder).mkdir()
-        (tmp_path / folder / "behavior.xar").write_text(BEHAVIOUR)
+        (tmp_path / folder / "behavior.xar").write_text(BEHAVIOR)
     assert [timeline.name for timeline in read_choregraphe(path)] == ["hello/root/Hello", "again/root/Hello"]
     for folder in ("hello", "again"):
         (tmp_path / folder / "behavior.xar").write_text("<ChoregrapheProject/>")
-    with pytest.raises(FileFormatError, match="has no behaviour with a timeline"):
+    with pytest.raises(FileFormatError, match="has no behavior with a timeline"):
         read_choregraphe(path)
 
 
@@ -314,7 +314,7 @@ def test_projects(tmp_path):
         ('src="hello"', 'src="../secret"', 5, "outside its own folder"),
         ('src="hello"', 'src="/etc"', 5, "outside its own folder"),
         ('src="hello" ', "", 5, "BehaviorDescription has no attribute 'src'"),
-        ("BehaviorDescriptions", "Others", 2, "names no behaviour"),
+        ("BehaviorDescriptions", "Others", 2, "names no behavior"),
         ("Package", "Parcel", 2, "is no project: its root is 'Parcel'"),
     ],
 )
@@ -326,8 +326,8 @@ def test_wrong_projects(tmp_path, old, new, line, message):
     assert caught.value.line == line
 
 
-def test_import_says_what_was_unsafe_and_mends_it(pepper, behaviour):
-    (timeline,) = read_choregraphe(behaviour)
+def test_import_says_what_was_unsafe_and_mends_it(pepper, behavior):
+    (timeline,) = read_choregraphe(behavior)
     found = import_timeline(pepper, timeline)
     quantities = {(e.joint, e.quantity) for e in found.excesses}
     assert ("HeadYaw", "position jump") in quantities

@@ -55,7 +55,7 @@ def test_small_and_awkward_numbers(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".json", ".yaml", ".mcap", ".csv"])
-def test_metres_come_back_with_the_robot(tmp_path, suffix):
+def test_meters_come_back_with_the_robot(tmp_path, suffix):
     pepper = pk.load_pepper(base="planar")
     q = pepper.posture("Stand")
     given = Trajectory(pepper.joint_names, [0, 1], np.array([[q, 0.1 + 0 * q]]), pepper.joint_units)
@@ -189,7 +189,7 @@ def refused(path, old, new, count=1):
         ('"version": 1', '"version": 2', None, "version is 2, expected 1"),
         ("pepper_kin.trajectory", "other", 1, 'it lacks "format"'),
         ('"breaks"', '"broken"', None, "field 'breaks' is missing"),
-        ('"version": 1', '"version": 1, "colour": 2', 3, "unknown field 'colour'"),
+        ('"version": 1', '"version": 1, "color": 2', 3, "unknown field 'color'"),
         ('"version": 1', '"version": 1, "version": 1', 3, "field 'version' occurs twice"),
         ("1e-300", "1e-300,", 9, "is not whole JSON"),
         ("1e-300]", "1e-300, 0]", None, "coefficients: got"),
@@ -220,7 +220,7 @@ def test_wrong_json(tmp_path, old, new, line, message):
         ("positions: [0.1,", "positions: [1e-5,", 8, "positions has '1e-5', expected a finite number"),
         ("positions: [0.1,", "positions: [0.1, 0.1,", 8, "3 positions for 2 joints"),
         ("- 'B'", "- 'A'", 5, "joint 'A' occurs twice"),
-        ("effort:", "colour:", 11, "unknown field 'colour' of point"),
+        ("effort:", "color:", 11, "unknown field 'color' of point"),
         ("effort: []", "effort: []\n  effort: []", 12, "field 'effort' of point occurs twice"),
         ("  time_from_start: {sec: 0, nanosec: 0}\n", "", 8, "field 'time_from_start' of point is missing"),
         ("nanosec: 10000000", "nanosec: -1", 17, "nanosec is '-1', expected a whole number"),
@@ -291,7 +291,7 @@ def wrong_npz(tmp_path, **changes):
         ({"coefficients": np.full((2, 2, 2), np.inf)}, "coefficients: got inf"),
         ({"coefficients": np.zeros((3, 2, 2))}, "coefficients: got shape (3, 2, 2)"),
         ({"breaks": None}, "expected breaks, coefficients"),
-        ({"colour": np.zeros(1)}, "holds breaks, coefficients, colour"),
+        ({"color": np.zeros(1)}, "holds breaks, coefficients, color"),
         ({"format": np.array("other")}, "expected 'pepper_kin.trajectory'"),
         ({"version": np.array(2)}, "expected 1"),
         ({"joint_names": np.array([1, 2])}, "joint_names is int64"),
@@ -385,7 +385,7 @@ def test_naoqi_arguments_are_plain_lists(trajectory):
     arguments = naoqi_arguments(trajectory, 0.1)
     assert json.loads(json.dumps(arguments)) == list(arguments)
     slide = Trajectory(("BaseX", "A"), [0, 1], np.ones((1, 1, 2)), ("m", "rad"))
-    with pytest.raises(InvalidValueError, match="joints in metres: BaseX"):
+    with pytest.raises(InvalidValueError, match="joints in meters: BaseX"):
         naoqi_arguments(slide)
 
 

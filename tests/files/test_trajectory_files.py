@@ -55,7 +55,7 @@ def test_tables_of_one_folder_share_the_companion(tmp_path):
     assert columns["B.torque"]["unit"] == "N"
 
 
-def test_metres_come_back(tmp_path):
+def test_meters_come_back(tmp_path):
     slide = Trajectory(("X", "R"), [0, 1], np.ones((1, 3, 2)), ("m", "rad"))
     assert read_csv(write_csv(tmp_path / "x.csv", slide, 0.5)) == slide
 
@@ -73,7 +73,7 @@ def test_numbers_survive_exactly(good):
         (lambda t: t.replace("1e-300", "inf"), 4, "A.position is 'inf', expected a finite number"),
         (lambda t: t.replace("1e-300", "one"), 4, "A.position is 'one', expected a finite number"),
         (lambda t: t.replace("2.0,", "1.0,"), 4, "time 1.0 does not come after 1.0 of the line before"),
-        (lambda t: t.replace("A.position", "A.colour"), 1, "unknown column 'A.colour'"),
+        (lambda t: t.replace("A.position", "A.color"), 1, "unknown column 'A.color'"),
         (lambda t: t.replace("A.position", "position"), 1, "unknown column 'position'"),
         (lambda t: t.replace("A.position", "A.position,A.position"), 1, "column 'A.position' occurs twice"),
         (lambda t: "x,y\n1,2\n", 1, "is no table: its first line does not begin with 'time'"),

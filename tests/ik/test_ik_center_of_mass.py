@@ -1,4 +1,4 @@
-"""The centre of mass as a task, against a sum over the links and against the tipping margin."""
+"""The center of mass as a task, against a sum over the links and against the tipping margin."""
 
 import math
 
@@ -17,7 +17,7 @@ REACH = pk.ik.HandPosition("left", (-0.1, 0.4, 0.5))
 
 
 def center(q):
-    """Centre of mass by Pinocchio of the robot put free into space, where no link is left out."""
+    """Center of mass by Pinocchio of the robot put free into space, where no link is left out."""
     full = pinocchio.neutral(FLOATING)
     names = list(FLOATING.names)
     for name, value in zip(PEPPER.joint_names, q, strict=True):
@@ -26,7 +26,7 @@ def center(q):
 
 
 def inside(q, contacts=WHEEL_CONTACTS):
-    """Distance of the centre of mass to the nearest line through two contacts, negative outside."""
+    """Distance of the center of mass to the nearest line through two contacts, negative outside."""
     corners, point = np.array(contacts), center(q)
     distances = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -58,7 +58,7 @@ def test_over_a_point(solver):
     result = pk.ik.solve(PEPPER, pk.ik.CenterOfMass(point), solver=solver)
     assert result.success, result.report()
     assert math.dist(center(result.q), point) <= 1e-3
-    assert "centre of mass: error " in result.report()
+    assert "center of mass: error " in result.report()
     assert "of the floor" in result.report()
 
 
@@ -72,7 +72,7 @@ def test_a_reach_that_keeps_its_balance(solver):
     result = pk.ik.solve(PEPPER, [REACH, pk.ik.CenterOfMassOverWheels(margin)], solver=solver)
     assert result.success, result.report()
     assert inside(result.q) >= margin - 1e-3
-    assert "margin of centre of mass" in result.met
+    assert "margin of center of mass" in result.met
     assert " inside the wheels" in result.report()
 
 
@@ -116,7 +116,7 @@ def test_what_is_lacking_is_said():
     result = pk.ik.solve(PEPPER, pk.ik.CenterOfMass((0.5, 0.0)))
     assert not result.success
     gap = math.dist(center(result.q), (0.5, 0.0))
-    assert f"centre of mass stops {100 * gap:.1f} cm short of (0.500, 0.000)" in result.report()
+    assert f"center of mass stops {100 * gap:.1f} cm short of (0.500, 0.000)" in result.report()
     leaning = pk.ik.solve(
         PEPPER, [pk.ik.HandPosition("left", (0.75, 0.1, 0.5), hard=True), pk.ik.CenterOfMassOverWheels(0.08)]
     )
@@ -129,18 +129,18 @@ def test_what_is_lacking_is_said():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: pk.ik.CenterOfMass((0, 0, 0)), ["point of centre of mass", "(3,)", "(2,)"]),
-        (lambda: pk.ik.CenterOfMass((0, math.nan)), ["point of centre of mass", "nan"]),
-        (lambda: pk.ik.CenterOfMass((0, 0), hard=1), ["hard of centre of mass", "True or False"]),
-        (lambda: pk.ik.CenterOfMassOverWheels(math.inf), ["margin of centre of mass", "inf"]),
-        (lambda: pk.ik.CenterOfMassOverWheels((0.1, 0.2)), ["margin of centre of mass", "(2,)"]),
-        (lambda: pk.ik.CenterOfMassOverWheels(0.2), ["margin of centre of mass", "0.2000 m", "at most"]),
+        (lambda: pk.ik.CenterOfMass((0, 0, 0)), ["point of center of mass", "(3,)", "(2,)"]),
+        (lambda: pk.ik.CenterOfMass((0, math.nan)), ["point of center of mass", "nan"]),
+        (lambda: pk.ik.CenterOfMass((0, 0), hard=1), ["hard of center of mass", "True or False"]),
+        (lambda: pk.ik.CenterOfMassOverWheels(math.inf), ["margin of center of mass", "inf"]),
+        (lambda: pk.ik.CenterOfMassOverWheels((0.1, 0.2)), ["margin of center of mass", "(2,)"]),
+        (lambda: pk.ik.CenterOfMassOverWheels(0.2), ["margin of center of mass", "0.2000 m", "at most"]),
         (
             lambda: pk.ik.CenterOfMassOverWheels(contacts=((0, 0), (0, 1), (1, 0))),
             ["contacts", "counter-clock"],
         ),
         (lambda: pk.ik.CenterOfMassOverWheels(contacts=((0, 0), (1, 0))), ["contacts", "k >= 3"]),
-        (lambda: pk.ik.CenterOfMassOverWheels(tolerance=math.nan), ["tolerance of centre of mass", "nan"]),
+        (lambda: pk.ik.CenterOfMassOverWheels(tolerance=math.nan), ["tolerance of center of mass", "nan"]),
     ],
 )
 def test_bad_numbers_are_refused_by_name(make, words):

@@ -43,7 +43,7 @@ def make_heavy(pepper):
 
 
 def center(q, heavy):
-    """Centre of mass over the floor by Pinocchio alone, of the robot put free into space."""
+    """Center of mass over the floor by Pinocchio alone, of the robot put free into space."""
     model = pinocchio.buildModelFromXML(pk.load_pepper().urdf, pinocchio.JointModelFreeFlyer())
     if heavy:
         model.inertias[model.getJointId("LWristYaw")].mass += 3.0

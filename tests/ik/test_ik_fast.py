@@ -42,7 +42,7 @@ TASKS = {
             "LArm_effector", "RArm_effector", transform((0.0, 0.3, 0.0), (0.1, 0.2, 0.3))
         ).parts
     ),
-    "centre of mass": [pk.ik.CenterOfMass((0.02, -0.01), weight=3.0)],
+    "center of mass": [pk.ik.CenterOfMass((0.02, -0.01), weight=3.0)],
     "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08)],
     "expression": [
         pk.ik.Expression(PEPPER, lambda q: casadi.vertcat(q[3] * q[4], casadi.sin(q[5])), 0.1, [0.1, 0.2])
@@ -138,7 +138,7 @@ def test_angles_from_none_to_a_half_turn(angle):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 15))
-def test_box_programme_against_scipy(seed, k):
+def test_box_program_against_scipy(seed, k):
     generator = np.random.default_rng(seed)
     rows = generator.normal(size=(max(k // 2, 1), k))
     matrix = rows.T @ rows + 1e-3 * np.eye(k)
@@ -269,7 +269,7 @@ def test_results_travel_between_processes():
 
 @pytest.mark.parametrize("away", [0.0, 3e-7, 2e-3, 0.05])
 def test_a_point_in_the_camera_is_not_called_met_unless_it_is_looked_at(away):
-    """Nearer than a micrometre a point has no direction; what is called solved is so by the task."""
+    """Nearer than a micrometer a point has no direction; what is called solved is so by the task."""
     q = PEPPER.posture("Stand")
     origin = pk.kinematics.frame_pose(PEPPER, q, "CameraTop_frame")[:3, 3]
     task = pk.ik.LookAt(origin + np.array([0.0, away, 0.0]))

@@ -39,7 +39,7 @@ EVERY_KIND = {
     "relative orientation": lambda hard: pk.ik.RelativeOrientation(
         "l_wrist", "r_wrist", np.eye(3), hard=hard
     ),
-    "centre of mass": lambda hard: pk.ik.CenterOfMass((0.0, 0.0), hard=hard),
+    "center of mass": lambda hard: pk.ik.CenterOfMass((0.0, 0.0), hard=hard),
     "over wheels": lambda hard: pk.ik.CenterOfMassOverWheels(hard=hard),
     "base": lambda hard: pk.ik.BasePlacement((0.0, 0.0), 0.0, hard=hard),
 }

@@ -18,7 +18,7 @@ TASK_LISTS = {
     "gaze behind": [pk.ik.LookAt((-1.0, 0.2, 0.9), weight=0.5)],
     "pointing": [pk.ik.Point("left", (0.2, 1.0, 0.3), weight=3.0)],
     "orientation": [pk.ik.FrameOrientation("LArm_effector", rotation_rpy(1.0, 0.5, -0.4))],
-    "centre of mass": [pk.ik.CenterOfMass((0.05, 0.02))],
+    "center of mass": [pk.ik.CenterOfMass((0.05, 0.02))],
     "both hands": list(
         pk.ik.RelativePose("LArm_effector", "RArm_effector", transform((0.0, 0.3, 0.0))).parts
     ),

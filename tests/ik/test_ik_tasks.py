@@ -30,7 +30,7 @@ TASKS = {
     "joint": pk.ik.JointValue("HipRoll", 0.1),
     "relative position": pk.ik.RelativePosition("LArm_effector", "RArm_effector", (0.1, 0.3, -0.1)),
     "relative orientation": pk.ik.RelativeOrientation("LArm_effector", "Head", rotation_rpy(0.2, 0.4, -1.0)),
-    "centre of mass": pk.ik.CenterOfMass((0.02, -0.01)),
+    "center of mass": pk.ik.CenterOfMass((0.02, -0.01)),
     "over the wheels": pk.ik.CenterOfMassOverWheels(0.08),
 }
 EXPRESSIONS = {

@@ -27,7 +27,7 @@ QUANTITIES = [
     "forward dynamics",
     "frame Jacobian",
     "frame Jacobian rate",
-    "centre-of-mass Jacobian",
+    "center-of-mass Jacobian",
     "d tau / d q",
     "d tau / d v",
     "d tau / d a",
@@ -83,7 +83,7 @@ def test_a_wrong_mass_in_the_symbolic_form_is_named(monkeypatch):
     assert not check.ok
     assert all(name.endswith("(symbolic)") for name in check.failures)
     assert failing(check) == {
-        "inverse dynamics", "mass matrix", "forward dynamics", "centre-of-mass Jacobian",
+        "inverse dynamics", "mass matrix", "forward dynamics", "center-of-mass Jacobian",
         "d tau / d q", "d tau / d v", "d tau / d a", "d a / d q", "d a / d v", "d a / d tau",
     }  # fmt: skip
     assert check.report().splitlines()[-1].startswith("Beyond the limit: inverse dynamics (symbolic), ")

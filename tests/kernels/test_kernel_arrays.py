@@ -108,7 +108,7 @@ def test_result_does_not_depend_on_threads(kernel, count):
             np.testing.assert_array_equal(got, want)
 
 
-def test_result_of_a_state_does_not_depend_on_its_neighbours(kernel):
+def test_result_of_a_state_does_not_depend_on_its_neighbors(kernel):
     inputs = arguments((37,))
     together = kernel(*inputs)
     for k in range(37):

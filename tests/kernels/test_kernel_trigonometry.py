@@ -72,7 +72,7 @@ def test_beyond_the_fast_range_the_result_is_still_right(dtype, target):
     assert error_in_ulp(cosine[:, 0], np.cos(exact)) < 2.0
 
 
-def test_not_finite_gives_nan_and_leaves_neighbours_alone():
+def test_not_finite_gives_nan_and_leaves_neighbors_alone():
     angles = np.array([0.5, np.nan, np.inf, -0.5, 0.25])
     sine, cosine, tangent = sine_cosine("float64", host_target())(angles[:, None], check_finite=False)
     finite = np.isfinite(angles)

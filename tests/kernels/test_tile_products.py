@@ -8,7 +8,7 @@ import pytest
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats2
 from pepper_kin.kernels.tile_products import TILE_COLUMNS, TILE_ROWS, add_tile
-from pepper_kin.planners.optimisation.banded import PADDING, factorize
+from pepper_kin.planners.optimization.banded import PADDING, factorize
 
 
 @compiled("void(float64[:, ::1], float64[:, ::1], int64, int64, float64)")

@@ -61,7 +61,7 @@ def test_differences_from_the_published_list():
     assert kinds == {"two hands": 222, "hand and body": 172, "body": 5, "one hand": 4}
 
 
-def test_adjacent_pairs_are_the_neighbours():
+def test_adjacent_pairs_are_the_neighbors():
     """One joint apart, frames and links without shapes not counted."""
     pepper = pk.load_pepper(hands="mimic")
     with_shape = {shape.link for shape in pepper.collision_shapes}
@@ -126,7 +126,7 @@ def test_a_hand_may_close_on_itself_but_not_on_the_other():
     ours = our_pairs()
     assert ("LFinger13_link", "RFinger13_link") not in ours
     assert ("l_wrist", "r_wrist") not in ours
-    # Two neighbours curled farther than the coupling ever curls them.
+    # Two neighbors curled farther than the coupling ever curls them.
     free = pk.load_pepper(hands="independent")
     curled = free.joint_vector(
         {f"LFinger{finger}{phalanx}": 0.0 for finger in (2, 3) for phalanx in (1, 2, 3)}

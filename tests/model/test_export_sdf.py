@@ -71,7 +71,7 @@ class SdfModel:
         return base @ motion @ pose_of(placement)
 
     def bodies(self, values, known=None):
-        """(mass, centre, inertia about it) of each link, in the model frame."""
+        """(mass, center, inertia about it) of each link, in the model frame."""
         known = {} if known is None else known
         for name, link in self.links.items():
             pose, inertial = self.pose(name, values, known), link.find("inertial")

@@ -133,7 +133,7 @@ def test_collision_capsules_are_read_back_as_capsules():
     np.testing.assert_allclose(found, ends, atol=1e-9)
 
 
-def test_open_hand_has_the_published_mass_however_the_fingers_are_modelled():
+def test_open_hand_has_the_published_mass_however_the_fingers_are_modeled():
     """The fingers' mass is taken out of the wrist body, so the open mimic hand equals the locked one."""
     locked, mimic = pk.load_pepper(), pk.load_pepper(hands="mimic")
     q = locked.posture("Stand")

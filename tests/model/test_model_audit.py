@@ -46,7 +46,7 @@ def test_pepper_has_no_fault(base, hands):
         == {"locked": (28, 0, 0, 0), "mimic": (0, 28, 0, 0), "independent": (0, 0, 28, 0)}[hands]
     )
     assert result.meshes > 60
-    # Bodies whose motors sit inside a neighbour: known, noted, and no others.
+    # Bodies whose motors sit inside a neighbor: known, noted, and no others.
     assert {note.where.removeprefix("link ") for note in result.notes} == {
         "Neck", "LElbow", "RElbow", "LForeArm", "RForeArm",
     }  # fmt: skip
@@ -74,7 +74,7 @@ def inside_out_sphere():
 
 
 def heavy_finger():
-    """The published 5 g finger whose mass would have to lie 14 cm from its centre."""
+    """The published 5 g finger whose mass would have to lie 14 cm from its center."""
     text = pepper_text()
     start = text.index('<link name="LFinger12_link"')
     end = text.index("</inertial>", start)

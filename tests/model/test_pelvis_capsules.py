@@ -75,7 +75,7 @@ def test_they_hold_the_measured_body_and_6_mm_around_it():
     free = left_out(points)
     assert not in_all_fits(free).any()
     free = left_out(points, thinner=0.002)
-    assert in_all_fits(free).any()  # two millimetres less would not do
+    assert in_all_fits(free).any()  # two millimeters less would not do
 
 
 def test_what_they_leave_out_is_far_from_the_sections():

@@ -51,7 +51,7 @@ def dense(spline, step):
 
 
 @pytest.mark.parametrize("margins", [(0.005, 0.0006), (0.0, 0.0), (0.006, 0.0015)])
-def test_what_is_clear_is_clear_by_coal_at_half_a_millimetre(checks, margins):
+def test_what_is_clear_is_clear_by_coal_at_half_a_millimeter(checks, margins):
     coal = pk.collision.CollisionChecker(PEPPER, TABLE)
     wide = pk.collision.CollisionChecker(PEPPER, TABLE, margins[0] + 0.002, margins[1] + 0.002)
     verdicts, examiner = [], of_left_arm(checks)
@@ -68,7 +68,7 @@ def test_what_is_clear_is_clear_by_coal_at_half_a_millimetre(checks, margins):
 
 
 def test_a_thin_pin_between_coarse_steps_is_found(checks):
-    """A pin that only half a millimetre of the way touches: no margin, so that only close steps see it."""
+    """A pin that only half a millimeter of the way touches: no margin, so that only close steps see it."""
     spline = next(splines(1, seed=3))
     middle = spline.at(np.array([1]), np.diff(spline.breaks)[1:2] / 2)[0]
     tip = frame_pose(PEPPER, middle, "LArm_effector")[:3, 3]

@@ -8,8 +8,8 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Wheels
-from pepper_kin.motion import Cost, OptimisedStatus, optimise
-from pepper_kin.motion.optimisation.cost import figures_of
+from pepper_kin.motion import Cost, OptimizedStatus, optimize
+from pepper_kin.motion.optimization.cost import figures_of
 from pepper_kin.motion.smoothed_plan import smoothed
 
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
@@ -40,7 +40,7 @@ def pair(pepper):
 def test_the_motion_is_better_than_the_retimed_plan_and_its_certificate_is_green(pepper, pair):
     plain, made = pair
     assert made.success, made.report()
-    assert made.optimised.status is OptimisedStatus.IMPROVED, made.report()
+    assert made.optimized.status is OptimizedStatus.IMPROVED, made.report()
     before, after = (figures_of(pepper, m) for m in (pk.retime(pepper, plain), made.trajectory))
     assert after.cost(Cost()) < before.cost(Cost())
     certificate = made.trajectory.check(pepper, TABLE)
@@ -53,7 +53,7 @@ def test_the_motion_is_better_than_the_retimed_plan_and_its_certificate_is_green
 def test_path_and_curve_are_those_of_the_motion(pepper, pair):
     plain, made = pair
     assert plain.trajectory is None
-    assert plain.optimised is None
+    assert plain.optimized is None
     np.testing.assert_array_equal(made.path[0], plain.path[0])
     np.testing.assert_allclose(made.path[-1], plain.goal, atol=1e-9)
     np.testing.assert_allclose(made.path, made.trajectory(made.trajectory.breaks).position, atol=1e-12)
@@ -81,13 +81,13 @@ def test_a_batch_returns_the_same_motions(pepper, pair):
     np.testing.assert_allclose(found.trajectory.coefficients, pair[1].trajectory.coefficients, atol=1e-9)
 
 
-def test_where_optimisation_gains_nothing_the_retimed_plan_stays():
+def test_where_optimization_gains_nothing_the_retimed_plan_stays():
     """A search without time to make a step offers a slower motion than that along the plan's own path."""
     robot = pk.load_robot(TWO_JOINTS.format(effort=30))
     plain = pk.plan(robot, [0.0, 0.0], [1.0, 0.0])
     made = smoothed(robot, plain, None, margins=(0.01, 0.0), timeout=1e-9)
     retimed = pk.retime(robot, plain)
-    assert not made.optimised.success, made.message
+    assert not made.optimized.success, made.message
     assert made.trajectory.duration == pytest.approx(retimed.duration, rel=1e-9)
     assert made.curve is plain.curve
     assert made.path is plain.path
@@ -95,7 +95,7 @@ def test_where_optimisation_gains_nothing_the_retimed_plan_stays():
     assert f"{retimed.duration:.3f} s" in made.message
 
 
-def test_payloads_are_optimised_too_and_their_certificate_is_green(pepper):
+def test_payloads_are_optimized_too_and_their_certificate_is_green(pepper):
     goal = pepper.joint_vector(
         {
             "LShoulderPitch": 1.2,
@@ -107,11 +107,11 @@ def test_payloads_are_optimised_too_and_their_certificate_is_green(pepper):
     )
     carried = {"payload": {"left": 0.4}}
     made = pk.plan(pepper, pepper.posture("Stand"), goal, TABLE, smooth=True, **carried)
-    assert made.optimised.status is OptimisedStatus.IMPROVED, made.message
+    assert made.optimized.status is OptimizedStatus.IMPROVED, made.message
     certificate = made.trajectory.check(pepper, TABLE, **carried)
     assert all(certificate.checks[part].ok for part in PARTS), certificate.report()
     # The same motion without regard to the load asks too much of the joints, by another Newton-Euler.
-    loaded, alone = (optimise(pepper, made.path, TABLE, **held) for held in (carried, {}))
+    loaded, alone = (optimize(pepper, made.path, TABLE, **held) for held in (carried, {}))
     assert loaded.success
     assert alone.success
     assert loaded.trajectory.check(pepper, TABLE, **carried).torque.ok
@@ -127,7 +127,7 @@ def test_bases_that_drive_are_timed_along_their_path():
     driven = pk.plan(cart, cart.neutral(), cart.joint_vector({"BaseX": 2.0}), smooth=True)
     assert driven.success
     assert driven.trajectory is not None
-    assert driven.optimised is None
+    assert driven.optimized is None
     assert "goes where it points" in driven.message
 
 
@@ -140,7 +140,7 @@ def test_balance_over_a_base_that_moves_is_timed_along_the_path():
     pepper = pk.load_pepper(base="planar")
     plain = pk.plan(pepper, pepper.neutral(), pepper.joint_vector({"BaseX": 0.3, "HeadYaw": 0.4}))
     made = smoothed(pepper, plain, None, margins=(0.01, 0.0), timeout=5.0, balance=0.005)
-    assert "balance over a base that moves is not optimised" in made.message
+    assert "balance over a base that moves is not optimized" in made.message
     assert made.trajectory.duration == pk.retime(pepper, plain, balance=0.005).duration
 
 

@@ -60,9 +60,7 @@ def test_interpolation_is_by_arc_length(points: np.ndarray, weights: np.ndarray,
 
 
 @given(polylines, weight_vectors)
-def test_merging_leaves_no_near_neighbours_and_keeps_the_ends(
-    points: np.ndarray, weights: np.ndarray
-) -> None:
+def test_merging_leaves_no_near_neighbors_and_keeps_the_ends(points: np.ndarray, weights: np.ndarray) -> None:
     merged = Path(np.repeat(points, 2, axis=0), weights).merged(0.5)
     assert np.array_equal(merged.points[0], points[0])
     if len(merged) > 1:

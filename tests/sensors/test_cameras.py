@@ -15,7 +15,7 @@ def ahead(pepper, q, camera, x, y, z):
     return pose[:3, :3] @ [x, y, z] + pose[:3, 3]
 
 
-def test_a_ball_appears_with_the_right_centre_size_and_depth(pepper):
+def test_a_ball_appears_with_the_right_center_size_and_depth(pepper):
     q, camera = pepper.posture("Stand"), Camera(pepper, "camera_depth", floor=False)
     radius, far = 0.1, 1.5
     scene = pk.Scene().add_sphere("ball", radius, ahead(pepper, q, camera, 0.0, 0.0, far))
@@ -91,7 +91,7 @@ def test_the_hand_in_front_of_the_eyes_is_seen_where_it_is(pepper):
     assert not np.isfinite(camera.depth(pepper.joint_vector({"HeadPitch": -0.7}))).any()
 
 
-def test_colours_are_those_of_the_scene_in_the_light(pepper):
+def test_colors_are_those_of_the_scene_in_the_light(pepper):
     q, camera = pepper.posture("Stand"), Camera(pepper, "camera_top", floor=False)
     red = (0.9, 0.1, 0.1, 1.0)
     center = ahead(pepper, q, camera, 0, 0, 1.5)

@@ -135,21 +135,21 @@ def test_stopping_speed_is_the_inverse_of_the_distance_to_rest():
     generator = np.random.default_rng(8)
     for _ in range(200):
         a, dt, v = generator.uniform(0.5, 60), generator.choice([0.001, 0.01, 0.05]), generator.uniform(0, 20)
-        travelled, speed = 0.0, v
+        traveled, speed = 0.0, v
         while speed > 0:
-            travelled += dt * speed
+            traveled += dt * speed
             speed -= a * dt
-        assert stopping_speed(travelled, a, dt) == pytest.approx(v, rel=1e-9)
+        assert stopping_speed(traveled, a, dt) == pytest.approx(v, rel=1e-9)
         end = ticks_to_rest(np.array([v]), np.array([a]), dt)
         assert brake_path(np.array([-v]), np.array([a]), dt, np.array([end]))[0, 0] == pytest.approx(
-            -travelled
+            -traveled
         )
     assert stopping_speed(np.inf, 1.0, 0.01) == np.inf
     assert stopping_speed(0.3, np.inf, 0.01) == pytest.approx(30.0)
     assert stopping_speed(0.0, 5.0, 0.01) == 0.0
 
 
-def test_programme_finds_the_minimum():
+def test_program_finds_the_minimum():
     """Against ProxSuite: no objective is higher, no constraint broken; also with parallel, empty rows."""
     from proxsuite import proxqp
 

@@ -110,7 +110,7 @@ def test_momentum_changes_by_the_floor(lawful_robot, states):
     rate = (at(step) - at(-step)) / (2 * step)
     wrench = call(symbolic.base_wrench(robot), q, v, a).ravel()
     force = wrench[:3] + mass * gravity
-    # About the moving centre of mass, which has a velocity along the linear momentum of all links.
+    # About the moving center of mass, which has a velocity along the linear momentum of all links.
     moment = wrench[3:] - np.cross(center, wrench[:3])
     scale = 1e-6 * (np.abs(wrench).max() + 1)
     np.testing.assert_allclose(rate[:3], force, atol=scale)

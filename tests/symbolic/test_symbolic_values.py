@@ -34,7 +34,7 @@ class Reference:
         return self.both(self.data.dtau_dq), self.both(self.data.dtau_dv)
 
     def centroidal(self):
-        """Momentum about the centre of all links, from Pinocchio's about that of the moving ones."""
+        """Momentum about the center of all links, from Pinocchio's about that of the moving ones."""
         pin.ccrba(self.model, self.data, self.q, self.v)
         offset = np.array(self.data.com[0]) - pk.dynamics.center_of_mass(self.pepper, self.state[0])
         result = np.array(self.data.Ag)

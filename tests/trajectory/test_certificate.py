@@ -155,7 +155,7 @@ def test_clearance_is_that_of_every_millisecond(pepper, seed):
     assert found.ok == (not touching.any())
 
 
-def test_neighbours_that_touch_fail_without_a_distance(pepper):
+def test_neighbors_that_touch_fail_without_a_distance(pepper):
     names = ("HipPitch", "HipRoll", "HeadYaw", "HeadPitch")
     rng = np.random.default_rng(0)
     q = np.repeat(pepper.posture("Stand")[None], 400, axis=0)
@@ -168,7 +168,7 @@ def test_neighbours_that_touch_fail_without_a_distance(pepper):
     found = motion.check(pepper, pk.Scene()).clearance
     assert not found.ok
     assert found.value == -1e-9
-    assert "two neighbouring links touch, by their joint ranges" in found.sentence()
+    assert "two neighboring links touch, by their joint ranges" in found.sentence()
     at = motion.sample(0.001)
     assert found.time == at.time[np.argmax(pk.collision.in_collision(pepper, at.position))]
 

@@ -216,7 +216,7 @@ def test_joints_with_way_points_on_their_limits_are_monotone_and_smooth(pepper, 
 
 
 @pytest.mark.parametrize("base", ["planar"])
-def test_joints_in_metres_keep_their_unit(base):
+def test_joints_in_meters_keep_their_unit(base):
     robot = pk.load_pepper(base=base)
     goal = robot.posture("Stand")
     goal[0] += 0.05

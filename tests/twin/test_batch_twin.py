@@ -112,7 +112,7 @@ def changed(robot, scales, payload):
     return model
 
 
-def test_threads_and_neighbours_change_nothing(pepper, trajectory):
+def test_threads_and_neighbors_change_nothing(pepper, trajectory):
     lone = TwinBatch(pepper, 2).execute(trajectory, every=10)
     many = TwinBatch(pepper, 13).execute(trajectory, every=10, threads=2)
     for robot in range(13):

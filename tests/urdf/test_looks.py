@@ -131,7 +131,7 @@ def test_skirt_follows_the_measured_footprint() -> None:
 
 
 def test_eyes_sit_where_they_were_measured() -> None:
-    _, y, z = features()["head"]["eyes"]["centre_left"]
+    _, y, z = features()["head"]["eyes"]["center_left"]
     points = _corners(MESH_FOLDER / "head_eyes.stl").reshape(-1, 3)
     for side in (1.0, -1.0):
         eye = points[side * points[:, 1] > 0.0]
@@ -186,11 +186,11 @@ def test_macros_expand_to_existing_meshes_and_materials(tmp_path: Path) -> None:
     source = tmp_path / "all.xacro"
     source.write_text(text)
     robot = ElementTree.fromstring(xacro.process_file(str(source)).toxml())
-    colours = {item.get("name"): item.find("color").get("rgba") for item in robot.findall("material")}
-    assert {name: tuple(map(float, rgba.split())) for name, rgba in colours.items()} == MATERIALS
+    colors = {item.get("name"): item.find("color").get("rgba") for item in robot.findall("material")}
+    assert {name: tuple(map(float, rgba.split())) for name, rgba in colors.items()} == MATERIALS
     used = set()
     for visual in robot.iter("visual"):
-        assert visual.find("material").get("name") in colours
+        assert visual.find("material").get("name") in colors
         address = visual.find("geometry/mesh").get("filename")
         assert address.startswith("package://somewhere/")
         used.add(MESH_FOLDER / address.removeprefix("package://somewhere/"))

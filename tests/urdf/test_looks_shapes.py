@@ -17,14 +17,14 @@ from pepper_kin.urdf.looks.solids import drum, ellipsoid
 from pepper_kin.urdf.looks.stl import corners_from_bytes, to_bytes
 
 RADII = np.array([0.05, 0.08, 0.11])
-CENTRE = np.array([0.01, -0.02, 0.03])
+CENTER = np.array([0.01, -0.02, 0.03])
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_ellipsoid_has_its_volume_and_surface(axis: str) -> None:
-    mesh = ellipsoid(CENTRE, RADII, axis).mesh(120, 90)
+    mesh = ellipsoid(CENTER, RADII, axis).mesh(120, 90)
     assert mesh.volume == pytest.approx(4.0 / 3.0 * math.pi * np.prod(RADII), rel=0.01)
-    level = np.linalg.norm((mesh.vertices - CENTRE) / RADII, axis=1)
+    level = np.linalg.norm((mesh.vertices - CENTER) / RADII, axis=1)
     assert np.abs(level - 1.0).max() < 0.01
 
 
@@ -47,11 +47,11 @@ def test_drum_volume_grows_to_that_of_the_cylinder_as_the_fillets_vanish() -> No
 
 
 def test_rays_hit_the_sphere_at_its_radius() -> None:
-    ball = ellipsoid(CENTRE, np.full(3, 0.07))
+    ball = ellipsoid(CENTER, np.full(3, 0.07))
     generator = np.random.default_rng(4)
     directions = generator.normal(size=(200, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    distance = np.linalg.norm(ball.hit(CENTRE, directions) - CENTRE, axis=1)
+    distance = np.linalg.norm(ball.hit(CENTER, directions) - CENTER, axis=1)
     assert np.abs(distance - 0.07).max() < 0.0005
 
 
@@ -68,8 +68,8 @@ def test_hit_points_lie_on_the_gauge_and_origins_outside_are_refused() -> None:
 def test_lofts_pass_near_the_measured_sections(name: str) -> None:
     # The outermost sections are left out: some links end flat there, and the default ends are round.
     rows = link_shape(name).sections[1:-1]
-    centre, half, _ = measured_loft(name).section(rows[:, 0])
-    assert np.abs(centre - rows[:, 1:3]).max() < 0.005
+    center, half, _ = measured_loft(name).section(rows[:, 0])
+    assert np.abs(center - rows[:, 1:3]).max() < 0.005
     assert np.abs(half - rows[:, 3:5]).max() < 0.005
     assert np.median(np.abs(half - rows[:, 3:5])) < 0.001
 

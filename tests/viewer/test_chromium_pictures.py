@@ -24,7 +24,7 @@ def page(machine, tmp_path):
     )
 
 
-def red_centre(path):
+def red_center(path):
     """Middle of the red pixels, as column and row."""
     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
     rows, columns = np.nonzero((pixels[..., 0] > 2 * pixels[..., 1]) & (pixels[..., 0] > 60))
@@ -39,9 +39,9 @@ def test_pictures_show_the_chosen_time_and_repeat_to_the_pixel(chromium_path, pa
     assert Image.open(early).size == (320, 240)
     np.testing.assert_array_equal(np.asarray(Image.open(early)), np.asarray(Image.open(again)))
     # Seen from the front, the robot's left (+y) is on the right; the cube slides from -y to +y.
-    assert red_centre(early)[0] < 140
-    assert red_centre(late)[0] > 180
-    assert abs(red_centre(early)[1] - red_centre(late)[1]) < 3
+    assert red_center(early)[0] < 140
+    assert red_center(late)[0] > 180
+    assert abs(red_center(early)[1] - red_center(late)[1]) < 3
 
 
 def test_without_a_chromium_the_message_says_how_to_get_one(page, tmp_path, monkeypatch):

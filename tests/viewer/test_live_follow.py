@@ -100,13 +100,13 @@ def test_a_dragged_target_takes_the_hand_along(open_live, until, fresh, pepper):
     until(page, f"{place}.every((x, k) => Math.abs(x - {wrist.tolist()}[k]) < 1e-4)")
 
 
-def test_within_half_a_second_the_hand_is_within_a_centimetre(fresh, pepper):
+def test_within_half_a_second_the_hand_is_within_a_centimeter(fresh, pepper):
     """Counted in the servo's own time, so that a busy machine does not fail it."""
     start = hand(fresh, pepper)
 
     def follow(session):
         clock = session._now
-        for k in range(12):  # eight centimetres in two tenths of a second, as a hand drags
+        for k in range(12):  # eight centimeters in two tenths of a second, as a hand drags
             session.move_target("left hand", start + np.array([0.03, 0.04, 0.06]) * (k + 1) / 12)
             session.tick(0.02)
         for _ in range(26):

@@ -137,10 +137,10 @@ def test_the_points_of_balance_are_where_dynamics_puts_them(open_live, until, se
     q = pepper.joint_vector({"HipPitch": -0.4})
     until(page, at(q))
     mass = pk.dynamics.center_of_mass(pepper, q)
-    where = "pepperKin.parts.scene.place('@centre of mass')"
+    where = "pepperKin.parts.scene.place('@center of mass')"
     until(page, f"{where}.every((x, k) => Math.abs(x - {mass.tolist()}[k]) < 1e-4)")
     point = page.evaluate("pepperKin.parts.scene.place('@zero-moment point')")
-    np.testing.assert_allclose(point[:2], mass[:2], atol=1e-6)  # at rest it is below the centre of mass
+    np.testing.assert_allclose(point[:2], mass[:2], atol=1e-6)  # at rest it is below the center of mass
 
 
 def test_obstacles_are_added_moved_sized_and_removed(open_live, until, server):

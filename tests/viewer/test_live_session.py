@@ -99,7 +99,7 @@ def test_what_is_wrong_is_refused_and_changes_nothing(session, pepper):
     np.testing.assert_array_equal(session.q, before)
 
 
-def test_obstacles_keep_name_turn_and_colour_when_moved_and_sized(session):
+def test_obstacles_keep_name_turn_and_color_when_moved_and_sized(session):
     scene = pk.Scene().add_box("shelf", (0.2, 0.3, 0.4), (1, 0, 1), rpy=(0, 0, 0.5))
     session.set_scene(scene)
     session.change_obstacle("shelf", position=np.array([0.9, 0.1, 1.0]), size=np.array([0.1, 0.2, 0.3]))

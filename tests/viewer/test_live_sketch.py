@@ -175,7 +175,7 @@ def test_the_sketch_looks_like_the_fine_picture(open_live, until, server, pepper
     page.evaluate(HOLD)
     page.wait_for_timeout(100)
     rough = picture_of(page)
-    # Shadows, highlights and edges differ; sky, floor, box and body are in the same places and colours.
+    # Shadows, highlights and edges differ; sky, floor, box and body are in the same places and colors.
     differs = np.abs(fine - rough).max(axis=2) > 60
     assert differs.mean() < 0.04
     assert np.abs(fine.mean(axis=(0, 1)) - rough.mean(axis=(0, 1))).max() < 6

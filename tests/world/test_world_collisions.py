@@ -35,7 +35,7 @@ def test_collisions_of_free_bodies_keep_momentum_and_never_add_energy(seed):
         assert after == pytest.approx(momentum, abs=1e-13)
     assert met > 20
     assert energy[-1] < 0.8 * energy[0]
-    assert np.diff(energy).max() < 1e-4 * energy[0]  # overlaps of hundredths of a millimetre are taken back
+    assert np.diff(energy).max() < 1e-4 * energy[0]  # overlaps of hundredths of a millimeter are taken back
 
 
 def test_two_balls_that_meet_head_on_go_on_together():

@@ -68,7 +68,7 @@ def test_a_block_sticks_below_the_friction_angle(yaw):
 
 
 def turn_about(world, name, axis, angle):
-    """Turn a body about an axis through its centre."""
+    """Turn a body about an axis through its center."""
     from scipy.spatial.transform import Rotation
 
     turned = Rotation.from_rotvec(angle * axis) * Rotation.from_matrix(world.bodies[name].pose[:3, :3])
@@ -145,7 +145,7 @@ def test_a_stack_of_boxes_stays():
         assert sum(abs(contact.force[2]) for contact in held) == pytest.approx(above, rel=1e-4)
 
 
-def test_a_tower_topples_when_its_centre_is_past_the_edge():
+def test_a_tower_topples_when_its_center_is_past_the_edge():
     table = Scene().add_box("table", (1.0, 1.0, 0.1), (0, 0, 0.45))
     for over, falls in ((-0.005, False), (0.005, True)):
         world = World(None, table)

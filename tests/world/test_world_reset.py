@@ -22,7 +22,7 @@ def test_a_reset_of_the_twin_leaves_the_world(falling):
     twin, way = falling
     twin.follow(way)
     fallen = twin.world.bodies["parcel"].position
-    assert fallen[2] < 0.775  # it was added a centimetre above the table
+    assert fallen[2] < 0.775  # it was added a centimeter above the table
     twin.reset()
     np.testing.assert_array_equal(twin.world.bodies["parcel"].position, fallen)
     twin.world.reset()

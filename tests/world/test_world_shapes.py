@@ -41,7 +41,7 @@ def distance(a, b):
 @pytest.mark.parametrize("free", ["box", "ball"])
 @pytest.mark.parametrize("name", STANDING)
 def test_the_nearest_point_is_at_coals_distance(name, free):
-    """Bodies held apart by hundredths of a millimetre to millimetres, in random attitudes."""
+    """Bodies held apart by hundredths of a millimeter to millimeters, in random attitudes."""
     rng = np.random.default_rng(7)
     shape, own = STANDING[name], Box((0.12, 0.1, 0.08)) if free == "box" else Sphere(0.06)
     pad = getattr(shape, "padding", getattr(shape, "radius", 0.0) if name == "cloud" else 0.0)

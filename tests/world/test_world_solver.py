@@ -89,11 +89,11 @@ def test_proxsuite_agrees_with_newton(seed, count, size):
     assert np.abs(problem.free + problem.response.T @ pushes - u).max() < 1e-6
 
 
-def test_a_programme_solved_again_starts_where_it_ended():
+def test_a_program_solved_again_starts_where_it_ended():
     problem = random_problem(3, 4, 6)
-    programme = ImpulseProgram()
-    first = programme.solve(impulses_of(problem))
-    again = programme.solve(impulses_of(problem._replace(free=problem.free + 1e-3)))
+    program = ImpulseProgram()
+    first = program.solve(impulses_of(problem))
+    again = program.solve(impulses_of(problem._replace(free=problem.free + 1e-3)))
     fresh = ImpulseProgram().solve(impulses_of(problem._replace(free=problem.free + 1e-3)))
     assert np.abs(first - again).max() > 1e-6
     assert np.abs(problem.response.T @ (again - fresh)).max() < 1e-7

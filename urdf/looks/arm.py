@@ -19,7 +19,7 @@ def shoulder() -> list[Part]:
     across = np.sqrt(radius**2 - s**2)
     rows = np.column_stack([s, 0.0 * s, 0.0 * s, across, across, np.full_like(s, 2.0)])
     ball = Loft("z", rows, low, high, (False, False), (0.003, 0.003))
-    return [Part("shoulder_ball", "pepper_grey", ball.mesh(36, 10))]
+    return [Part("shoulder_ball", "pepper_gray", ball.mesh(36, 10))]
 
 
 def left_bicep() -> list[Part]:
@@ -28,7 +28,7 @@ def left_bicep() -> list[Part]:
     cuff = band(surface, 0.1385, 0.1485, relief=Relief(0.0006, 0.0006, edge=4.0), segments=40)
     return [
         Part("left_bicep_shell", "pepper_white", surface.mesh(38, 19)),
-        Part("left_bicep_cuff", "pepper_light_grey", cuff),
+        Part("left_bicep_cuff", "pepper_light_gray", cuff),
     ]
 
 
@@ -44,7 +44,7 @@ def left_forearm() -> list[Part]:
     cuff = band(surface, 0.034, 0.040, relief=Relief(0.0005, 0.0005, edge=4.0), segments=40)
     return [
         Part("left_forearm_shell", "pepper_white", surface.mesh(38, 11)),
-        Part("left_forearm_cuff", "pepper_light_grey", cuff),
+        Part("left_forearm_cuff", "pepper_light_gray", cuff),
     ]
 
 
@@ -66,17 +66,17 @@ def left_wrist() -> list[Part]:
     )
     return [
         Part("left_hand_shell", "pepper_white", surface.mesh(36, 22)),
-        Part("left_hand_ring", "pepper_light_grey", ring),
-        Part("left_hand_touch", "pepper_light_grey", touch),
-        Part("left_hand_palm", "pepper_light_grey", palm),
+        Part("left_hand_ring", "pepper_light_gray", ring),
+        Part("left_hand_touch", "pepper_light_gray", touch),
+        Part("left_hand_palm", "pepper_light_gray", palm),
     ]
 
 
 def phalanx() -> list[Part]:
     """Return the visuals of the first and middle phalanges."""
-    return [Part("phalanx", "pepper_light_grey", measured_loft("phalanx").mesh(18, 11))]
+    return [Part("phalanx", "pepper_light_gray", measured_loft("phalanx").mesh(18, 11))]
 
 
 def fingertip() -> list[Part]:
     """Return the visuals of the last phalanges."""
-    return [Part("fingertip", "pepper_light_grey", measured_loft("fingertip").mesh(18, 11))]
+    return [Part("fingertip", "pepper_light_gray", measured_loft("fingertip").mesh(18, 11))]

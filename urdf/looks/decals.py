@@ -1,7 +1,7 @@
 """Thin plates that follow a surface: eyes, windows, seams, caps, bands.
 
-A decal gives a part of a shell another colour without cutting the shell underneath: its visible side lies a
-fraction of a millimetre above the shell, its hidden side below, its border dips into the shell.
+A decal gives a part of a shell another color without cutting the shell underneath: its visible side lies a
+fraction of a millimeter above the shell, its hidden side below, its border dips into the shell.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ _MIDDLE = np.array([0.005, 0.0, 0.115])
 
 def _sockets(points: Array) -> Array:
     """Press the two eye sockets into the face: x -= d (1 - r^2)^2 for r < 1, r = distance / socket radius."""
-    _, y, z = features()["head"]["eyes"]["centre_left"]
+    _, y, z = features()["head"]["eyes"]["center_left"]
     carved = points.copy()
     distance = np.hypot(np.abs(points[..., 1]) - y, points[..., 2] - z) / _SOCKET_RADIUS
     dent = _SOCKET_DEPTH * (1.0 - np.clip(distance, 0.0, 1.0) ** 3) ** 2
@@ -62,7 +62,7 @@ def _cap(surface: Loft, margin: float, relief: Relief) -> Mesh:
 
 def _eyes(surface: Loft) -> list[Part]:
     eyes = features()["head"]["eyes"]
-    _, y, z = eyes["centre_left"]
+    _, y, z = eyes["center_left"]
     half = (0.5 * eyes["width_y"], 0.5 * eyes["height_z"])
     dark, glow = [], []
     for side in (1.0, -1.0):
@@ -80,7 +80,7 @@ def _eyes(surface: Loft) -> list[Part]:
 
 def _ears() -> list[Part]:
     ears = features()["head"]["ears"]
-    x, _, z = ears["centre_left"]
+    x, _, z = ears["center_left"]
     outside, radius = 0.1061, ears["radius"]
     pod = drum("y", [0.0, 0.0, z + 0.002], (0.047, 0.047), (0.084, 0.1035), fillets=(0.0, 0.012))
     disc = drum("y", [x, 0.0, z], (radius, radius), (0.1, outside), fillets=(0.0, 0.004))
@@ -92,7 +92,7 @@ def _ears() -> list[Part]:
         segments=44,
     )
     both = {
-        "head_ear_pods": ("pepper_light_grey", pod.mesh(44, 6)),
+        "head_ear_pods": ("pepper_light_gray", pod.mesh(44, 6)),
         "head_ear_discs": ("pepper_white", disc.mesh(40, 5)),
         "head_ear_rings": ("pepper_led", halo),
     }
@@ -104,7 +104,7 @@ def _mouth_and_cameras(surface: Loft) -> list[Part]:
     size = (0.5 * mouth["width_y"], 0.5 * mouth["height_z"])
     slit = spot(
         surface,
-        Projector.toward([0.0, 0.0, mouth["centre"][2]], [1.0, 0.0, 0.0]),
+        Projector.toward([0.0, 0.0, mouth["center"][2]], [1.0, 0.0, 0.0]),
         size,
         relief=FLAT,
         exponent=2.5,
@@ -120,7 +120,7 @@ def head() -> list[Part]:
     surface = skull()
     return [
         Part("head_shell", "pepper_white", surface.mesh(64, 36)),
-        Part("head_cap_seam", "pepper_light_grey", _cap(surface, 0.0026, Relief(0.0007, 0.0006, edge=6.0))),
+        Part("head_cap_seam", "pepper_light_gray", _cap(surface, 0.0026, Relief(0.0007, 0.0006, edge=6.0))),
         Part("head_cap", "pepper_white", _cap(surface, 0.0, Relief(0.0014, -0.0003, edge=10.0))),
         *_eyes(surface),
         *_ears(),

@@ -94,11 +94,11 @@ def tibia() -> list[Part]:
     ]
     return [
         Part("tibia_shell", "pepper_white", shell.mesh(72, 24)),
-        Part("tibia_bumper", "pepper_light_grey", bumper.mesh(72, 6)),
+        Part("tibia_bumper", "pepper_light_gray", bumper.mesh(72, 6)),
         Part("tibia_gap", "pepper_dark", gap.mesh(72, 3)),
         Part("tibia_knee", "pepper_dark", knee.mesh(44, 8)),
         Part("tibia_windows", "pepper_black", join([window, *sides])),
-        Part("tibia_sonars", "pepper_grey", join(sonars)),
+        Part("tibia_sonars", "pepper_gray", join(sonars)),
     ]
 
 
@@ -112,8 +112,8 @@ def pelvis() -> list[Part]:
     seam = band(surface, 0.0600, 0.0622, relief=Relief(0.0003, 0.0003))
     return [
         Part("pelvis_shell", "pepper_white", surface.mesh(56, 24)),
-        Part("pelvis_hubs", "pepper_light_grey", join(hubs)),
-        Part("pelvis_seam", "pepper_light_grey", seam),
+        Part("pelvis_hubs", "pepper_light_gray", join(hubs)),
+        Part("pelvis_seam", "pepper_light_gray", seam),
     ]
 
 
@@ -125,7 +125,7 @@ def hip() -> list[Part]:
     rows = measured.sections[measured.sections[:, 0] > 0.04]
     waist = Loft("z", rows, float(rows[0, 0]), measured.end, (False, True))
     return [
-        Part("hip_drum", "pepper_light_grey", drum_.mesh(56, 8)),
+        Part("hip_drum", "pepper_light_gray", drum_.mesh(56, 8)),
         Part("hip_waist", "pepper_dark", waist.mesh(40, 9)),
     ]
 
@@ -135,6 +135,6 @@ def wheel() -> list[Part]:
     ball = ellipsoid([0.0, 0.0, 0.0], [0.0695, 0.0695, 0.0695], "y")
     groove = band(ball, -0.004, 0.004, relief=Relief(0.0005, 0.0004), segments=40)
     return [
-        Part("wheel_ball", "pepper_light_grey", ball.mesh(32, 16)),
+        Part("wheel_ball", "pepper_light_gray", ball.mesh(32, 16)),
         Part("wheel_groove", "pepper_dark", groove),
     ]

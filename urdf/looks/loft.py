@@ -1,12 +1,12 @@
 """A closed surface through measured cross-sections.
 
-Along the main axis s, a section is described by its centre c(s), its half widths h(s) along the two other
+Along the main axis s, a section is described by its center c(s), its half widths h(s) along the two other
 axes and a radial shape rho(phi, s) in coordinates scaled by the half widths:
 
     p(phi, s) = c(s) + h(s) * rho(phi, s) * (cos phi, sin phi)
 
 For a superellipse of exponent n, rho = (|cos phi|^n + |sin phi|^n)^(-1/n) (Lame curve in polar coordinates).
-Centres and exponents are interpolated by monotone cubics (PCHIP, Fritsch and Carlson 1980), half widths by
+Centers and exponents are interpolated by monotone cubics (PCHIP, Fritsch and Carlson 1980), half widths by
 monotone cubics of their squares: the square of an ellipsoid's half width is a parabola in s, so round ends
 close smoothly where the square reaches zero.  A narrow Gaussian then blurs the jumps in curvature that
 monotone cubics leave at every section (they show as bands on a glossy shell).
@@ -87,7 +87,7 @@ class Loft:
         object.__setattr__(self, "sections", sections)
 
     def section(self, s: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return centre (..., 2) [m], half widths (..., 2) [m] and exponent (...) at positions s [m]."""
+        """Return center (..., 2) [m], half widths (..., 2) [m] and exponent (...) at positions s [m]."""
         position = np.clip(np.asarray(s, dtype=float), self.start, self.end)
         knots, values = self._knots()
         sigma = _BLUR * float(np.median(np.diff(knots)))
@@ -100,9 +100,9 @@ class Loft:
         table = np.einsum(
             "k,...kj->...j", _BLUR_WEIGHTS, np.where(beyond, 2.0 * curve(inside) - sampled, sampled)
         )
-        centre, exponent = table[..., 0:2], table[..., 4]
+        center, exponent = table[..., 0:2], table[..., 4]
         half = np.sqrt(np.maximum(table[..., 2:4], 0.0)) - self._inset(position)[..., None]
-        return centre, np.maximum(half, 0.0), exponent
+        return center, np.maximum(half, 0.0), exponent
 
     def _knots(self) -> tuple[Array, Array]:
         """Add the two ends to the measured sections; columns c1, c2, h1^2, h2^2, n."""
@@ -156,8 +156,8 @@ class Loft:
             knots: Sections of the new surface.
         """
         s = np.linspace(low, high, knots)
-        centre, half, exponent = self.section(s)
-        rows = np.column_stack([s, centre, half, exponent])
+        center, half, exponent = self.section(s)
+        rows = np.column_stack([s, center, half, exponent])
         return replace(self, sections=rows, start=low, end=high, round_ends=(False, False), fillets=fillets)
 
     def stations(self, rings: int) -> Array:
@@ -168,8 +168,8 @@ class Loft:
         """
         # Cosine spacing follows the outline closely where round ends turn it by a right angle.
         dense = self.start + (self.end - self.start) * 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _DENSE)))
-        centre, half, _ = self.section(dense)
-        outline = np.diff(np.concatenate([centre + half, centre - half], axis=1), axis=0)
+        center, half, _ = self.section(dense)
+        outline = np.diff(np.concatenate([center + half, center - half], axis=1), axis=0)
         along = np.diff(dense)[:, None]
         length = np.hypot(along[:, 0], np.abs(outline).max(axis=1))
         bend = np.abs(np.diff(np.arctan2(outline, along), axis=0)).max(axis=1)
@@ -192,10 +192,10 @@ class Loft:
         angle, position, rise = np.broadcast_arrays(
             np.asarray(phi, dtype=float), np.asarray(s, dtype=float), np.asarray(lift, dtype=float)
         )
-        centre, half, exponent = self.section(position)
+        center, half, exponent = self.section(position)
         radial = self._rho(angle, position, exponent)
-        first = centre[..., 0] + np.maximum(half[..., 0] + rise, 0.0) * radial * np.cos(angle)
-        second = centre[..., 1] + np.maximum(half[..., 1] + rise, 0.0) * radial * np.sin(angle)
+        first = center[..., 0] + np.maximum(half[..., 0] + rise, 0.0) * radial * np.cos(angle)
+        second = center[..., 1] + np.maximum(half[..., 1] + rise, 0.0) * radial * np.sin(angle)
         return self._carved(self._assemble(position, first, second))
 
     def mesh(self, segments: int, rings: int) -> Mesh:
@@ -208,8 +208,8 @@ class Loft:
         s = self.stations(rings)
         phi = np.arange(segments) * (2.0 * np.pi / segments)
         points = self.points(phi, s[:, None])
-        centre = self.section(s[[0, -1]])[0]
-        poles = self._carved(self._assemble(s[[0, -1]], centre[:, 0], centre[:, 1]))
+        center = self.section(s[[0, -1]])[0]
+        poles = self._carved(self._assemble(s[[0, -1]], center[:, 0], center[:, 1]))
         keep = slice(1 if self.round_ends[0] else 0, -1 if self.round_ends[1] else None)
         return rings_to_mesh(points[keep], poles[0], poles[1])
 
@@ -222,8 +222,8 @@ class Loft:
         given = np.asarray(points, dtype=float)
         main, one, two = _AXES[self.axis]
         s = given[..., main]
-        centre, half, exponent = self.section(s)
-        scaled = (given[..., [one, two]] - centre) / np.maximum(half, 1e-9)
+        center, half, exponent = self.section(s)
+        scaled = (given[..., [one, two]] - center) / np.maximum(half, 1e-9)
         phi = np.arctan2(scaled[..., 1], scaled[..., 0])
         gauge = np.hypot(scaled[..., 0], scaled[..., 1]) / self._rho(phi, s, exponent)
         return np.where((s < self.start) | (s > self.end), np.inf, gauge)

@@ -16,8 +16,8 @@ _HEAD = """<?xml version="1.0"?>
 def _materials() -> Iterable[str]:
     yield '  <xacro:macro name="looks_materials" params="">'
     for name, rgba in MATERIALS.items():
-        colour = " ".join(f"{value:g}" for value in rgba)
-        yield f'    <material name="{name}"><color rgba="{colour}"/></material>'
+        color = " ".join(f"{value:g}" for value in rgba)
+        yield f'    <material name="{name}"><color rgba="{color}"/></material>'
     yield "  </xacro:macro>"
 
 

@@ -49,7 +49,7 @@ def link_shape(name: str) -> LinkShape:
     """Return the measured shape of a link.
 
     Args:
-        name: A centre or left link, or `phalanx`, `fingertip`, `wheel`.
+        name: A center or left link, or `phalanx`, `fingertip`, `wheel`.
 
     Raises:
         UnknownNameError: There is no such link.

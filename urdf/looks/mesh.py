@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.exceptions import InvalidValueError
 
 GRID = 1e-6
-"""Vertices lie on a grid of one micrometre [m], so that every machine writes the same bytes."""
+"""Vertices lie on a grid of one micrometer [m], so that every machine writes the same bytes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from .mesh import Mesh
 
 MATERIALS: dict[str, tuple[float, float, float, float]] = {
     "pepper_white": (0.94, 0.94, 0.95, 1.0),
-    "pepper_light_grey": (0.72, 0.73, 0.75, 1.0),
-    "pepper_grey": (0.42, 0.43, 0.46, 1.0),
+    "pepper_light_gray": (0.72, 0.73, 0.75, 1.0),
+    "pepper_gray": (0.42, 0.43, 0.46, 1.0),
     "pepper_dark": (0.19, 0.20, 0.22, 1.0),
     "pepper_black": (0.03, 0.03, 0.04, 1.0),
     "pepper_screen": (0.09, 0.10, 0.12, 1.0),

@@ -11,15 +11,15 @@ _ORDER = {"x": [1, 2], "y": [2, 0], "z": [0, 1]}
 _MAIN = {"x": 0, "y": 1, "z": 2}
 
 
-def ellipsoid(centre: ArrayLike, radii: ArrayLike, axis: str = "z") -> Loft:
+def ellipsoid(center: ArrayLike, radii: ArrayLike, axis: str = "z") -> Loft:
     """Return an ellipsoid.
 
     Args:
-        centre: Its centre [m], shape (3,).
+        center: Its center [m], shape (3,).
         radii: Half axes along x, y, z [m], shape (3,).
         axis: Axis through its two poles.
     """
-    middle, half = np.asarray(centre, dtype=float), np.asarray(radii, dtype=float)
+    middle, half = np.asarray(center, dtype=float), np.asarray(radii, dtype=float)
     one, two = _ORDER[axis]
     reach = half[_MAIN[axis]]
     # Half widths are interpolated by their squares, 1 - t^2: dense sections make that parabola exact enough.
@@ -35,7 +35,7 @@ def ellipsoid(centre: ArrayLike, radii: ArrayLike, axis: str = "z") -> Loft:
 
 def drum(
     axis: str,
-    centre: ArrayLike,
+    center: ArrayLike,
     radii: tuple[float, float],
     span: tuple[float, float],
     *,
@@ -46,13 +46,13 @@ def drum(
 
     Args:
         axis: Its axis, "x", "y" or "z".
-        centre: A point of the axis [m], shape (3,); its coordinate along the axis is not used.
+        center: A point of the axis [m], shape (3,); its coordinate along the axis is not used.
         radii: Half widths along the two next axes (cyclic) [m].
         span: Where it begins and ends along the axis [m].
         fillets: Radius [m] of the edges at begin and end.
         exponent: 2 for an ellipse, more for a rounded rectangle.
     """
-    middle = np.asarray(centre, dtype=float)
+    middle = np.asarray(center, dtype=float)
     one, two = _ORDER[axis]
     rows = [[s, middle[one], middle[two], radii[0], radii[1], exponent] for s in span]
     return Loft(axis, np.array(rows), span[0], span[1], (False, False), fillets)

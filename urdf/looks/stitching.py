@@ -65,17 +65,17 @@ def plate(outer: Array, inner: Array, hub: Array) -> Mesh:
     return Mesh(points, np.concatenate(faces))
 
 
-def disc(outer: Array, rim: Array, outer_centre: Array, inner_centre: Array) -> Mesh:
+def disc(outer: Array, rim: Array, outer_center: Array, inner_center: Array) -> Mesh:
     """Close a polar grid into a curved disc with a hidden fan behind it.
 
     Args:
         outer: Rings of the visible side [m], from the middle outwards, shape (m, n, 3), counter-clockwise
             seen from outside.
         rim: The border of the hidden side [m], shape (n, 3).
-        outer_centre: Middle of the visible side [m], shape (3,).
-        inner_centre: Middle of the hidden side [m], shape (3,).
+        outer_center: Middle of the visible side [m], shape (3,).
+        inner_center: Middle of the hidden side [m], shape (3,).
     """
-    return rings_to_mesh(np.concatenate([rim[None], outer[::-1]]), inner_centre, outer_centre)
+    return rings_to_mesh(np.concatenate([rim[None], outer[::-1]]), inner_center, outer_center)
 
 
 def hoop(outer: Array, inner: Array) -> Mesh:

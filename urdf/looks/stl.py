@@ -10,7 +10,7 @@ from pepper_kin.exceptions import FileFormatError
 from .mesh import Mesh
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_HEADER = b"pepper_kin: generated from measured sections, metres".ljust(80)
+_HEADER = b"pepper_kin: generated from measured sections, meters".ljust(80)
 _NORMAL_DECIMALS = 4
 
 

@@ -54,10 +54,10 @@ def _tablet() -> list[Part]:
     pitch = np.radians(facts["pitch_deg"])
     front = 0.5 * thick
     c, s = np.cos(pitch), np.sin(pitch)
-    rotation, centre = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), np.array(facts["centre"])
+    rotation, center = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), np.array(facts["center"])
     low, top = np.array(facts["screen_bounds"])
     screen_half = (0.5 * (top - low)[1], 0.5 * (top - low)[2] / c)
-    screen_up = (0.5 * (low + top) - centre)[2] / c - front * np.tan(-pitch)
+    screen_up = (0.5 * (low + top) - center)[2] / c - front * np.tan(-pitch)
     frame = drum(
         "x",
         [0, 0, 0],
@@ -76,11 +76,11 @@ def _tablet() -> list[Part]:
         frame, lens, screen_half, relief=Relief(0.0008, 0.0012, edge=16.0), exponent=9.0, segments=64
     )
     placed: list[tuple[str, str, Mesh]] = [
-        ("tablet_frame", "pepper_light_grey", frame.mesh(64, 8)),
+        ("tablet_frame", "pepper_light_gray", frame.mesh(64, 8)),
         ("tablet_back", "pepper_white", back.mesh(40, 4)),
         ("tablet_screen", "pepper_screen", glass),
     ]
-    return [Part(name, material, mesh.transformed(rotation, centre)) for name, material, mesh in placed]
+    return [Part(name, material, mesh.transformed(rotation, center)) for name, material, mesh in placed]
 
 
 def torso() -> list[Part]:
@@ -93,7 +93,7 @@ def torso() -> list[Part]:
     return [
         Part("torso_shell", "pepper_white", surface.mesh(60, 30)),
         Part("torso_sockets", "pepper_dark", join([socket, socket.mirrored()])),
-        Part("torso_shoulder_rings", "pepper_light_grey", join([ring, ring.mirrored()])),
-        Part("torso_collar", "pepper_light_grey", collar),
+        Part("torso_shoulder_rings", "pepper_light_gray", join([ring, ring.mirrored()])),
+        Part("torso_collar", "pepper_light_gray", collar),
         *_tablet(),
     ]

@@ -23,7 +23,7 @@ MOST = 7
 """and there are fewer than this: with six, neighbors of a UR5 are always in doubt, with ten, searches take
 longer."""
 MOST_INNER = 5
-"""Inner balls that are not about the centres of outer ones, at most."""
+"""Inner balls that are not about the centers of outer ones, at most."""
 LEAST_INNER = 0.01
 """Least radius of these [m]."""
 _ROUNDING = 1e-9
@@ -47,10 +47,10 @@ class BallCover(NamedTuple):
 def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCover:
     """Cover a solid by balls.
 
-    A capsule of radius r gets k balls with centres on its axis, from one end to the other.  At spacing s they
-    cover it if their radius is sqrt(r^2 + (s / 2)^2), while those of radius r about the same centres lie
+    A capsule of radius r gets k balls with centers on its axis, from one end to the other.  At spacing s they
+    cover it if their radius is sqrt(r^2 + (s / 2)^2), while those of radius r about the same centers lie
     inside.  A box or a cylinder is cut into cells, each with the ball around it; the largest ball about the
-    cell's centre that stays in the solid is the inner one.  The convex hull of points is halved again and
+    cell's center that stays in the solid is the inner one.  The convex hull of points is halved again and
     again, see `_hull_cover`.
 
     Args:
@@ -94,7 +94,7 @@ def ball_around(points: Array, radii: Array) -> tuple[Array, float]:
 
 @lru_cache(maxsize=512)
 def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
-    """Return centres, outer and inner radii of balls for the convex hull of points.
+    """Return centers, outer and inner radii of balls for the convex hull of points.
 
     The hull's bounding box is halved across its longest side, the piece first whose ball reaches farthest out
     of the hull.  The ball around a piece holds the corners of what the box and the hull share: the hull's

@@ -142,7 +142,7 @@ class FastChecker:
     def lower_bound(self, q: ArrayLike) -> NDArray[np.float64]:
         """Return a distance that the robot surely keeps, from itself and the scene.
 
-        It is never above `CollisionChecker.clearance`, and some millimetres to centimetres below; parts that
+        It is never above `CollisionChecker.clearance`, and some millimeters to centimeters below; parts that
         are decided by joint ranges do not count.
 
         Args:
@@ -215,7 +215,7 @@ class FastChecker:
         """Whether it is proven that all of the straight line from a to b is free, not just samples of it.
 
         See `certificate.certified`.  False says that no proof was found: an edge that passes something
-        within some millimetres may still be free.
+        within some millimeters may still be free.
 
         Args:
             a: Joint positions, shape (n,) [rad or m].

@@ -35,7 +35,7 @@ class Solid:
         owner: Name of the link or scene object.
         joint: Number of the joint in `pinocchio_model` that carries it; 0 is the world.
         rotation: (3, 3), the core's axes in the joint's frame.
-        position: (3,), the core's centre in the joint's frame [m].
+        position: (3,), the core's center in the joint's frame [m].
         kind: BOX, CYLINDER (along z), HULL (of `vertices`), CLOUD (in a box) or OTHER (known to coal only).
         half: (3,), half lengths of the box around the core [m]; infinite where OTHER has no bounds.
         radius: How far the solid reaches beyond its core [m].
@@ -63,7 +63,7 @@ class Solid:
 
     @cached_property
     def bounding_radius(self) -> float:
-        """Radius of the sphere around the core's centre that holds the solid [m]."""
+        """Radius of the sphere around the core's center that holds the solid [m]."""
         if self.kind == HULL:
             return float(np.linalg.norm(self.vertices, axis=1).max()) + self.radius
         x, y, z = self.half.tolist()

@@ -234,7 +234,7 @@ def ball_order(solid: Solid) -> tuple[bool, int]:
 
 @lru_cache(maxsize=4096)
 def bounding_ball(solids: tuple[Solid, ...]) -> tuple[Array, float]:
-    """Return centre, in the frame of their joint, and radius of a ball that holds solids of one joint [m]."""
+    """Return center, in the frame of their joint, and radius of a ball that holds solids of one joint [m]."""
     points, radii = [], []
     for solid in solids:
         corners = solid.vertices

@@ -1,7 +1,7 @@
 """Balls that cover a robot against a scene and against the robot itself, eight configurations side by side.
 
 Each convex piece of the robot is covered by balls with outer radii R_i and holds balls of inner radii r_i
-about the same centres.  Where no outer ball comes near anything, the configuration is free; where an inner
+about the same centers.  Where no outer ball comes near anything, the configuration is free; where an inner
 ball does, it is in contact; all else is in doubt.  Joint after joint, the bodies are placed, a coarse ball
 of each is compared first and its fine balls where it is near, so that a contact near the base costs little.
 
@@ -48,9 +48,9 @@ own coordinate."""
 GROUP_WORDS, PART_WORDS, BALL_SINGLES = 7, 5, 5
 """Numbers of a group: body, coarse ball, first ball, end of balls, whether it is checked, first and end of
 its parts.  Of a part: coarse ball, first and end of the balls in it, first and end of its cores; none in the
-first of several of a group, which is the whole.  Of a ball: centre, outer radius, inner radius."""
+first of several of a group, which is the whole.  Of a ball: center, outer radius, inner radius."""
 OBJECT_SINGLES = 19
-"""Numbers of an object: kind, outer radius, inner radius, half lengths, centre, x, y and z axis, radius of
+"""Numbers of an object: kind, outer radius, inner radius, half lengths, center, x, y and z axis, radius of
 the ball around all of it."""
 NODE_SINGLES, ROOT_WORDS = 9, 2
 """Numbers of a node of a tree of boxes, its branches behind it: least and greatest corner, the node behind
@@ -62,8 +62,8 @@ pair of parts of these: the two, the distance at which their coarse balls touch,
 SIDES; of a row of SIDES: core, first and end of its rows in RANGES; of a row there: first and end of
 balls."""
 CORE_SINGLES, CORE_LANES = 18, 12
-"""Numbers of a core: kind, outer radius, inner radius, half lengths, centre, x, y and z axis in its body;
-values in lanes when it is placed: centre, z, x and y axis."""
+"""Numbers of a core: kind, outer radius, inner radius, half lengths, center, x, y and z axis in its body;
+values in lanes when it is placed: center, z, x and y axis."""
 POINT, SEGMENT, BLOCK = 0, 1, 2
 """Kinds of cores."""
 ROUNDED_UP, ROUNDED_DOWN = 1.0 + 2.0**-22, 1.0 - 2.0**-22
@@ -261,7 +261,7 @@ def squared_distance(item: int, x: Any, y: Any, z: Any) -> Any:
 
 @compiled(inline=True, lean=True)
 def _center_ball(t: Tables, pose: int, k: int) -> None:
-    """Write where the centre of a ball is."""
+    """Write where the center of a ball is."""
     ball, place = t.balls + 4 * BALL_SINGLES * k, t.centers + 3 * LANE_BYTES * k
     x, y, z = _point(pose, single_at(ball), single_at(ball + 4), single_at(ball + 8))
     store_lanes(place, x)
@@ -281,7 +281,7 @@ def _is_new(t: Tables, b: int, place: int) -> bool:
 
 @compiled(lean=True)
 def _center_balls(t: Tables, b: int, p: int) -> None:
-    """Write where the centres of the balls of a body's part are, if that is not known yet."""
+    """Write where the centers of the balls of a body's part are, if that is not known yet."""
     part = t.parts + 8 * PART_WORDS * p
     if _is_new(t, b, t.parts_at + 16 * p):
         for k in range(word_at(part + 8), word_at(part + 16)):

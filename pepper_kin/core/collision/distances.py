@@ -18,7 +18,7 @@ SEGMENT, BOX, PLANE, BOXED = 0, 1, 2, 3
 
 SHAPE = 19
 """Numbers of a shape: kind, joint, the core's pose there (12), half lengths (3), radius, reach from the
-centre."""
+center."""
 
 MEASURED, BOUNDED, BY_BALLS, BY_HEIGHT = 0, 1, 2, 3
 """How a pair is looked at: its distance is computed here; only a lower bound is, by a box around the one, by

@@ -73,7 +73,7 @@ ROUNDING = 1e-9
 SOLID_SIZE = 4
 """Numbers of a solid in SOLIDS: kind, radius, bounding radius, whether it is filled."""
 PLACE_SIZE = 13
-"""Numbers of a solid of the robot in SOLID_PLACES: its joint, its pose there (centre, x, y and z axis)."""
+"""Numbers of a solid of the robot in SOLID_PLACES: its joint, its pose there (center, x, y and z axis)."""
 FULL_SIZE = 3
 """Numbers of a coordinate of the Pinocchio model in FULL: the one of q on which it depends, gain and
 offset."""

@@ -19,14 +19,14 @@ def clamp(x: float, h: float) -> float:
 
 @compiled
 def nearest_on_segments(a: Array, ha: float, b: Array, hb: float) -> tuple[float, float]:
-    """Return where two segments are nearest, along their axes from their centres [m].
+    """Return where two segments are nearest, along their axes from their centers [m].
 
     With r = c_a - c_b and axes u_a, u_b, the nearest points of the lines are at
     s = ((u_a . u_b) (u_b . r) - u_a . r) / (1 - (u_a . u_b)^2) and t = (u_a . u_b) s + u_b . r; clamped to
     the segments one after the other (Ericson, Real-Time Collision Detection, 5.1.9).
 
     Args:
-        a: Pose: centre, x, y and z axis, shape (12,); the segment lies along z.
+        a: Pose: center, x, y and z axis, shape (12,); the segment lies along z.
         ha: Its half length [m].
         b: Pose of the other.
         hb: Its half length [m].
@@ -62,14 +62,14 @@ def _beyond(x: float, h: float) -> float:
 
 @compiled
 def nearest_to_box(a: Array, ha: float, b: Array, half: Array) -> tuple[float, float]:
-    """Return where a segment is nearest to a solid box, along its axis from its centre, and the distance [m].
+    """Return where a segment is nearest to a solid box, along its axis from its center, and the distance [m].
 
     The squared distance of the point p + t d to the box is convex in t; its derivative is piecewise linear
     and rises, with corners where a coordinate passes a face.  Bisection over the corners leaves one straight
     piece, whose zero is the answer.
 
     Args:
-        a: Pose of the segment: centre, x, y and z axis, shape (12,); it lies along z.
+        a: Pose of the segment: center, x, y and z axis, shape (12,); it lies along z.
         ha: Its half length [m].
         b: Pose of the box.
         half: Half lengths of the box, shape (3,) [m].

@@ -36,7 +36,7 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
         errors_i = |r_i|^2,   cost = sum_i s_i^2 |r_i|^2 / 2,
         gradient = sum_i s_i^2 J_i^T r_i,   matrix = sum_i s_i^2 J_i^T J_i (upper triangle, row by row).
 
-    The error of a posture, and of the centre of mass over the wheels, is the largest component, squared.
+    The error of a posture, and of the center of mass over the wheels, is the largest component, squared.
 
     Args:
         pepper: The robot.

@@ -56,7 +56,7 @@ class Structure(NamedTuple):
         axis: Axis in the frame, or normal in the world, for tasks that have one.
         joints: Names of the joints, for a posture; empty for all.
         target_size: Numbers that describe the target.
-        reference: Name of the frame that `frame` or the centre of mass is seen from, or where a line begins;
+        reference: Name of the frame that `frame` or the center of mass is seen from, or where a line begins;
             empty for the world.
         corners: Corners of the polygon of contacts, x and y in turn, for a task that has one.
         hard: Whether the task is hard.

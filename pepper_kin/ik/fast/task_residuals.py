@@ -19,7 +19,7 @@ from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 
 MASS_KINDS = ("CenterOfMass", "CenterOfMassOverWheels")
-"""Kinds that need the centre of mass."""
+"""Kinds that need the center of mass."""
 
 LARGEST_KINDS = ("JointPosture", "CenterOfMassOverWheels", "Expression")
 """Kinds whose error is the largest component of the residual, not its length."""
@@ -31,7 +31,7 @@ class Motion(NamedTuple):
     Attributes:
         q: Joint positions, shape (n,).
         frames: Pose (3, 4) and Jacobian (6, n) of each frame.
-        center: The centre of mass (3) and its Jacobian (3, n); empty where no task needs it.
+        center: The center of mass (3) and its Jacobian (3, n); empty where no task needs it.
     """
 
     q: Any
@@ -45,7 +45,7 @@ def task_residual(pepper: PepperModel, task: Structure, motion: Motion, target: 
     Args:
         pepper: The robot.
         task: The structure.
-        motion: Frames and centre of mass of the robot.
+        motion: Frames and center of mass of the robot.
         target: The numbers that describe the target.
     """
     return _RESIDUALS[task.kind](pepper, task, motion, target)

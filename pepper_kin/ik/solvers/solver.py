@@ -11,7 +11,7 @@ from pepper_kin.ik.tasks.task import Array
 
 
 class TaskSolver(ABC):
-    """Searches for configurations that fulfil the tasks of one `Problem`."""
+    """Searches for configurations that fulfill the tasks of one `Problem`."""
 
     @abstractmethod
     def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:

@@ -1,4 +1,4 @@
-"""Tasks of the inverse kinematics: what a configuration should fulfil."""
+"""Tasks of the inverse kinematics: what a configuration should fulfill."""
 
 from pepper_kin.ik.tasks.axis_alignment import AxisAlignment
 from pepper_kin.ik.tasks.base_placement import BasePlacement, BasePosition, BaseYaw

@@ -1,4 +1,4 @@
-"""Bring the centre of mass over a point of the floor."""
+"""Bring the center of mass over a point of the floor."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from pepper_kin.ik.tasks.task import (
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 
-LABEL = "centre of mass"
+LABEL = "center of mass"
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class CenterOfMass(Task):
-    """The centre of mass c of the whole robot is over a point p of the floor: r(q) = c_xy(q) - p, error |r|.
+    """The center of mass c of the whole robot is over a point p of the floor: r(q) = c_xy(q) - p, error |r|.
 
     dr/dq = the first two rows of J_c, see `pepper_kin.dynamics.center_of_mass_jacobian`; the height is free.
 
@@ -35,7 +35,7 @@ class CenterOfMass(Task):
         tolerance: Largest distance on the floor of a task that is met [m].
         hard: Whether it is met even where soft tasks suffer from it.
         frame: None: it acts on the whole robot.
-        label: "centre of mass".
+        label: "center of mass".
     """
 
     target: Array
@@ -69,10 +69,10 @@ class CenterOfMass(Task):
         return center_of_mass_jacobian(pepper, q)[:2]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the point the centre of mass stops."""
+        """Return how far from the point the center of mass stops."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the point of the floor below the centre of mass."""
+        """Return the point of the floor below the center of mass."""
         return f"point {words_for_vector(center_of_mass(pepper, q)[:2])} of the floor"

@@ -1,4 +1,4 @@
-"""Keep the centre of mass over the wheels."""
+"""Keep the center of mass over the wheels."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from pepper_kin.model.shapes import read_only
 
 @dataclass(frozen=True, eq=False, init=False)
 class CenterOfMassOverWheels(Task):
-    """The centre of mass is over the wheels' triangle, at least a margin m away from each side.
+    """The center of mass is over the wheels' triangle, at least a margin m away from each side.
 
-    With y the centre of mass on the floor as the base sees it, n_k the inward unit normal of side k and a_k a
+    With y the center of mass on the floor as the base sees it, n_k the inward unit normal of side k and a_k a
     corner on it,
 
         r_k(q) = max(0, m - n_k . (y - a_k)),    dr_k/dq = -n_k^T dy/dq where r_k > 0, else 0:
@@ -46,7 +46,7 @@ class CenterOfMassOverWheels(Task):
         tolerance: Largest lack of margin of a task that is met [m].
         hard: Whether it is met even where soft tasks suffer from it.
         frame: None: it acts on the whole robot.
-        label: "centre of mass".
+        label: "center of mass".
     """
 
     target: Array

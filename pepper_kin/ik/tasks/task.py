@@ -25,9 +25,9 @@ HARD_WEIGHT = 100.0
 
 
 class Task(ABC):
-    """Something that a configuration should fulfil: a residual r(q) that should vanish.
+    """Something that a configuration should fulfill: a residual r(q) that should vanish.
 
-    Tasks are frozen values.  A solver minimises sum_i s_i^2 |r_i(q)|^2 over all tasks i (metres and radians
+    Tasks are frozen values.  A solver minimizes sum_i s_i^2 |r_i(q)|^2 over all tasks i (meters and radians
     count alike at equal weights); the task is met where `error` is within `tolerance`.  The strength s_i is
     the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.precedence`.
 
@@ -219,7 +219,7 @@ def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -
 
 
 def words_for_length(value: float) -> str:
-    """Return a length [m] in metres, centimetres or millimetres: "4.2 cm"."""
+    """Return a length [m] in meters, centimeters or millimeters: "4.2 cm"."""
     if value >= 1.0:
         return f"{value:.2f} m"
     return f"{100 * value:.1f} cm" if value >= 0.01 else f"{1000 * value:.2g} mm"

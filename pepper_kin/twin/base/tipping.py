@@ -55,8 +55,8 @@ class EdgeMoments:
 
     Attributes:
         inertia: About the edge, shape (T,) [kg m^2].
-        inside: Horizontal distance of the centre of mass from the edge, towards the inside, shape (T,) [m].
-        height: Of the centre of mass above the floor, shape (T,) [m].
+        inside: Horizontal distance of the center of mass from the edge, towards the inside, shape (T,) [m].
+        height: Of the center of mass above the floor, shape (T,) [m].
         drive: Moment of the joints' motion (and of external forces) about the edge, positive outward,
             shape (T,) [N m].
         weight: Of the robot [N].
@@ -115,10 +115,10 @@ def simulate_tipping(
 
     When the zero-moment point leaves the polygon, the whole robot turns about the edge that it left through,
     as one body with the mass distribution of the moment, while the joints keep to the given motion.  With
-    theta the tilt, I the inertia about the edge, b and h how far inside the edge and how high the centre of
+    theta the tilt, I the inertia about the edge, b and h how far inside the edge and how high the center of
     mass is while level, and M the moment about the edge of the forces of inertia of the joints' motion,
         d/dt (I theta') = m g (h sin(theta) - b cos(theta)) + M,
-    which is the balance of angular momentum about the edge.  It falls when the centre of mass has passed over
+    which is the balance of angular momentum about the edge.  It falls when the center of mass has passed over
     the edge for good, and comes back otherwise.
 
     Assumed: joints follow their motion whatever happens (stiff servos); wheels are points that neither slide
@@ -220,7 +220,7 @@ def _advanced(
 
 
 def _whole_body(pepper: PepperModel, base_frame: str, q: Array) -> tuple[Array, Array]:
-    """Return centre of mass (T, 3) and inertia about it (T, 3, 3) of all links, in the base's frame."""
+    """Return center of mass (T, 3) and inertia about it (T, 3, 3) of all links, in the base's frame."""
     model, data = pepper.inner_model, pepper.pinocchio_data
     frame_id, rest = pepper.frame_id(base_frame), np.zeros(model.nv)
     center, inertia = np.empty((len(q), 3)), np.empty((len(q), 3, 3))

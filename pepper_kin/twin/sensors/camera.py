@@ -1,4 +1,4 @@
-"""Cameras: what a pinhole sees of scene and robot, as depth and as colour."""
+"""Cameras: what a pinhole sees of scene and robot, as depth and as color."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Intrinsics:
     """A pinhole with a lens; see `camera_intrinsics`.
 
     A point at (x, y, z) in the optical frame (z forward, x right, y down) is seen at column fx x / z + cx and
-    row fy y / z + cy; pixel centres have whole numbers.
+    row fy y / z + cy; pixel centers have whole numbers.
 
     Attributes:
         width: Columns.
@@ -110,7 +110,7 @@ class Camera:
     """A camera on the robot's head, traced ray by ray: no display, one ray per pixel, no blur.
 
     It sees the scene, a floor, and the robot's own body but for the link that carries it.  Any camera gives
-    both depth and colour.
+    both depth and color.
 
     Args:
         pepper: The robot.

@@ -161,7 +161,7 @@ class RobotRays:
         return np.asarray(self._colors[hits.solid])
 
     def _paint(self, hits: RayHits, rays: Rays) -> Array:
-        """Return the colours of what the world shows, with tiles on the floor."""
+        """Return the colors of what the world shows, with tiles on the floor."""
         if not len(self._world_colors):
             return np.zeros((*hits.solid.shape, 3))
         color = np.array(self._world_colors[hits.solid])

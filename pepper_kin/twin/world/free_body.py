@@ -19,12 +19,12 @@ class FreeBody:
 
     Attributes:
         name: Its name.
-        geometry: Its shape, centred at its frame.
+        geometry: Its shape, centered at its frame.
         mass: [kg].
         inertia: Principal moments about the axes of its frame [kg m^2], shape (3,).
         friction: Coefficient; of two things that touch, the geometric mean counts.
         pose: `transform_body_to_world`, shape (4, 4).
-        velocity: Of its centre [m/s], then of its turning [rad/s], both in the world, shape (6,).
+        velocity: Of its center [m/s], then of its turning [rad/s], both in the world, shape (6,).
     """
 
     name: str
@@ -41,7 +41,7 @@ class FreeBody:
 
     @property
     def position(self) -> Array:
-        """Of its centre in the world [m], shape (3,), read-only."""
+        """Of its center in the world [m], shape (3,), read-only."""
         return self.pose[:3, 3]
 
     @property

@@ -35,7 +35,7 @@ class ImpulseProblem(NamedTuple):
 
 
 class ImpulseProgram:
-    """Minimise f^T (A + R) f / 2 + f^T b over f >= 0, an impulse along each edge of the friction pyramids.
+    """Minimize f^T (A + R) f / 2 + f^T b over f >= 0, an impulse along each edge of the friction pyramids.
 
     With D the edges of all points (normal + mu tangent, normal - mu tangent, the same for the other tangent)
     in terms of their normals and tangents: A = D J M^-1 J^T D^T, b = D J u_free + drop.  Rows are scaled by

@@ -183,9 +183,9 @@ class World:
             name: A name that neither scene nor robot nor another body has.
             size: Full lengths [m], shape (3,).
             mass: [kg], above 0.
-            position: Of its centre in the world [m], shape (3,).
+            position: Of its center in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
-            velocity: Of its centre [m/s] and of its turning [rad/s], in the world, shape (6,).
+            velocity: Of its center [m/s] and of its turning [rad/s], in the world, shape (6,).
             friction: Its own coefficient; that of the world if omitted.
 
         Raises:

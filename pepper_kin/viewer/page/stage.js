@@ -4,7 +4,7 @@
 const stage = (() => {
   const THREE = MeshCat.THREE;
   const TYPED_ARRAYS = { Uint8Array, Uint16Array, Int32Array, Uint32Array, Float32Array, Float64Array };
-  const FIELD_OF_VIEW = 32; // degrees, vertical: little distortion, like a photograph from a few metres
+  const FIELD_OF_VIEW = 32; // degrees, vertical: little distortion, like a photograph from a few meters
   const KEY = [2.2, 1.6, 4.2]; // where the light stands that throws shadows, from what it shines on [m]
   const REACH = 5; // how far the floor's lines are seen [m]
   const SKIES = {
@@ -61,7 +61,7 @@ const stage = (() => {
     viewer.set_object(["Stage", "rim"], rim);
   }
 
-  // Lines every half metre, finer ones every tenth, that fade out with the distance from the origin.
+  // Lines every half meter, finer ones every tenth, that fade out with the distance from the origin.
   function floorGrid() {
     const material = new THREE.ShaderMaterial({
       uniforms: { reach: { value: REACH }, ink: { value: new THREE.Color() } },

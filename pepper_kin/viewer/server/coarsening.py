@@ -13,7 +13,7 @@ from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, split_at_creases
 
 _PATIENCE = 3.0
 """The power by which errors may grow from round to round; in the k-th, an edge goes whose squared error is
-below 1e-9 (k + 3)^3 [m^2].  After a hundred rounds, at three centimetres, what is left stays."""
+below 1e-9 (k + 3)^3 [m^2].  After a hundred rounds, at three centimeters, what is left stays."""
 
 _HAIR = 1e-3
 """Edge of the cubes within which all corners are one [m]."""

@@ -31,7 +31,7 @@ LAYERS = {
 """Layers by name, with their title."""
 TARGETS = "targets"
 
-MASS_BODY, ZMP_BODY = "@centre of mass", "@zero-moment point"
+MASS_BODY, ZMP_BODY = "@center of mass", "@zero-moment point"
 """Things that move like links without being any."""
 
 CAPSULE_COLOR: Color = (0.20, 0.45, 0.90, 0.30)

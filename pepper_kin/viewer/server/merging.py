@@ -1,4 +1,4 @@
-"""Many shapes as few: what moves together and has one colour is drawn as one surface.
+"""Many shapes as few: what moves together and has one color is drawn as one surface.
 
 A page pays for every object that it draws, most of all where the processor does the drawing.
 """
@@ -31,12 +31,12 @@ def merged(
     segments: int = SEGMENTS,
     rings: int = RINGS,
 ) -> tuple[Drawable, ...]:
-    """Return the shapes as one drawable for each moving body and colour.
+    """Return the shapes as one drawable for each moving body and color.
 
     Args:
         pepper: The robot.
         shapes: Shapes on its links.
-        color: The colour of all; None for their own.
+        color: The color of all; None for their own.
         segments: Corners around a round shape.
         rings: Steps from its pole to its equator.
     """

@@ -73,7 +73,7 @@ class Readings:
 
 
 def balance_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-    """Return the centre of mass and the zero-moment point on the floor, shape (3,) each [m]."""
+    """Return the center of mass and the zero-moment point on the floor, shape (3,) each [m]."""
     mass = center_of_mass(pepper, q)
     try:
         point = zero_moment_point(pepper, q, v, a)

@@ -1,0 +1,93 @@
+"""How firmly the robot stands on its wheels, as slacks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.batch import kernel
+from pepper_kin.dynamics import total_mass
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.motion.optimization.carried import carrying_kernels
+from pepper_kin.motion.optimization.kernel_term import KernelTerm
+from pepper_kin.motion.optimization.moving import Moving
+from pepper_kin.planners.optimization import Wall
+from pepper_kin.trajectory.balance import support_polygon
+from pepper_kin.trajectory.payload import AtFrames
+
+if TYPE_CHECKING:
+    import casadi
+
+Array = NDArray[np.float64]
+
+INFLUENCE = 0.03
+"""Distances of the zero-moment point from an edge beyond the margin by this do not act on a motion [m]."""
+_GRAVITY = 9.81  # [m/s^2]
+SOURCES = ("pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.motion.optimization.balance_term")
+"""Modules on which the kernel depends."""
+
+_kept: RobotMemory[str, Kernel] = RobotMemory()
+
+
+class BalanceTerm(KernelTerm):
+    """(i . (-n_y, n_x) - (i . p + margin) f_z) / (weight INFLUENCE) of each edge of the wheels' triangle.
+
+    (f, n) is the wrench of the floor, p a vertex of the edge, i the unit vector that points inward; see
+    `trajectory.balance.edge_moments`.  It is linear in the wrench, whose derivatives are CasADi's.
+
+    Args:
+        moving: The joints that move.
+        margin: Distance that the zero-moment point keeps from the edges [m].
+        per_interval: Samples in each interval of the spline.
+        payload: Masses held, by frame [kg].
+
+    Raises:
+        InvalidValueError: for a robot without Pepper's wheels, or with a base that moves.
+    """
+
+    def __init__(self, moving: Moving, margin: float, per_interval: int, payload: AtFrames = ()) -> None:
+        pepper = moving.pepper
+        polygon = support_polygon(pepper)
+        if polygon is None or "BaseX" in pepper.joint_names:
+            raise InvalidValueError(
+                "balance", margin, "None for a robot without wheels or with a moving base"
+            )
+        edge = np.roll(polygon, -1, axis=0) - polygon
+        inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+        map_of_wrench = np.zeros((len(edge), 6))
+        map_of_wrench[:, 2] = -((inward * polygon).sum(axis=1) + margin)
+        map_of_wrench[:, 3], map_of_wrench[:, 4] = inward[:, 1], -inward[:, 0]
+        shares = map_of_wrench / (_GRAVITY * total_mass(pepper) * INFLUENCE)
+        if payload:
+            kernels = carrying_kernels(pepper, "base_wrench", tuple(name for name, _ in payload))
+        else:
+            kernels = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
+        shares = np.hstack([shares, *(mass * shares for _, mass in payload)])  # wrenches are linear in masses
+        super().__init__(moving, kernels, shares, per_interval, Wall.ABOVE_ZERO)
+
+
+def _wrench_derivatives(pepper: PepperModel) -> Kernel:
+    """Return the kernel (q, v, a) -> derivatives of the floor's wrench by each, (6, n) three times."""
+    known = _kept.of(pepper)
+    if "" not in known:
+        known[""] = _compile_derivatives(pepper)
+    return known[""]
+
+
+def _compile_derivatives(pepper: PepperModel) -> Kernel:
+    def build() -> casadi.Function:
+        import casadi
+
+        from pepper_kin import symbolic
+
+        state = [casadi.SX.sym(name, pepper.n) for name in ("q", "v", "a")]
+        wrench = symbolic.base_wrench(pepper)(*state)
+        slopes = [casadi.cse(casadi.jacobian(wrench, part)) for part in state]
+        return casadi.Function("base_wrench_derivatives", state, slopes)
+
+    key = f"base wrench derivatives of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
+    return compile_function(build, key=key)

@@ -1,0 +1,288 @@
+"""Distances to the scene and to the robot itself as slacks."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.batch import kernel
+from pepper_kin.collision import Scene
+from pepper_kin.core.kernel_batch import evaluate_batch
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at, words_at
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.optimization.bodies_of import bodies_of
+from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
+from pepper_kin.motion.optimization.moving import Moving, whole_states
+from pepper_kin.motion.optimization.near_rows import (
+    Bodies,
+    NearRoom,
+    NearRows,
+    differentiate,
+    find_near_rows,
+    place_axes,
+)
+from pepper_kin.motion.optimization.term_memory import (
+    ROOM,
+    floats_of,
+    memory_of,
+    set_array,
+    take,
+    words_of,
+)
+from pepper_kin.planners.optimization import KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, add_row
+
+Array = NDArray[np.float64]
+
+INFLUENCE = 0.08
+"""Distances beyond the margin by this do not act on a motion [m]."""
+MOST_PAIRS = 8
+"""Number of pairs that act at one sample: the nearest ones."""
+_SPARE = 2e-3  # [m]
+_RISE = 1e-4  # [m] of a floor
+_BLOCK = 80  # states that are measured at once
+_POSE = 16
+
+_N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
+(
+    _FLOOR, _JOINTS, _REST, _FRAME, _CORES, _RADIUS, _REACH, _CARRIED, _JOINT_FRAME, _JOINT_AXIS, _SLIDES,
+    _PAIRS, _GAP, _COLUMNS, _ROOM,
+) = range(7, 37, 2)  # fmt: skip
+
+
+class _Prepared(NamedTuple):
+    """What terms of one robot, scene and set of moving joints have in common.
+
+    Attributes:
+        memory: Memory of such a term without what is its own.
+        rows_count: Number of rows of a sample.
+        room_size: Numbers of its room for each sample, and for all.
+        keep_alive: What the memory points to.
+    """
+
+    memory: Array
+    rows_count: int
+    room_size: tuple[int, int]
+    keep_alive: object
+
+
+@lru_cache(maxsize=16)
+def _prepared(
+    pepper: PepperModel, scene: Scene, margin: float, moving: bytes, only_moving: bool
+) -> _Prepared:
+    bodies, frames = bodies_of(pepper, scene, margin)
+    poses, moved = kernel(pepper, "frame_poses", frames) if frames else None, np.frombuffer(moving, np.int64)
+    # d/dq = (d/dq_full) E, where mimic joints follow by q_full = E q + e.
+    columns = np.ascontiguousarray(pepper.full_map[:, moved])
+    if only_moving:
+        apart = bodies.carried[bodies.pairs[:, 0]] != bodies.carried[bodies.pairs[:, 1]]
+        places = np.flatnonzero((apart & (columns != 0).any(axis=1)).any(axis=1))
+        bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
+    address, room = (poses.batch_address, poses.work_size) if poses else (0, 0)
+    memory, kept = memory_of(
+        [pepper.n, margin, address, room, len(frames), 1.0, 0.0],
+        [np.zeros(0), moved, np.zeros(pepper.n), *bodies, columns, np.zeros(0)],
+    )
+    most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
+    # Poses twice, whole states, positions, cores, squares, rows; axes, words, a pair, work.
+    each = (_POSE + 12) * len(frames) + pepper.n + moved.size + 12 * count + 8 * most + 4
+    return _Prepared(memory, most, (each, 7 * joints + 52 + room), (poses, kept))
+
+
+class ClearanceTerm(FlooredTerm):
+    """(distance - margin - floor) / (influence - floor) of the nearest pairs at each sample.
+
+    The floor is zero, but where the motion to start from is nearer than the margin: there it lies a little
+    below that motion's distance, until `tighten` finds that the margin is kept.
+
+    Args:
+        moving: The joints that move.
+        scene: The world around the robot.
+        margin: Distance to keep to the scene and between parts of the robot [m].
+        per_interval: Samples in each interval of the spline.
+        only_moving: Whether pairs that the moving joints carry alike are left out: a hand that hangs near the
+            hip would lower the floor under the other hand's way.
+        closeness: Whether the values are one less the slacks, for a cost: max(1 - distance / influence, 0).
+    """
+
+    kinked = True
+
+    def __init__(
+        self, moving: Moving, scene: Scene, margin: float, per_interval: int, *, only_moving: bool = False,
+        closeness: bool = False,
+    ) -> None:  # fmt: skip
+        made = _prepared(moving.pepper, scene, margin, moving.joints.tobytes(), only_moving)
+        memory, rest = made.memory.copy(), np.ascontiguousarray(moving.rest)
+        memory[_SIGN] = -1.0 if closeness else 1.0
+        set_array(memory, _REST, rest)
+        self._room_size, self._room = made.room_size, np.zeros(0)
+        super().__init__(
+            clearance_rows.address, memory, _FLOOR, made.rows_count, per_interval, keep_alive=(made, rest)
+        )
+
+    def reserve(self, count: int) -> None:
+        """Make room in memory for a number of samples."""
+        size = count * self._room_size[0] + self._room_size[1]
+        if size > self._room.size:
+            self._room = np.empty(size)
+            self.memory[_KNOWN] = 0.0
+            set_array(self.memory, _ROOM, self._room)
+
+    def least_distance(self, q: Array) -> float:
+        """Return the least distance beyond the margin at moving joints' positions, shape (K, k) [m].
+
+        Those of `INFLUENCE` and more count as `INFLUENCE`.
+        """
+        least, q = INFLUENCE, np.ascontiguousarray(q)
+        if self.rows_count:
+            self.reserve(min(len(q), _BLOCK))
+            for begin in range(0, len(q), _BLOCK):
+                least = least_distance(self.memory, q[begin : begin + _BLOCK], least)
+        return least
+
+
+@compiled
+def _bodies_in(memory: Floats1) -> Bodies:
+    frame, pairs, slides = words_of(memory, _FRAME), words_of(memory, _PAIRS), words_of(memory, _SLIDES)
+    count, joints = frame.size, slides.size
+    return Bodies(
+        frame, floats_of(memory, _CORES).reshape((count, 16)), floats_of(memory, _RADIUS),
+        floats_of(memory, _REACH), words_of(memory, _CARRIED).reshape((count, joints)),
+        words_of(memory, _JOINT_FRAME), floats_of(memory, _JOINT_AXIS).reshape((joints, 6)), slides,
+        pairs.reshape((pairs.size // 2, 2)), floats_of(memory, _GAP),
+    )  # fmt: skip
+
+
+@compiled
+def _search_near(
+    memory: Floats1, q: Floats1, count: int, most: int, influence: float
+) -> tuple[Floats4, NearRows, NearRoom]:
+    """Return the poses and the nearest pairs at positions of the moving joints, and room that was used.
+
+    Asked again for the same positions, as a step asks after the search along the last one, it has them.
+    """
+    n, frames, bodies = int(memory[_N]), int(memory[_FRAMES]), _bodies_in(memory)
+    room, used, size, joints = (
+        floats_of(memory, _ROOM),
+        np.zeros(1, np.int64),
+        bodies.frame.size,
+        bodies.slides.size,
+    )
+    poses = take(room, used, count * frames * _POSE)
+    whole, work = take(room, used, count * n), take(room, used, int(memory[_WORK]) + 8)
+    words = words_at(take(room, used, 8).ctypes.data, 8)
+    last = take(room, used, q.size)
+    near_room = NearRoom(
+        take(room, used, 12 * frames * count).reshape((frames, 12, count)),
+        take(room, used, 12 * size * count).reshape((size, 12, count)),
+        take(room, used, 3 * count).reshape((3, count)), take(room, used, 32).reshape((2, 16)),
+        take(room, used, 4),
+        take(room, used, 6 * joints).reshape((joints, 6)), take(room, used, joints),
+    )  # fmt: skip
+    near = NearRows(
+        take(room, used, count * most).reshape((count, most)),
+        words_at(take(room, used, count * most).ctypes.data, count * most).reshape((count, most)),
+        take(room, used, 6 * count * most).reshape((count, most, 6)),
+        words_at(take(room, used, count).ctypes.data, count),
+    )  # fmt: skip
+    placed = poses.reshape((count, frames, 4, 4))
+    if memory[_KNOWN] == count * (MOST_PAIRS + 1) + most and _are_equal(last, q):
+        return placed, near, near_room
+    if frames > 0:
+        states = whole.reshape((count, n))
+        whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
+        flat = poses.reshape((count, _POSE * frames))
+        evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
+    find_near_rows(placed, bodies, influence, near, near_room)
+    memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
+    for i in range(q.size):
+        last[i] = q[i]
+    return placed, near, near_room
+
+
+@compiled(lean=True)
+def _are_equal(first: Floats1, second: Floats1) -> bool:
+    same = True
+    for k in range(first.size):
+        same &= first[k] == second[k]
+    return same
+
+
+@compiled("float64(float64[::1], float64[:, ::1], float64)")
+def least_distance(memory: Floats1, q: Floats2, influence: float) -> float:
+    """Return the least distance beyond the margin at positions, shape (K, k), if below some; else that."""
+    memory[_KNOWN] = 0.0
+    near, least = _search_near(memory, q.reshape(q.size), q.shape[0], 1, influence)[1], influence
+    for k in range(q.shape[0]):
+        least = min(least, near.distance[k, 0])
+    memory[_KNOWN] = 0.0
+    return least
+
+
+@compiled
+def _move_floors(memory: Floats1, distance: Floats2, what: int) -> int:
+    """Lower the floors under a motion, or raise those that it lets rise; return RAISED where that is much."""
+    floors, margin, found = floats_of(memory, _FLOOR), memory[_MARGIN], 0
+    for k in range(floors.size):
+        apart = distance[k, 0] + margin
+        # Half of what separates bodies may be used up, but no more: the floor must not let them touch.
+        spare = min(2.0 * _SPARE, 0.5 * apart) if apart > 0.0 else 2.0 * _SPARE
+        under = 0.0 if distance[k, 0] > _SPARE else distance[k, 0] - spare
+        if what != START:
+            under = max(floors[k], under)
+            if under - floors[k] > _RISE:
+                found = RAISED
+        floors[k] = under
+    return found
+
+
+@compiled
+def _write_slopes(memory: Floats1, poses: Floats4, near: NearRows, room: NearRoom, slopes: Floats1) -> None:
+    """Write the derivatives of the slacks by the moving joints, shape (K, MOST_PAIRS, n), flat."""
+    floors, sign, columns = floats_of(memory, _FLOOR), memory[_SIGN], floats_of(memory, _COLUMNS)
+    bodies, moving, axes = _bodies_in(memory), words_of(memory, _JOINTS).size, room.axes
+    most, gradient = near.distance.shape[1], room.gradient
+    for k in range(near.found.size):
+        floor = floors[k] if k < floors.size else 0.0
+        scale = sign / (INFLUENCE - floor)
+        if near.found[k] > 0:
+            place_axes(poses, k, bodies, axes)
+        for r in range(most):
+            begin = (k * most + r) * moving
+            own = slopes[begin : begin + moving]
+            for j in range(moving):
+                own[j] = 0.0
+            if r >= near.found[k]:
+                continue
+            differentiate(bodies, near, k, r, axes, gradient)
+            for c in range(gradient.size):
+                if gradient[c] != 0.0:
+                    add_row(own, scale * gradient[c], columns[c * moving : (c + 1) * moving])
+
+
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def clearance_rows(states: int, result: int, asked: int, memory_address: int) -> int:
+    """Evaluate such a term; see `CompiledTerm`."""
+    what, count = asked % KINDS, asked // KINDS
+    memory = floats_at(memory_address, ROOM)
+    floors, moving = floats_of(memory, _FLOOR), words_of(memory, _JOINTS).size
+    if what == TIGHTEN and not any_below_zero(floors):
+        return 0
+    most = min(MOST_PAIRS, floats_of(memory, _GAP).size)
+    poses, near, room = _search_near(memory, floats_at(states, count * moving), count, most, INFLUENCE)
+    if what != VALUES and what != ROWS:
+        return _move_floors(memory, near.distance, what)
+    values, sign = floats_at(result, count * most), memory[_SIGN]
+    for k in range(count):
+        floor = floors[k] if k < floors.size else 0.0
+        for r in range(most):
+            slack = (near.distance[k, r] - floor) / (INFLUENCE - floor)
+            values[k * most + r] = slack if sign > 0.0 else 1.0 - slack
+    if what == ROWS:
+        size = count * most
+        _write_slopes(memory, poses, near, room, floats_at(result + 8 * size, size * moving))
+    return 0

@@ -1,0 +1,55 @@
+"""Terms with floors, which admit motions that break them and rise behind motions that keep them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats1
+from pepper_kin.motion.optimization.term_memory import set_array
+from pepper_kin.planners.optimization import CompiledTerm, Wall
+
+Array = NDArray[np.float64]
+
+
+class FlooredTerm(CompiledTerm):
+    """A compiled term whose memory holds floors at a place of it; none there count as zero.
+
+    Args:
+        address: Address of the function.
+        memory: Its memory.
+        place: Where address and size of the floors are in it.
+        rows_count: Number of rows of a sample.
+        per_interval: Samples in each interval of the spline.
+        per_sample: Number of floors of a sample.
+        keep_alive: What the memory points to.
+
+    Attributes:
+        floor: The floors, flat; empty for none.
+    """
+
+    def __init__(
+        self, address: int, memory: Array, place: int, rows_count: int, per_interval: int, *,
+        per_sample: int = 1, keep_alive: object = None,
+    ) -> None:  # fmt: skip
+        super().__init__(
+            address, memory, rows_count, 1, per_interval, Wall.ABOVE_ZERO, has_floors=True,
+            keep_alive=keep_alive,
+        )  # fmt: skip
+        self._place, self._per_sample, self.floor = place, per_sample, np.zeros(0)
+
+    def start_from(self, q: Array) -> None:
+        """Lower the floors under a motion, given at the samples, shape (K, k)."""
+        self.floor = np.zeros(len(q) * self._per_sample)
+        set_array(self.memory, self._place, self.floor)
+        super().start_from(q)
+
+
+@compiled(lean=True)
+def any_below_zero(floors: Floats1) -> bool:
+    """Whether a floor is below zero."""
+    least = 0.0
+    for k in range(floors.size):
+        least = min(least, floors[k])
+    return least < 0.0

@@ -1,0 +1,81 @@
+"""IK tasks that stay met along a motion, as slacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.ik import Task
+from pepper_kin.motion.constraints import manifold_of, residuals_of
+from pepper_kin.motion.optimization.moving import Moving
+from pepper_kin.planners.optimization import Rows, Wall
+
+Array = NDArray[np.float64]
+
+SHARE = 0.97
+"""Share of a tolerance that is used at samples: between them the error may be a little greater."""
+_SPARE = 0.02
+
+
+class HeldTerm:
+    """1 - |r|^2 / (SHARE tolerance)^2 of each task's residual r, which is above 0 where the task is met.
+
+    As in `ClearanceTerm`, a floor below zero admits motions that start outside, and rises as they come in.
+
+    Args:
+        moving: The joints that move.
+        tasks: Tasks with one target and a finite tolerance each; none is allowed, too.
+        per_interval: Samples in each interval of the spline.
+
+    Raises:
+        InvalidValueError: for a task with several targets, or one of infinite tolerance.
+        UnknownNameError: for a frame or joint that the robot lacks.
+    """
+
+    def __init__(self, moving: Moving, tasks: Sequence[Task], per_interval: int) -> None:
+        self.per_interval, self.wall = per_interval, Wall.ABOVE_ZERO
+        self._count, self._floor = 0, np.zeros((1, 1))
+        if not tasks:
+            return
+        manifold = manifold_of(moving.pepper, tasks, moving.rest, moving.joints)
+        self._residuals = residuals_of(moving.pepper, tasks, moving.rest, moving.joints)
+        self._count = np.size(manifold.tolerances)
+        # sums[g, r] = 1 / tolerance_g^2 for the residuals r of constraint g
+        self._sums = (np.arange(self._count)[:, None] == manifold.groups) / (
+            SHARE * np.asarray(manifold.tolerances)[:, None]
+        ) ** 2
+
+    @property
+    def rows_count(self) -> int:
+        """Number of rows of a sample."""
+        return self._count
+
+    def start_from(self, q: Array) -> None:
+        """Lower the floors under a motion, given at the samples, shape (K, k)."""
+        self._floor = self._floor_under(q)
+
+    def tighten(self, q: Array) -> None:
+        """Raise the floors where a motion keeps the tasks better now; it stays above them."""
+        if np.min(self._floor) < 0.0:
+            self._floor = np.maximum(self._floor, self._floor_under(q))
+
+    def values(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the slacks, shape (K, number of tasks), at states of the moving joints."""
+        return (self._slacks(self._residuals(q)[0]) - self._floor) / (1.0 - self._floor)
+
+    def rows(self, q: Array, v: Array, a: Array) -> Rows:
+        """Return the slacks and their derivatives."""
+        residual, slope = self._residuals(q)
+        by_position = -2.0 * np.einsum("gr,kr,krj->kgj", self._sums, residual, slope)
+        room = 1.0 - self._floor
+        scaled = by_position / np.broadcast_to(room, by_position.shape[:2])[..., None]
+        return Rows((self._slacks(residual) - self._floor) / room, scaled)
+
+    def _slacks(self, residual: Array) -> Array:
+        return 1.0 - residual**2 @ self._sums.T
+
+    def _floor_under(self, q: Array) -> Array:
+        slacks = self._slacks(self._residuals(q)[0])
+        return np.where(slacks > _SPARE, 0.0, slacks - 2 * _SPARE * (1.0 + np.abs(slacks)))

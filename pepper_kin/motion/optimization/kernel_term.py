@@ -1,0 +1,135 @@
+"""Terms that are linear in what a kernel of (q, v, a) computes: torques, moments about edges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.kernel_batch import evaluate_batch
+from pepper_kin.kernels import Kernel
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import call_batch, floats_at, words_at
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+from pepper_kin.motion.optimization.moving import Moving, whole_states
+from pepper_kin.motion.optimization.term_memory import (
+    ROOM,
+    floats_of,
+    memory_of,
+    set_array,
+    take,
+    words_of,
+)
+from pepper_kin.planners.optimization import KINDS, ROWS, CompiledTerm, Wall
+
+Array = NDArray[np.float64]
+
+_N, _OUTPUTS, _VALUES, _SLOPES, _VALUES_WORK, _SLOPES_WORK = range(6)
+_JOINTS, _REST, _STILL, _FIRST, _COLUMN, _WEIGHT, _ROOM = range(6, 20, 2)
+
+
+class KernelTerm(CompiledTerm):
+    """L f(q, v, a) with a constant matrix L.
+
+    Args:
+        moving: The joints that move.
+        kernels: f, and its derivatives by q, v and a, shape (outputs, n) each.
+        matrix: L, shape (R, outputs).
+        per_interval: Samples in each interval of the spline.
+        wall: Which values are allowed.
+    """
+
+    def __init__(
+        self, moving: Moving, kernels: tuple[Kernel, Kernel], matrix: Array, per_interval: int, wall: Wall
+    ) -> None:
+        values, slopes = kernels
+        row, column = np.nonzero(matrix)
+        first = np.searchsorted(row, np.arange(len(matrix) + 1))
+        memory, kept = memory_of(
+            [float(moving.pepper.n), matrix.shape[1], values.batch_address, slopes.batch_address,
+             values.work_size, slopes.work_size],
+            [moving.joints, moving.rest, np.zeros(moving.pepper.n), first, column, matrix[row, column],
+             np.zeros(0)],
+        )  # fmt: skip
+        n, outputs = moving.pepper.n, matrix.shape[1]
+        self._room_size = 3 * n + outputs * (1 + 3 * n), 32 + max(values.work_size, slopes.work_size)
+        self._room = np.zeros(0)
+        super().__init__(
+            kernel_rows.address, memory, len(matrix), 3, per_interval, wall, keep_alive=(kernels, kept)
+        )
+
+    def reserve(self, count: int) -> None:
+        """Make room in memory for a number of samples."""
+        size = count * self._room_size[0] + self._room_size[1]
+        if size > self._room.size:
+            self._room = np.zeros(size)
+            set_array(self.memory, _ROOM, self._room)
+
+
+@compiled(lean=True)
+def _evaluate_slopes(address: int, whole: Floats3, outputs: Floats2, words: Ints1, work: Floats1) -> None:
+    """Run a kernel of three inputs and outputs for all states, in memory that outlives the call."""
+    count = whole.shape[1]
+    for i in range(3):
+        words[i], words[3 + i] = whole[i].ctypes.data, whole.shape[2]
+        words[6 + i], words[9 + i] = outputs[i].ctypes.data, outputs.shape[1] // count
+    here = words.ctypes.data
+    call_batch(address, here, here + 24, here + 48, here + 72, count, work.ctypes.data)
+
+
+@compiled(lean=True)
+def _map_rows(
+    parts: Floats1, lines: tuple[Ints1, Ints1, Floats1], columns: Ints1, sizes: tuple[int, int, int],
+    result: Floats1,
+) -> None:  # fmt: skip
+    """Write L times each of K blocks of outputs, of each of which some columns are taken.
+
+    Args:
+        parts: Shape (K, outputs, n), flat.
+        lines: L row by row: where rows begin, columns, and weights.
+        columns: Columns that are taken.
+        sizes: K, outputs, n.
+        result: Written, shape (K, R, taken), flat.
+    """
+    count, outputs, n = sizes
+    first, column, weight = lines
+    taken, rows = columns.size, first.size - 1
+    for k in range(count):
+        for r in range(rows):
+            place = (k * rows + r) * taken
+            for j in range(taken):
+                result[place + j] = 0.0
+            for i in range(first[r], first[r + 1]):
+                begin, share = (k * outputs + column[i]) * n, weight[i]
+                for j in range(taken):
+                    result[place + j] += share * parts[begin + columns[j]]
+
+
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def kernel_rows(states: int, result: int, asked: int, memory_address: int) -> int:
+    """Evaluate such a term; see `CompiledTerm`."""
+    what, count = asked % KINDS, asked // KINDS
+    memory = floats_at(memory_address, ROOM)
+    n, outputs = int(memory[_N]), int(memory[_OUTPUTS])
+    joints, rest, still = words_of(memory, _JOINTS), floats_of(memory, _REST), floats_of(memory, _STILL)
+    lines = words_of(memory, _FIRST), words_of(memory, _COLUMN), floats_of(memory, _WEIGHT)
+    rows, size = lines[0].size - 1, count * joints.size
+    room, used = floats_of(memory, _ROOM), np.zeros(1, np.int64)
+    given, whole = floats_at(states, 3 * size), take(room, used, 3 * count * n).reshape((3, count, n))
+    for part in range(3):
+        whole_states(
+            given[part * size : (part + 1) * size], joints, rest if part == 0 else still, whole[part]
+        )
+    work = take(room, used, int(max(memory[_VALUES_WORK], memory[_SLOPES_WORK])) + 8)
+    words = words_at(take(room, used, 12).ctypes.data, 12)
+    numbers = floats_at(result, count * rows * (1 + 3 * joints.size if what == ROWS else 1))
+    single, values = np.zeros(1, np.int64), take(room, used, count * outputs).reshape((count, outputs))
+    evaluate_batch(int(memory[_VALUES]), whole[0], whole[1], whole[2], values, work, words)
+    _map_rows(values.reshape(values.size), lines, single, (count, outputs, 1), numbers[: count * rows])
+    if what == ROWS:
+        slopes = take(room, used, 3 * count * outputs * n).reshape((3, count * outputs * n))
+        _evaluate_slopes(int(memory[_SLOPES]), whole, slopes, words, work)
+        for part in range(3):
+            begin = count * rows * (1 + part * joints.size)
+            own = numbers[begin : begin + count * rows * joints.size]
+            _map_rows(slopes[part], lines, joints, (count, outputs, n), own)
+    return 0

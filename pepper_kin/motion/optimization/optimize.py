@@ -1,0 +1,356 @@
+"""From a path or a motion to a shorter and smoother motion within all limits."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
+from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.constraints import as_constraints
+from pepper_kin.motion.optimization.cost import Cost, figures_of
+from pepper_kin.motion.optimization.examined import is_clear_along
+from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
+from pepper_kin.motion.plan_result import Plan
+from pepper_kin.planners.optimization import FATROP, Descent, OptimizationStatus, check_no_timeout
+from pepper_kin.trajectory import Trajectory, retime
+from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
+from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.path import PathLike
+from pepper_kin.trajectory.payload import AtFrames, at_frames
+from pepper_kin.trajectory.trajectory import sample_times
+
+if TYPE_CHECKING:
+    from pepper_kin.motion.optimization.spline_problem import SplineProblem
+
+Array = NDArray[np.float64]
+
+SOLVERS = ("newton", "ipopt", FATROP)
+_LEAST_TIME = 1e-6  # [s] for a search that begins late: it returns the motion that it begins with
+TIMEOUT = 5.0
+"""Wall time of a search, if nothing else is said [s]."""
+_STEP = 0.001  # [s], between the states at which the result is examined
+_DISTANCE_STEP = 0.004  # [s], between those whose distances are measured
+_CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
+_MORE = 1.0 + 1e-6
+_DETOUR = 0.25  # share of a joint's range by which other starts leave the straight line at most
+_TORQUE_SPARE = 1.0 - 3e-4  # share of the torques that may be used at every millisecond
+_KEPT = 0.5  # share of the margin that the motion between samples must keep
+
+
+def optimize(
+    pepper: PepperModel,
+    path: Plan | Trajectory | PathLike,
+    scene: Scene | None = None,
+    *,
+    cost: Cost | None = None,
+    duration: float | None = None,
+    margin: float = 0.01,
+    intervals: int = 20,
+    velocity_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
+    torque_scale: float = 1.0,
+    balance: float | None = None,
+    payload: Mapping[str, float] | None = None,
+    jerk: JerkLike | None = None,
+    constraints: Sequence[Task | TaskGroup] = (),
+    max_iterations: int = 40,
+    timeout: float | None = None,
+    solver: str = "newton",
+    starts: int = 1,
+    seed: int = 0,
+) -> Optimized:
+    """Make a motion cheaper, path and timing together, within all limits.
+
+    The motion is a cubic B-spline from rest to rest whose accelerations are continuous and zero at both ends.
+    Unknowns are its control points and its duration.  Limits of position and velocity hold at control points
+    and so everywhere, those of acceleration at knots, where it is extreme; torques hold at knots, clearances
+    and tasks at four samples in each interval.  A feasible interior-point method (`planners.optimization`)
+    lowers the cost; values and exact derivatives come from compiled code.  The result is examined every
+    millisecond: time is stretched where a torque is exceeded, and where distances or tasks are not kept, or
+    nothing was gained, the motion before is returned.
+
+    Args:
+        pepper: The robot.
+        path: A plan, a trajectory, or a path as `retime` takes it (two configurations: a straight line).
+            Joints that do not move in it stay still.
+        scene: The world around the robot.
+        cost: Weights of time, jerk, effort and closeness; by default time and a little jerk.
+        duration: Duration that the motion shall have [s]; by default it is free.
+        margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
+            never less than half of that in between samples.
+        intervals: Pieces of the spline, at least 4: more can follow sharper turns, and take longer.
+        velocity_scale: Share of the velocity limits to use, in (0, 1].
+        acceleration_scale: The same of acceleration limits.
+        torque_scale: The same of effort limits.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
+        payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`.
+        jerk: Limits of jerk as in `retime`, which hold at every instant; None for none.  A path that is given
+            is timed without them to start from.
+        constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
+        max_iterations: Newton steps at most; ten times as many of a general solver.
+        timeout: Wall time of the search [s], then the best is taken; `TIMEOUT` if omitted; not for "fatrop".
+        solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver: references, slower.
+        starts: Number of motions to start from: that along the path, then two straight lines by a random
+            posture each, searched on all cores ("newton").  The cheapest result is kept.
+        seed: Seed of these postures.
+
+    Returns:
+        The result; its trajectory is never worse than the one to start from (which may collide if it does).
+
+    Raises:
+        InvalidValueError: for an option out of range, a plan without a path, or a wrong path.
+        LimitError: where the path leaves the position limits, naming the joint.
+        InfeasibleError: where torque limits forbid the path to start from.
+    """
+    from pepper_kin.motion.optimization.spline_problem import SplineProblem, load_search  # only here
+
+    load_search(pepper, held := at_frames(pepper, "payload", payload, "kg"), balance is not None)
+    begin = time.perf_counter()
+    wanted, seconds = _checked(margin, timeout, duration, solver, starts)
+    scales = (velocity_scale, acceleration_scale, torque_scale)
+    before, limits = _timed(pepper, path, *scales, balance, payload), _scaled(pepper, *scales, balance, held)
+    weights, world = cost or Cost(), scene if scene is not None else Scene()
+    tasks = as_constraints(pepper, constraints) if constraints else ()
+    rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
+    rest = world, weights, limits, margin, intervals
+
+    def posed(motion: Trajectory) -> SplineProblem:
+        return SplineProblem(pepper, motion, *rest, tasks=tasks, jerk=rate)
+
+    problems = [posed(before)]
+    judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
+    problems += map(posed, _detours(pepper, before, starts, seed, scales, begin + seconds))
+    best = _cheapest(judge, problems, _each(problems, wanted, max_iterations, begin + seconds, solver))
+    return replace(best, time=time.perf_counter() - begin)
+
+
+def _each(
+    problems: Sequence[SplineProblem], wanted: float | None, steps: int, end: float, solver: str
+) -> list[Descent]:
+    """Return the outcomes of searches until the clock shows `end` [s]; they leave threads their turn."""
+
+    def search(problem: SplineProblem) -> Descent:
+        return problem.descend(wanted, steps, max(end - time.perf_counter(), _LEAST_TIME), solver)
+
+    if len(problems) == 1 or solver != SOLVERS[0]:
+        return [search(problem) for problem in problems]
+    with ThreadPoolExecutor(min(len(problems), os.cpu_count() or 1)) as threads:
+        return list(threads.map(search, problems))
+
+
+def _cheapest(judge: _Judge, problems: Sequence[SplineProblem], descents: Sequence[Descent]) -> Optimized:
+    """Return the cheapest outcome that passes, or what became of the first where none does."""
+    refused: dict[int, Optimized] = {}
+    for k in sorted(range(len(problems)), key=lambda k: _cost_of(descents[k])):
+        found = judge(problems[k], descents[k])
+        if found.success:
+            return found
+        refused[k] = found
+    return refused[0]
+
+
+def _cost_of(descent: Descent) -> float:
+    """Return the cost that a search ended with; inf where it had no start."""
+    return float("inf") if descent.status is OptimizationStatus.START_INFEASIBLE else descent.cost
+
+
+def _scaled(
+    pepper: PepperModel, velocity: float, acceleration: float, torque: float, balance: float | None,
+    payload: AtFrames,
+) -> Limits:  # fmt: skip
+    """Return shares of a robot's limits."""
+    return Limits(
+        pepper.velocity_limits * velocity,
+        pepper.acceleration_limits * acceleration,
+        pepper.effort_limits * torque,
+        balance,
+        payload,
+    )
+
+
+def _jerk_limits(pepper: PepperModel, jerk: JerkLike, solver: str) -> Array:
+    if solver != SOLVERS[0]:
+        raise InvalidValueError("jerk", jerk, f"None with solver={solver!r}, which does not know such limits")
+    return jerk_limits(pepper, jerk)
+
+
+def _checked(
+    margin: float, timeout: float | None, duration: float | None, solver: str, starts: int
+) -> tuple[float | None, float]:
+    """Return the duration wanted, if any, and the time that the search may take [s]."""
+    check_choice("solver", solver, SOLVERS)
+    if not (np.isfinite(margin) and margin >= 0):
+        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise InvalidValueError("starts", starts, "a whole number of at least 1")
+    if timeout is not None:
+        check_positive("timeout", timeout, "s")
+    if solver == FATROP:
+        check_no_timeout(timeout)
+        seconds = float("inf")
+    else:
+        seconds = TIMEOUT if timeout is None else timeout
+    return None if duration is None else check_positive("duration", duration, "s"), seconds
+
+
+def _timed(
+    pepper: PepperModel,
+    path: Plan | Trajectory | PathLike,
+    velocity_scale: float,
+    acceleration_scale: float,
+    torque_scale: float,
+    balance: float | None,
+    payload: Mapping[str, float] | None = None,
+) -> Trajectory:
+    """Return the motion to start from: the one that was given, or along a path in the shortest time."""
+    for name, share in (
+        ("velocity_scale", velocity_scale),
+        ("acceleration_scale", acceleration_scale),
+        ("torque_scale", torque_scale),
+    ):
+        if check_positive(name, share) > 1.0:
+            raise InvalidValueError(name, share, "a number in (0, 1]")
+    if isinstance(path, Trajectory):
+        if path.joint_names != pepper.joint_names:
+            raise InvalidValueError(
+                "joints of the trajectory", ", ".join(path.joint_names), ", ".join(pepper.joint_names)
+            )
+        return path
+    if isinstance(path, Plan) and path.path is None:
+        raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
+    return retime(
+        pepper,
+        path,
+        velocity_scale=velocity_scale,
+        acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale,
+        balance=balance,
+        payload=payload,
+    )
+
+
+def _detours(
+    pepper: PepperModel, before: Trajectory, starts: int, seed: int, scales: tuple[float, float, float],
+    end: float,
+) -> Iterator[Trajectory]:  # fmt: skip
+    """Return motions along two straight lines from start to goal, by random postures of moving joints.
+
+    There are no more of them once the clock shows `end` [s].
+    """
+    rng, first, last = np.random.default_rng(seed), before.start, before.end
+    moving = first != last
+    spare = np.where(np.isfinite(pepper.upper_limits - pepper.lower_limits), 0.0, np.pi)
+    low = np.where(spare > 0, np.minimum(first, last) - spare, pepper.lower_limits)
+    high = np.where(spare > 0, np.maximum(first, last) + spare, pepper.upper_limits)
+    for _ in range(starts - 1):
+        share = _DETOUR * rng.uniform(-1.0, 1.0, pepper.n)
+        middle = np.where(moving, np.clip((first + last) / 2 + share * (high - low), low, high), first)
+        try:
+            motion = _timed(pepper, np.stack([first, middle, last]), *scales, None)
+        except (InfeasibleError, LimitError):
+            continue
+        if time.perf_counter() >= end:
+            return
+        yield motion
+
+
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """Examines what a search found, and returns it if it is clear and cheaper than the motion before."""
+
+    pepper: PepperModel
+    given: SplineProblem
+    before: Trajectory
+    scene: Scene
+    cost: Cost
+    limits: Limits
+    margin: float
+    wanted: float | None
+    tasks: tuple[Task, ...]
+    jerk: Array | None
+
+    def __call__(self, problem: SplineProblem, descent: Descent) -> Optimized:
+        """Return the outcome of a descent on a problem, that of the motion before or another."""
+        old = figures_of(self.pepper, self.before, self.limits.payload)
+
+        def refused(status: OptimizedStatus, message: str) -> Optimized:
+            return Optimized(
+                status, message, self.before, self.before, old, old, self.cost, float("nan"), descent, 0.0,
+                self._errors(self.before),
+            )  # fmt: skip
+
+        if descent.status is OptimizationStatus.START_INFEASIBLE:
+            what = "slow motion" if self.wanted is None else f"motion of {self.wanted:.3g} s"
+            why = problem.broken(descent)
+            return refused(OptimizedStatus.NO_ROOM, f"No {what} near the path keeps all limits. {why}")
+        found = problem.trajectory(descent)
+        states = found(sample_times(found.duration, _STEP))
+        limits = replace(self.limits, torque=_TORQUE_SPARE * np.asarray(self.limits.torque))
+        stretch = measure_use(self.pepper, states, limits).stretch
+        if not np.isfinite(stretch):
+            return refused(OptimizedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
+        if stretch > 1.0:
+            found = found.scaled(stretch * _MORE)
+        clearance = self._clearance(problem, found)
+        if not clearance > max(min(_KEPT * self.margin, 0.9 * problem.clearance_before), 0.0):
+            near = f"comes as near as {clearance * 1000:.1f} mm to something"
+            text = near if np.isfinite(clearance) else "touches something, or may do so"
+            return refused(OptimizedStatus.NOT_CLEAR, f"The optimized motion {text}.")
+        errors = self._errors(found)
+        for task, error in zip(self.tasks, errors, strict=True):
+            if error > task.tolerance * _MORE:
+                words = f"{error:.3g} {task.unit_on(self.pepper)} of {task.tolerance:.3g}"
+                return refused(OptimizedStatus.OFF_CONSTRAINT, f"{task.name} is not kept: {words}.")
+        new = figures_of(self.pepper, found, self.limits.payload)
+        gain = (
+            f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
+            f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
+        )
+        free = self.wanted is None and self.cost.clearance == 0 and self.jerk is None
+        dearer = free and not new.cost(self.cost) < old.cost(self.cost)
+        if dearer and self._before_is_clear():
+            return refused(OptimizedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
+        message = f"Went from {gain} in {descent.iterations} steps."
+        return Optimized(
+            OptimizedStatus.IMPROVED, message, found, self.before, new, old, self.cost, clearance, descent,
+            0.0, errors,
+        )  # fmt: skip
+
+    def _before_is_clear(self) -> bool:
+        kept = zip(self.tasks, self._errors(self.before), strict=True)
+        if any(error > task.tolerance * _MORE for task, error in kept):
+            return False
+        return self.given.clearance_before > 0 and is_clear_along(
+            Checks(self.pepper, self.scene), self.before
+        )
+
+    def _errors(self, motion: Trajectory) -> tuple[float, ...]:
+        """Return the largest error of each task along a motion, by Pinocchio."""
+        if not self.tasks:
+            return ()
+        times = np.linspace(0.0, motion.duration, _CONSTRAINT_STATES)
+        q = motion(times).position
+        return tuple(max(task.error(self.pepper, state) for state in q) for task in self.tasks)
+
+    def _clearance(self, problem: SplineProblem, motion: Trajectory) -> float:
+        """Return the least distance along a motion [m], by the search; -inf where something touches.
+
+        That nothing touches is proven along all of the motion; distances are measured every 4 ms.
+        """
+        if not is_clear_along(Checks(self.pepper, self.scene), motion):
+            return -float("inf")
+        times = sample_times(motion.duration, _DISTANCE_STEP)
+        return problem.least_distance(motion(times).position)

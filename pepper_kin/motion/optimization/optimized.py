@@ -1,0 +1,87 @@
+"""What the optimization of a motion returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from pepper_kin.motion.optimization.cost import Cost, Figures
+from pepper_kin.planners.optimization import Descent
+from pepper_kin.trajectory import Trajectory
+
+
+class OptimizedStatus(Enum):
+    """How the optimization of a motion ended; `advice` says what to try."""
+
+    IMPROVED = "improved"
+    NOT_CHEAPER = "not_cheaper"
+    NOT_CLEAR = "not_clear"
+    OFF_CONSTRAINT = "off_constraint"
+    NO_ROOM = "no_room"
+
+    @property
+    def advice(self) -> str:
+        """One sentence: what to try."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    OptimizedStatus.IMPROVED: "Examine it with check().",
+    OptimizedStatus.NOT_CHEAPER: "Take the motion as it is, or weigh jerk more.",
+    OptimizedStatus.NOT_CLEAR: "Give a path that keeps more distance, more intervals or a smaller margin.",
+    OptimizedStatus.OFF_CONSTRAINT: "Give a path that keeps the tasks, as plan() does, or more intervals.",
+    OptimizedStatus.NO_ROOM: "Give a path further from limits, more intervals, or a longer duration.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Optimized:
+    """The outcome of `optimize`.
+
+    Attributes:
+        status: How it ended.
+        message: What happened, in a sentence with numbers.
+        trajectory: The optimized motion where it was improved, else the one before.
+        before: The motion that was given; where a path was given, along it in the shortest time.
+        figures: Duration, jerk and effort of `trajectory`.
+        figures_before: The same of `before`.
+        cost: The weights.
+        clearance: Least distance of `trajectory` to the scene and between parts of the robot, every 4 ms, as
+            the search measures it: more than 8 cm beyond the margin counts as that [m]; nan where it is
+            `before`.
+        descent: How the search itself ended; None where it had no start.
+        time: Wall time [s], the timing of a given path included.
+        constraint_errors: Largest error of each task that was to stay met, along `trajectory`, by Pinocchio,
+            groups taken apart [m or rad]; empty where there are none.
+    """
+
+    status: OptimizedStatus
+    message: str
+    trajectory: Trajectory
+    before: Trajectory
+    figures: Figures
+    figures_before: Figures
+    cost: Cost
+    clearance: float
+    descent: Descent | None
+    time: float
+    constraint_errors: tuple[float, ...] = ()
+
+    @property
+    def success(self) -> bool:
+        """Whether the motion was improved."""
+        return self.status is OptimizedStatus.IMPROVED
+
+    @property
+    def shorter_by(self) -> float:
+        """Share of the duration that was saved; negative where the motion became longer."""
+        return 1.0 - self.figures.duration / self.figures_before.duration
+
+    @property
+    def smoother_by(self) -> float:
+        """Share of the jerk that was saved."""
+        return 1.0 - self.figures.jerk / self.figures_before.jerk
+
+    def report(self) -> str:
+        """Say in plain words what was gained, and what to try."""
+        return f"{self.message} {self.status.advice}"

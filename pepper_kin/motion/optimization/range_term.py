@@ -1,0 +1,182 @@
+"""Joint ranges that depend on another joint, where neighboring bodies would meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision.checker import LEVER
+from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.kernels.signatures import Floats1
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
+from pepper_kin.motion.optimization.moving import Moving
+from pepper_kin.motion.optimization.term_memory import ROOM, floats_of, memory_of, words_of
+from pepper_kin.planners.optimization import KINDS, ROWS, START, TIGHTEN, VALUES
+
+Array = NDArray[np.float64]
+
+INFLUENCE = 0.3
+"""Angles beyond the range's end by this do not act on a motion [rad]."""
+_SPARE = 0.005  # [rad]
+_RAMP = 0.05  # [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class _Edge:
+    """One side of a range: sign * (y - edge(x)) > 0, edge linear between tabulated positions.
+
+    Attributes:
+        first: Place of joint x.
+        second: Place of joint y.
+        sign: 1 for a lower, -1 for an upper edge.
+        x: Tabulated positions, rising [rad], shape (m,).
+        y: Edge at them [rad], shape (m,).
+    """
+
+    first: int
+    second: int
+    sign: float
+    x: Array
+    y: Array
+
+
+_N, _FLOOR, _JOINTS, _REST, _EDGES, _SIGNS, _FIRST, _X, _Y = 0, *range(1, 17, 2)
+
+
+class RangeTerm(FlooredTerm):
+    """Angles left to the ends of the ranges that replace the collision check of neighboring bodies.
+
+    The table's ranges change in steps; the edges used here are continuous and lie inside of them.  As in
+    `ClearanceTerm` a floor admits motions that start beyond an edge.
+
+    Args:
+        moving: The joints that move.
+        self_margin: Distance that parts of the robot keep from each other [m].
+        per_interval: Samples in each interval of the spline.
+    """
+
+    def __init__(self, moving: Moving, self_margin: float, per_interval: int) -> None:
+        pepper = moving.pepper
+        margin = self_margin / LEVER
+        place = np.full(pepper.n, -1)
+        place[moving.joints] = np.arange(moving.joints.size)
+        edges = [
+            edge for edge in _edges_of(pepper, margin) if place[edge.first] >= 0 or place[edge.second] >= 0
+        ]
+        joints = [(e.first, e.second, place[e.first], place[e.second]) for e in edges]
+        memory, kept = memory_of(
+            [pepper.n],
+            [
+                np.zeros(0), moving.joints, moving.rest, np.array(joints, np.int64).ravel(),
+                np.array([edge.sign for edge in edges]),
+                np.cumsum([0, *(edge.x.size for edge in edges)], dtype=np.int64),
+                np.concatenate([np.zeros(0), *(edge.x for edge in edges)]),
+                np.concatenate([np.zeros(0), *(edge.y for edge in edges)]),
+            ],
+        )  # fmt: skip
+        super().__init__(
+            range_rows.address,
+            memory,
+            _FLOOR,
+            len(edges),
+            per_interval,
+            per_sample=len(edges),
+            keep_alive=kept,
+        )
+
+
+@compiled(lean=True)
+def _edge_at(x: Floats1, y: Floats1, at: float) -> tuple[float, float]:
+    """Return an edge and its slope, constant beyond its ends."""
+    if at <= x[0]:
+        return y[0], 0.0
+    if at >= x[-1]:
+        return y[-1], 0.0
+    low, high = 0, x.size - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x[middle] <= at:
+            low = middle
+        else:
+            high = middle
+    slope = (y[high] - y[low]) / (x[high] - x[low])
+    return y[low] + slope * (at - x[low]), slope
+
+
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def range_rows(states: int, result: int, asked: int, memory_address: int) -> int:
+    """Evaluate such a term; see `CompiledTerm`."""
+    what, count = asked % KINDS, asked // KINDS
+    memory = floats_at(memory_address, ROOM)
+    floors, joints, rest = floats_of(memory, _FLOOR), words_of(memory, _JOINTS), floats_of(memory, _REST)
+    edges, signs, first = words_of(memory, _EDGES), floats_of(memory, _SIGNS), words_of(memory, _FIRST)
+    x, y, n, rows = floats_of(memory, _X), floats_of(memory, _Y), joints.size, signs.size
+    if what == TIGHTEN and not any_below_zero(floors):
+        return 0
+    q = floats_at(states, count * n)
+    given = what in (VALUES, ROWS)
+    numbers = floats_at(result, count * rows * (1 + n) if what == ROWS else count * rows if given else 0)
+    for k in range(count):
+        for e in range(rows):
+            along, across = edges[4 * e + 2], edges[4 * e + 3]
+            at = q[k * n + along] if along >= 0 else rest[edges[4 * e]]
+            other = q[k * n + across] if across >= 0 else rest[edges[4 * e + 1]]
+            limit, slope = _edge_at(x[first[e] : first[e + 1]], y[first[e] : first[e + 1]], at)
+            room, row = signs[e] * (other - limit), k * rows + e
+            if not given:
+                under = 0.0 if room > _SPARE else room - 2.0 * _SPARE
+                if what == START:
+                    floors[row] = under
+                elif under == 0.0:
+                    floors[row] = 0.0
+                continue
+            floor = floors[row] if row < floors.size else 0.0
+            numbers[row] = (room - floor) / (INFLUENCE - floor)
+            if what == ROWS:
+                own = numbers[count * rows + row * n : count * rows + (row + 1) * n]
+                for j in range(n):
+                    own[j] = 0.0
+                if along >= 0:
+                    own[along] = -signs[e] * slope / (INFLUENCE - floor)
+                if across >= 0:
+                    own[across] = signs[e] / (INFLUENCE - floor)
+    return 0
+
+
+@lru_cache(maxsize=16)
+def _edges_of(pepper: PepperModel, margin: float) -> tuple[_Edge, ...]:
+    """Return the edges of all tables of a robot."""
+    limits = pepper.lower_limits, pepper.upper_limits
+    return tuple(edge for table in dependent_ranges(pepper) for edge in _edges(table, *limits, margin))
+
+
+def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> list[_Edge]:
+    """Return a table's lower and upper edge, each only where it lies within the joint's own limits."""
+    found = []
+    for sign, column, limit in ((1.0, table.lower, lower), (-1.0, table.upper, upper)):
+        own = sign * limit[table.second]
+        values = np.clip(sign * column + margin, own - INFLUENCE, own + 2.0)
+        if values.max() <= own - INFLUENCE:
+            continue
+        x, y = _ramps(table.positions, values)
+        found.append(_Edge(table.first, table.second, sign, x, sign * y))
+    return found
+
+
+def _ramps(x: Array, values: Array) -> tuple[Array, Array]:
+    """Return corners of the lowest continuous function with short ramps above a table's steps.
+
+    Between two rows the greater value holds.  Where that steps up, the ramp ends at the step, where it steps
+    down, it begins there.
+    """
+    steps = np.concatenate([values[:1], np.maximum(values[:-1], values[1:]), values[-1:]])
+    width = min(_RAMP, float(np.diff(x).min()) / 3)
+    begin = np.where(np.diff(steps) > 0, x - width, x)
+    corners = np.stack([begin, begin + width], axis=1).ravel()
+    return corners, np.stack([steps[:-1], steps[1:]], axis=1).ravel()

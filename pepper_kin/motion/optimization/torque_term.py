@@ -1,0 +1,38 @@
+"""Torques as shares of the joints' efforts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.batch import kernel
+from pepper_kin.motion.optimization.carried import carrying_kernels
+from pepper_kin.motion.optimization.kernel_term import KernelTerm
+from pepper_kin.motion.optimization.moving import Moving
+from pepper_kin.planners.optimization import Wall
+from pepper_kin.trajectory.payload import AtFrames
+
+Array = NDArray[np.float64]
+
+
+class TorqueTerm(KernelTerm):
+    """tau / limit of all joints with a finite effort, with exact derivatives from `symbolic`.
+
+    Args:
+        moving: The joints that move; torques of the others count, too.
+        limits: Torques that count as 1 [N m or N], shape (n,), inf for none.
+        per_interval: Samples in each interval of the spline.
+        payload: Masses held, by frame [kg].
+    """
+
+    def __init__(self, moving: Moving, limits: Array, per_interval: int, payload: AtFrames = ()) -> None:
+        if payload:
+            kernels = carrying_kernels(moving.pepper, "inverse_dynamics", tuple(name for name, _ in payload))
+        else:
+            names = ("inverse_dynamics", "inverse_dynamics_derivatives")
+            kernels = kernel(moving.pepper, names[0]), kernel(moving.pepper, names[1])
+        shares = np.diag(1.0 / limits)[np.isfinite(limits)]
+        finite = np.flatnonzero(np.isfinite(limits))
+        self.joint_names = tuple(moving.pepper.joint_names[j] for j in finite)
+        shares = np.hstack([shares, *(mass * shares for _, mass in payload)])  # torques are linear in masses
+        super().__init__(moving, kernels, shares, per_interval, Wall.WITHIN_ONE)

@@ -1,0 +1,43 @@
+"""Motions from rest to rest, made cheap within limits: B-splines and a feasible interior-point method.
+
+spline = RestSpline(start, goal, intervals=20)
+objective = Objective(spline, Bounds(lower, upper, velocity, acceleration), Weights(1.0, 1e-4, scale), [term])
+found = descend(objective, spline.fit(states), duration)
+"""
+
+from .assembly import Bounds, Objective
+from .banded import add_row
+from .compiled_term import FAILED, KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, CompiledTerm
+from .descend import Descent, OptimizationStatus, descend
+from .effort import EffortMotion, EffortStatus, minimum_effort
+from .general import FATROP, check_no_timeout, descend_by
+from .rows import Rows, Term, Wall, Weights
+from .spline import RestSpline
+
+__all__ = [
+    "FAILED",
+    "FATROP",
+    "KINDS",
+    "RAISED",
+    "ROWS",
+    "START",
+    "TIGHTEN",
+    "VALUES",
+    "Bounds",
+    "CompiledTerm",
+    "Descent",
+    "EffortMotion",
+    "EffortStatus",
+    "Objective",
+    "OptimizationStatus",
+    "RestSpline",
+    "Rows",
+    "Term",
+    "Wall",
+    "Weights",
+    "add_row",
+    "check_no_timeout",
+    "descend",
+    "descend_by",
+    "minimum_effort",
+]
