@@ -35,6 +35,8 @@ _MOST_NEW = 3  # way-points that one iteration may add
 # are drawn near each other, from how near (e to the minus this, of the length), and greatest contraction.
 _CONTRACTS, _VIA, _LOCAL, _NARROWEST, _MOST_SHARE = 0.6, 0.2, 0.2, 4.0, 4.0
 
+_INSIDE = 1.0 - 1e-12  # of the box's extent, for rounding
+
 # How a call ends.
 DONE, TIME_UP, FULL = range(3)
 
@@ -257,14 +259,18 @@ def _straighten(
 
 @compiled
 def _contract(
+    space: SearchSpace,
     piece: FloatArray,
     count: int,
     lengths: FloatArray,
     direction: FloatArray,
     share: float,
-    weights: FloatArray,
 ) -> None:
-    """Let a polyline run straighter along one direction of the metric, by a share of what it is off."""
+    """Let a polyline run straighter along one direction of the metric, by a share of what it is off.
+
+    A direction may lead out of the box, to whose faces states are then taken back.
+    """
+    weights = space.weights
     measure(piece, count, weights, lengths)
     whole, last = lengths[count - 1], count - 1
     for k in range(1, last):
@@ -273,7 +279,9 @@ def _contract(
             chord = piece[0, i] + fraction * (piece[last, i] - piece[0, i])
             off += direction[i] * weights[i] * (chord - piece[k, i])
         for i in range(weights.size):
-            piece[k, i] += share * off * direction[i] / weights[i]
+            value = piece[k, i] + share * off * direction[i] / weights[i]
+            upper = space.lower[i] + _INSIDE * space.extent[i]
+            piece[k, i] = min(max(value, space.lower[i]), upper)
 
 
 @compiled
@@ -396,7 +404,7 @@ def shorten(
         if turned:
             _draw_direction(key, number + 4, line.rows[0])
             share = min(1.0, _MOST_SHARE * uniform(key, number + 3))
-            _contract(piece, count, lengths[1], line.rows[0], share, weights)
+            _contract(space, piece, count, lengths[1], line.rows[0], share)
         if single:
             _straighten(piece, count, lengths[1], int(uniform(key, number + 3) * n), weights)
         if via:

@@ -161,3 +161,20 @@ def test_detours_bring_a_path_to_the_shortest_around_a_ball() -> None:
         plain = shortcut(problem, path, seed=seed, iterations=6000, timeout=60.0)
         assert short.length < plain.length
         assert validity(short.resample(0.002).points).mean() > 0.99
+
+
+def test_detours_never_leave_the_box() -> None:
+    """A path wiggles in a face of the box, over a hump: contracting it along a direction leads outside."""
+
+    def free(q: np.ndarray) -> np.ndarray:
+        return q[:, 1] > 0.4 * np.sin(np.pi * np.clip(q[:, 2], 0, 1)) - 0.05
+
+    z = np.linspace(0, 1, 15)
+    wiggles = 0.1 * (np.arange(15) % 2) * (z > 0) * (z < 1)
+    points = np.column_stack((np.full(15, -0.7), 0.4 * np.sin(np.pi * z) + wiggles, z))
+    problem = Problem([-0.7, -0.2, -0.1], [0.4, 0.9, 1.3], points[0], points[-1], free, resolution=0.02)
+    path = Path(points, problem.metric.weights)
+    for seed in range(10):
+        short = shortcut(problem, path, seed=seed, iterations=20, timeout=60.0, detours=True)
+        assert short.length < path.length
+        assert np.all((short.points >= problem.lower) & (short.points <= problem.upper))

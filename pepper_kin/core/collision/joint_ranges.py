@@ -19,7 +19,7 @@ CELL = 4
 fourth it is surely kept, at a margin of zero."""
 
 SLACK = 1e-9
-"""A line or a curve may leave a range by this, for rounding [rad or m]."""
+"""A curve may leave a range by this, for rounding [rad or m]."""
 _HALVINGS = 40  # of a piece of a curve
 
 
@@ -110,14 +110,14 @@ def _line_keeps(
     row = _row_below(rows, count, a[0])
     if row >= 0 and rows[row] == b[0]:  # exactly on a row, which holds alone
         low, high = rows[count + row], rows[2 * count + row]
-        return min(a[1], b[1]) >= low + margin - SLACK and max(a[1], b[1]) <= high - margin + SLACK
+        return min(a[1], b[1]) >= low + margin and max(a[1], b[1]) <= high - margin
     y = a[1]
     while True:
         last = row + 1 >= count or rows[row + 1] >= b[0]
         end = b[1] if last else a[1] + slope * (rows[row + 1] - a[0])
         below, above = max(row, 0), min(row + 1, count - 1)
-        low = max(rows[count + below], rows[count + above]) + margin - SLACK
-        high = min(rows[2 * count + below], rows[2 * count + above]) - margin + SLACK
+        low = max(rows[count + below], rows[count + above]) + margin
+        high = min(rows[2 * count + below], rows[2 * count + above]) - margin
         if min(y, end) < low or max(y, end) > high:
             return False
         if last:

@@ -48,6 +48,7 @@ _MORE = 1.0 + 1e-6
 _DETOUR = 0.25  # share of a joint's range by which other starts leave the straight line at most
 _TORQUE_SPARE = 1.0 - 3e-4  # share of the torques that may be used at every millisecond
 _KEPT = 0.5  # share of the margin that the motion between samples must keep
+_FINER = 3  # times as many intervals where the motion of those asked for is not clear
 
 
 def optimize(
@@ -91,7 +92,8 @@ def optimize(
         duration: Duration that the motion shall have [s]; by default it is free.
         margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
             never less than half of that in between samples.
-        intervals: Pieces of the spline, at least 4: more can follow sharper turns, and take longer.
+        intervals: Pieces of the spline, at least 4: more can follow sharper turns, and take longer.  Where
+            the motion comes too near to something between its samples, three times as many are tried.
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: The same of acceleration limits.
         torque_scale: The same of effort limits.
@@ -125,15 +127,19 @@ def optimize(
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
-    rest = world, weights, limits, margin, intervals
+    rest = world, weights, limits, margin
 
-    def posed(motion: Trajectory) -> SplineProblem:
-        return SplineProblem(pepper, motion, *rest, tasks=tasks, jerk=rate)
+    def posed(motion: Trajectory, pieces: int = intervals) -> SplineProblem:
+        return SplineProblem(pepper, motion, *rest, pieces, tasks=tasks, jerk=rate)
 
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
     problems += map(posed, _detours(pepper, before, starts, seed, scales, begin + seconds))
     best = _cheapest(judge, problems, _each(problems, wanted, max_iterations, begin + seconds, solver))
+    if best.status is OptimizedStatus.NOT_CLEAR and solver == SOLVERS[0]:  # between its samples
+        finer = [posed(before, _FINER * intervals)]
+        again = judge(finer[0], *_each(finer, wanted, max_iterations, begin + seconds, solver))
+        best = again if again.success else best
     return replace(best, time=time.perf_counter() - begin)
 
 
