@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,8 +92,7 @@ def optimize(
         duration: Duration that the motion shall have [s]; by default it is free.
         margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
             never less than half of that in between samples.
-        intervals: Pieces of the spline, at least 4: more can follow sharper turns, and take longer.  Where
-            the motion comes too near to something between its samples, three times as many are tried.
+        intervals: Pieces of the spline, at least 4; three times as many where these come too near.
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: The same of acceleration limits.
         torque_scale: The same of effort limits.
@@ -127,45 +126,63 @@ def optimize(
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
-    rest = world, weights, limits, margin
 
     def posed(motion: Trajectory, pieces: int = intervals) -> SplineProblem:
-        return SplineProblem(pepper, motion, *rest, pieces, tasks=tasks, jerk=rate)
+        return SplineProblem(pepper, motion, world, weights, limits, margin, pieces, tasks=tasks, jerk=rate)
 
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
     problems += map(posed, _detours(pepper, before, starts, seed, scales, begin + seconds))
-    best = _cheapest(judge, problems, _each(problems, wanted, max_iterations, begin + seconds, solver))
-    if best.status is OptimizedStatus.NOT_CLEAR and solver == SOLVERS[0]:  # between its samples
-        finer = [posed(before, _FINER * intervals)]
-        again = judge(finer[0], *_each(finer, wanted, max_iterations, begin + seconds, solver))
-        best = again if again.success else best
+    search = _Search(wanted, max_iterations, begin + seconds, solver)
+    best = _cheapest(judge, problems, search, lambda: posed(before, _FINER * intervals))
     return replace(best, time=time.perf_counter() - begin)
 
 
-def _each(
-    problems: Sequence[SplineProblem], wanted: float | None, steps: int, end: float, solver: str
-) -> list[Descent]:
-    """Return the outcomes of searches until the clock shows `end` [s]; they leave threads their turn."""
+class _Search(NamedTuple):
+    """How problems are searched.
 
-    def search(problem: SplineProblem) -> Descent:
-        return problem.descend(wanted, steps, max(end - time.perf_counter(), _LEAST_TIME), solver)
+    Attributes:
+        wanted: The duration that the motion shall have [s]; None: it is free.
+        steps: Newton steps at most.
+        end: When a search ends, on the clock of `time.perf_counter` [s].
+        solver: One of SOLVERS.
+    """
 
-    if len(problems) == 1 or solver != SOLVERS[0]:
-        return [search(problem) for problem in problems]
-    with ThreadPoolExecutor(min(len(problems), os.cpu_count() or 1)) as threads:
-        return list(threads.map(search, problems))
+    wanted: float | None
+    steps: int
+    end: float
+    solver: str
+
+    def __call__(self, problems: Sequence[SplineProblem]) -> list[Descent]:
+        """Return the outcomes; several searches leave threads their turn."""
+        if len(problems) == 1 or self.solver != SOLVERS[0]:
+            return [self._of(problem) for problem in problems]
+        with ThreadPoolExecutor(min(len(problems), os.cpu_count() or 1)) as threads:
+            return list(threads.map(self._of, problems))
+
+    def _of(self, problem: SplineProblem) -> Descent:
+        left = max(self.end - time.perf_counter(), _LEAST_TIME)
+        return problem.descend(self.wanted, self.steps, left, self.solver)
 
 
-def _cheapest(judge: _Judge, problems: Sequence[SplineProblem], descents: Sequence[Descent]) -> Optimized:
-    """Return the cheapest outcome that passes, or what became of the first where none does."""
+def _cheapest(
+    judge: _Judge, problems: Sequence[SplineProblem], search: _Search, finer: Callable[[], SplineProblem]
+) -> Optimized:
+    """Return the cheapest outcome that passes, or what became of the first where none does.
+
+    Where that came too near to something, between its samples, a problem of more intervals is searched.
+    """
     refused: dict[int, Optimized] = {}
+    descents = search(problems)
     for k in sorted(range(len(problems)), key=lambda k: _cost_of(descents[k])):
         found = judge(problems[k], descents[k])
         if found.success:
             return found
         refused[k] = found
-    return refused[0]
+    if refused[0].status is OptimizedStatus.NOT_CLEAR and search.solver == SOLVERS[0]:
+        problem = finer()
+        found = judge(problem, *search([problem]))
+    return found if found.success else refused[0]
 
 
 def _cost_of(descent: Descent) -> float:
