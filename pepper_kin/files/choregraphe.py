@@ -59,7 +59,7 @@ def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
         return _project(path)
     root = _parse(path)
     if root.tag not in ("ChoregrapheProject", "Animation"):
-        raise FileFormatError(path, f"is no behavior: its root is {root.tag!r}", root.line)
+        raise FileFormatError(path, f"is not a behavior: its root is {root.tag!r}", root.line)
     found = tuple(_timelines(path, root, ()))
     if not found:
         old = next((child for child in root.children if child.tag == "BoxInstance"), None)
@@ -156,7 +156,7 @@ def _finite(what: str, value: Any) -> float:
 def _project(path: PathName) -> tuple[Timeline, ...]:
     root = _parse(path)
     if root.tag != "Package":
-        raise FileFormatError(path, f"is no project: its root is {root.tag!r}", root.line)
+        raise FileFormatError(path, f"is not a project: its root is {root.tag!r}", root.line)
     behaviors = [
         b for group in root.named("BehaviorDescriptions") for b in group.named("BehaviorDescription")
     ]
@@ -288,5 +288,5 @@ def _parse(path: PathName) -> _Element:
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
-        raise FileFormatError(path, f"is no whole XML: {error}", error.lineno) from error
+        raise FileFormatError(path, f"is not a complete XML file: {error}", error.lineno) from error
     return document.children[0]

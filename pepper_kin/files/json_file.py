@@ -75,7 +75,7 @@ def read_json(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     except (RecursionError, ValueError) as error:
         raise FileFormatError(path, f"is not JSON of a trajectory: {error}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise FileFormatError(path, f'is no trajectory: it lacks "format": "{FORMAT}"', 1)
+        raise FileFormatError(path, f'is not a trajectory: it lacks "format": "{FORMAT}"', 1)
     for name in _FIELDS:
         if name not in content:
             raise FileFormatError(path, f"field {name!r} is missing")
@@ -86,7 +86,7 @@ def read_json(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         raise FileFormatError(path, f"version is {content['version']!r}, expected {VERSION}")
     for name in ("joint_names", "joint_units", "breaks", "coefficients"):
         if not isinstance(content[name], list):
-            raise FileFormatError(path, f"{name} is no list", _line_of(text, f'"{name}"'))
+            raise FileFormatError(path, f"{name} is not a list", _line_of(text, f'"{name}"'))
     names = check_joint_names(path, content["joint_names"], pepper, _line_of(text, '"joint_names"'))
     return build(path, names, content["joint_units"], content["breaks"], content["coefficients"], pepper)
 

@@ -236,7 +236,9 @@ def _messages(
                 if decode is not None:
                     yield channel.topic, int(record.log_time), read(decode(record.data))
     except Exception as error:  # a damaged file makes the libraries fail in ways without a common base
-        raise FileFormatError(path, f"is no whole MCAP file: {type(error).__name__}: {error}") from error
+        raise FileFormatError(
+            path, f"is not a complete MCAP file: {type(error).__name__}: {error}"
+        ) from error
 
 
 def _table(path: PathName, name: str, rows: list[list[float]], n: int) -> Array | None:

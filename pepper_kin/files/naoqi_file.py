@@ -168,7 +168,7 @@ def _lists(path: PathName) -> dict[str, Any]:
         tree = ast.parse(read_utf8(path))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
-        raise FileFormatError(path, f"is no whole Python script: {error}", line) from error
+        raise FileFormatError(path, f"is not a complete Python script: {error}", line) from error
     found: dict[str, Any] = {}
     for statement in tree.body:
         if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
@@ -177,7 +177,7 @@ def _lists(path: PathName) -> dict[str, Any]:
                 raise FileFormatError(path, f"{name} occurs twice", statement.lineno)
             if name in _LISTS:
                 if not isinstance(statement.value, ast.List):
-                    raise FileFormatError(path, f"{name} is no list", statement.lineno)
+                    raise FileFormatError(path, f"{name} is not a list", statement.lineno)
                 found[name] = statement.value
     missing = [name for name in _LISTS if name not in found]
     if missing:
@@ -195,9 +195,9 @@ def _literals(path: PathName, node: Any, what: str) -> list[Any]:
     try:
         values = ast.literal_eval(node)
     except (ValueError, TypeError, SyntaxError, RecursionError) as error:
-        raise FileFormatError(path, f"{what} is no list of plain values", node.lineno) from error
+        raise FileFormatError(path, f"{what} is not a list of plain values", node.lineno) from error
     if not isinstance(values, list):
-        raise FileFormatError(path, f"{what} is no list", node.lineno)
+        raise FileFormatError(path, f"{what} is not a list", node.lineno)
     return values
 
 

@@ -59,7 +59,7 @@ def read_npz(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     except OSError as error:
         raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
     except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        raise FileFormatError(path, f"is no whole NumPy archive: {error}") from error
+        raise FileFormatError(path, f"is not a complete NumPy archive: {error}") from error
     except Exception as error:  # zlib.error of a damaged member has no common base with the others
         raise FileFormatError(path, f"is damaged: {error}") from error
     if sorted(arrays) != sorted(_ARRAYS):

@@ -122,7 +122,9 @@ def _check_depth(path: PathName, text: str, loader: Any) -> None:
             depth += 1
             if depth > _DEEPEST:
                 line = event.start_mark.line + 1
-                raise FileFormatError(path, f"is no JointTrajectory: nested more than {_DEEPEST} deep", line)
+                raise FileFormatError(
+                    path, f"is not a JointTrajectory: nested more than {_DEEPEST} deep", line
+                )
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
 
@@ -174,7 +176,7 @@ class _Reader:
     def mapping(self, node: Any, known: set[str], needed: set[str], what: str) -> dict[str, Any]:
         """Return the nodes of a mapping by field."""
         if getattr(node, "id", None) != "mapping":
-            raise self.fail(node, f"is no {what}: expected fields {', '.join(sorted(needed))}")
+            raise self.fail(node, f"is not a {what}: expected fields {', '.join(sorted(needed))}")
         found: dict[str, Any] = {}
         for key, value in node.value:
             name = str(key.value)
@@ -190,7 +192,7 @@ class _Reader:
     def items(self, node: Any, what: str) -> list[Any]:
         """Return the nodes of a sequence."""
         if getattr(node, "id", None) != "sequence":
-            raise self.fail(node, f"{what} is no list")
+            raise self.fail(node, f"{what} is not a list")
         return list(node.value)
 
     def numbers(self, node: Any, what: str) -> list[float]:

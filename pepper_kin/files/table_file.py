@@ -147,7 +147,7 @@ def read_lines(path: PathName) -> tuple[list[str], list[str]]:
         raise FileFormatError(path, "is not text in UTF-8") from error
     lines = text.split("\n")
     if lines[0].split(",")[0].strip() != TIME:
-        raise FileFormatError(path, f"is no table: its first line does not begin with {TIME!r}", 1)
+        raise FileFormatError(path, f"is not a table: its first line does not begin with {TIME!r}", 1)
     if lines[-1] != "":
         raise FileFormatError(path, "is truncated: its last line has no end", len(lines))
     if len(lines) < 3:

@@ -54,7 +54,9 @@ _ADVICE = {
     ValidationStatus.JOINT_LIMIT: "Keep the path within the joint limits, or check the order of the joints.",
     ValidationStatus.COLLISION: "Plan between the states before and after it with plan().",
     ValidationStatus.TOO_HEAVY: "Lead the path through postures that the joints can hold against gravity.",
-    ValidationStatus.TIPS_OVER: "Lead it through postures that lean less, or time it with retime(balance=).",
+    ValidationStatus.TIPS_OVER: (
+        "Keep the center of mass nearer to the middle of the wheels' triangle, or use retime(balance=)."
+    ),
     ValidationStatus.VELOCITY_LIMIT: "Time its path anew with retime().",
     ValidationStatus.ACCELERATION_LIMIT: "Time its path anew with retime().",
     ValidationStatus.TORQUE_LIMIT: "Time its path anew with retime().",

@@ -178,7 +178,8 @@ def _refuse_unholdable(pepper: PepperModel, position: Array) -> None:
         margin = float(balance_margin(pepper, polygon, position, still, still).min())
         if margin < _BALANCE:
             reason = f"at rest the robot would stand {1000 * margin:.1f} mm from tipping over on the way"
-            raise InfeasibleError("safe motion", reason, "lean less")
+            advice = "keep the center of mass nearer to the middle of the wheels' triangle"
+            raise InfeasibleError("safe motion", reason, advice)
 
 
 def _run(curve: Trajectory, s: Array, speed: Any) -> Trajectory:

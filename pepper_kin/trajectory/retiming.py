@@ -190,8 +190,8 @@ def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: 
         raise InfeasibleError(
             "trajectory",
             f"the limits ask for {trajectory.duration:.6g} s along this path, "
-            f"and {duration:.6g} s are wished",
-            "wish for more, or raise the limits' scales",
+            f"and duration is {duration:.6g} s",
+            "give a longer duration, or raise the scales of the limits",
         )
     slow = trajectory.with_duration(max(duration, trajectory.duration))
     state = slow(sample_times(slow.duration, max(CHECK_STEP, slow.duration / 2000)))

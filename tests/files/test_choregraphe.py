@@ -228,8 +228,8 @@ def test_start_posture_is_where_it_begins(pepper):
         ('actuator="HeadYaw"', "", 11, "ActuatorCurve has no attribute 'actuator'"),
         ('actuator="HeadPitch"', 'actuator="HeadYaw"', 9, "curves of root/Hello: got HeadYaw"),
         ('mute="0" unit="0"', 'mute="0" unit="5"', 11, "unit of HeadYaw is 5"),
-        ("</ActuatorList>", "</ActuatorLis>", 34, "is no whole XML: mismatched tag"),
-        ("ChoregrapheProject", "Other", 2, "is no whole XML"),
+        ("</ActuatorList>", "</ActuatorLis>", 34, "is not a complete XML file: mismatched tag"),
+        ("ChoregrapheProject", "Other", 2, "is not a complete XML file"),
         (
             "<ChoregrapheProject",
             '<!DOCTYPE x [<!ENTITY a "b">]>\n<ChoregrapheProject',
@@ -244,7 +244,7 @@ def test_wrong_behaviors(behavior, old, new, line, message):
     with pytest.raises(FileFormatError) as caught:
         read_choregraphe(behavior)
     assert message in str(caught.value)
-    if message != "is no whole XML":
+    if message != "is not a complete XML file":
         assert caught.value.line == line
 
 
@@ -315,7 +315,7 @@ def test_projects(tmp_path):
         ('src="hello"', 'src="/etc"', 5, "outside its own folder"),
         ('src="hello" ', "", 5, "BehaviorDescription has no attribute 'src'"),
         ("BehaviorDescriptions", "Others", 2, "names no behavior"),
-        ("Package", "Parcel", 2, "is no project: its root is 'Parcel'"),
+        ("Package", "Parcel", 2, "is not a project: its root is 'Parcel'"),
     ],
 )
 def test_wrong_projects(tmp_path, old, new, line, message):

@@ -195,7 +195,7 @@ def refused(path, old, new, count=1):
         ("1e-300]", "1e-300, 0]", None, "coefficients: got"),
         ("1e-300", '"x"', None, "coefficients: got"),
         ('["rad", "rad"]', '["rad", "inch"]', None, "joint_units"),
-        ('["rad", "rad"]', "7", 5, "joint_units is no list"),
+        ('["rad", "rad"]', "7", 5, "joint_units is not a list"),
     ],
 )
 def test_wrong_json(tmp_path, old, new, line, message):
@@ -226,7 +226,7 @@ def test_wrong_json(tmp_path, old, new, line, message):
         ("nanosec: 10000000", "nanosec: -1", 17, "nanosec is '-1', expected a whole number"),
         ("points:", "points: 3\nother:", 8, "unknown field 'other' of JointTrajectory"),
         ("positions: [0.1,", "positions: {0.1,", 8, "is not whole YAML"),
-        ("joint_names:\n- 'A'\n- 'B'", "joint_names: A", 4, "joint_names is no list"),
+        ("joint_names:\n- 'A'\n- 'B'", "joint_names: A", 4, "joint_names is not a list"),
     ],
 )
 def test_wrong_yaml(tmp_path, old, new, line, message):
@@ -240,16 +240,16 @@ def test_wrong_yaml(tmp_path, old, new, line, message):
     [
         ("NAMES = ['A', 'B']", "NAMES = ['A', 'A']", 8, "joint 'A' occurs twice"),
         ("NAMES = ['A', 'B']", "NAMES = ['A', None]", 8, "joint name 2 is None"),
-        ("START = [0.1,", "START = [float('nan'),", 9, "START is no list of plain values"),
+        ("START = [0.1,", "START = [float('nan'),", 9, "START is not a list of plain values"),
         ("START = [0.1,", "START = [1e999,", 9, "START has inf, expected a finite number"),
         ("START = [0.1,", "START = [", 9, "START has 1 values for 2 joints"),
         ("    [0.005, 0.01,", "    [0.01, 0.01,", 17, "B has other times than A"),
         ("    [0.005, 0.01,", "    [0.01,", 17, "A has 4 angles and 3 times"),
         ("TIMES = [", "TIME = [", None, "has no list TIMES"),
-        ("START = ", "START = NAMES\nSTART = ", 9, "START is no list"),
+        ("START = ", "START = NAMES\nSTART = ", 9, "START is not a list"),
         ("START = ", "NAMES = []\nSTART = ", 9, "NAMES occurs twice"),
         ("ANGLES = [", "ANGLES = [[],", 11, "3 lists for 2 joints"),
-        ("ANGLES = [", "ANGLES = [(", None, "is no whole Python script"),
+        ("ANGLES = [", "ANGLES = [(", None, "is not a complete Python script"),
     ],
 )
 def test_wrong_naoqi_scripts(tmp_path, old, new, line, message):
@@ -296,7 +296,7 @@ def wrong_npz(tmp_path, **changes):
         ({"version": np.array(2)}, "expected 1"),
         ({"joint_names": np.array([1, 2])}, "joint_names is int64"),
         ({"joint_names": np.array(["A", "A"])}, "joint 'A' occurs twice"),
-        ({"joint_names": np.array([object(), None])}, "is no whole NumPy archive"),
+        ({"joint_names": np.array([object(), None])}, "is not a complete NumPy archive"),
     ],
 )
 def test_wrong_npz(tmp_path, changes, message):

@@ -27,7 +27,7 @@ def test_deep_nesting_is_refused_by_line(tmp_path, text):
         [sys.executable, "-c", READ, str(path)], capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.returncode
-    assert f"{path}:2: is no JointTrajectory: nested more than 16 deep" in done.stdout
+    assert f"{path}:2: is not a JointTrajectory: nested more than 16 deep" in done.stdout
 
 
 def test_what_is_a_little_too_deep_is_refused_and_less_is_read_on(tmp_path):

@@ -76,8 +76,8 @@ def test_numbers_survive_exactly(good):
         (lambda t: t.replace("A.position", "A.color"), 1, "unknown column 'A.color'"),
         (lambda t: t.replace("A.position", "position"), 1, "unknown column 'position'"),
         (lambda t: t.replace("A.position", "A.position,A.position"), 1, "column 'A.position' occurs twice"),
-        (lambda t: "x,y\n1,2\n", 1, "is no table: its first line does not begin with 'time'"),
-        (lambda t: "", 1, "is no table"),
+        (lambda t: "x,y\n1,2\n", 1, "is not a table: its first line does not begin with 'time'"),
+        (lambda t: "", 1, "is not a table"),
         (lambda t: "time,A.position\n", 1, "has no line of numbers"),
     ],
 )

@@ -226,7 +226,7 @@ def test_validate_finds_the_state_that_tips_over():
     assert found.place == pytest.approx(np.argmax(inside < asked + ROOM_TO_MOVE / 2) / 2000, abs=2e-3)
     assert "center of mass with 0.4 kg at LArm_effector" in found.message
     assert "2 mm to move with" in found.message
-    assert "lean less" in found.advice
+    assert "Keep the center of mass nearer" in found.advice
     assert validate(PEPPER, ends, balance=float(inside.min()) - ROOM_TO_MOVE, payload={"left": 0.4}).valid
 
 
