@@ -62,7 +62,7 @@ class LimitCheck:
         word = "inside" if self.margin[j] >= -self.tolerance[j] else "OUTSIDE"
         return (
             f"{self.quantity}: {self.joint_names[j]} reaches {self.value[j]:.4g} {self.units[j]} "
-            f"at {self.time[j]:.3f} s, {abs(self.margin[j]):.3g} {word} "
+            f"at {self.time[j]:.3f} s, {abs(self.margin[j]):.3g} {self.units[j]} {word} "
             f"[{self.lower[j]:.4g}, {self.upper[j]:.4g}]"
         )
 

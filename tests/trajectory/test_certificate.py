@@ -55,7 +55,7 @@ def test_excess_is_named_with_joint_and_time(pepper, trajectory):
     assert found.failures == ("position",)
     assert found.position.joint_names[found.position.worst] == "HeadPitch"
     assert "position: HeadPitch reaches" in found.report()
-    assert "OUTSIDE [-0.7069, 0.637]" in found.report()
+    assert " rad OUTSIDE [-0.7069, 0.637]" in found.report()
     assert found.report().startswith("Trajectory of")
     assert "fails: position." in found.report()
 
