@@ -15,6 +15,7 @@ TOWER = (
     "lazy_names",
     "exceptions",
     "atomic_file",
+    "numpy_archive",
     "model",
     "symbolic",
     "kernels",
@@ -47,6 +48,7 @@ ONLY = {
     "exceptions": set(),
     "lazy_names": set(),
     "atomic_file": {"exceptions"},
+    "numpy_archive": {"exceptions", "atomic_file"},
 }
 """Rooms that know nothing of the robot."""
 

@@ -216,7 +216,7 @@ def test_what_is_no_recording_is_named(tmp_path):
     with pytest.raises(FileFormatError, match="no recording here"):
         read_recording(tmp_path)
     (tmp_path / "recording.json").write_text("{}")
-    with pytest.raises(FileFormatError, match="the header lacks robot"):
+    with pytest.raises(FileFormatError, match="the header lacks format, robot"):
         read_recording(tmp_path)
     recorder = Recorder(twin(sensors=False), tmp_path / "r")
     with pytest.raises(FileFormatError, match="holds a recording already"):
