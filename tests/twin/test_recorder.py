@@ -226,7 +226,7 @@ def test_what_is_no_recording_is_named(tmp_path):
     recorder.follow(wave(0.1))
     chunk = tmp_path / "r" / "000000.npz"
     chunk.write_bytes(chunk.read_bytes()[:-200])
-    with pytest.raises(FileFormatError, match=r"000000\.npz.*not a chunk"):
+    with pytest.raises(FileFormatError, match=r"000000\.npz.*not a complete"):
         recorder.recording.run()
 
 
