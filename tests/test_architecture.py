@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 TOWER = (
     "lazy_names",
     "exceptions",
+    "status",
     "atomic_file",
     "numpy_archive",
     "model",
@@ -43,9 +44,10 @@ APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planne
 ONLY = {
     "kernels": {"exceptions", "atomic_file"},
     "core": {"exceptions", "kernels"},
-    "planners": {"exceptions", "kernels", "core"},
+    "planners": {"exceptions", "status", "kernels", "core"},
     "urdf": {"exceptions"},
     "exceptions": set(),
+    "status": set(),
     "lazy_names": set(),
     "atomic_file": {"exceptions"},
     "numpy_archive": {"exceptions", "atomic_file"},

@@ -16,7 +16,7 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together
-from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, read_recording
+from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, load_recording
 from pepper_kin.twin.recording_header import HEADER, STATES, write_header
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
@@ -94,7 +94,7 @@ class Recorder:
             InvalidValueError: where the twin is another one: other joints, timestep or physics, with the
                 step at which it first differs.
         """
-        found = read_recording(folder)
+        found = load_recording(folder)
         found.replay(twin)
         recorder = cls.__new__(cls)
         recorder.twin, recorder.folder = twin, Path(folder)
@@ -109,7 +109,7 @@ class Recorder:
     @property
     def recording(self) -> Recording:
         """What has been written so far."""
-        return read_recording(self.folder)
+        return load_recording(self.folder)
 
     def execute(self, trajectory: Trajectory, settle: float = 0.0) -> Run:
         """Follow a trajectory from where the twin stands, and write it down.

@@ -17,7 +17,7 @@ from pepper_kin.numpy_archive import read_arrays
 from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.recording_header import STATES, read_header
-from pepper_kin.twin.run import COMPLETED, STOPPED, Run
+from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
@@ -106,7 +106,7 @@ class Recording:
             np.concatenate(told["position"]),
             np.concatenate(told["velocity"]),
             np.full(n, math.inf) if torque_limit is None else torque_limit,
-            STOPPED if message else COMPLETED,
+            RunStatus.STOPPED if message else RunStatus.COMPLETED,
             message,
             self.readings(),
         )
@@ -199,7 +199,7 @@ class Recording:
                 raise FileFormatError(path, f"not a chunk of a recording: {error}") from error
 
 
-def read_recording(folder: PathName) -> Recording:
+def load_recording(folder: PathName) -> Recording:
     """Read the recording in a folder.
 
     Args:

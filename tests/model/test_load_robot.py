@@ -144,6 +144,6 @@ def test_acceleration_limits_given_at_loading_belong_to_the_description():
     np.testing.assert_array_equal(pk.load_robot(robot.export("urdf")).acceleration_limits, [3.0, 2.0])
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(robot)).acceleration_limits, [3.0, 2.0])
     q = [[0.0, 0.0], [1.0, 0.2]]
-    assert pk.retime(robot, q).check(robot).acceleration.ok
+    assert pk.retime(robot, q).check(robot).acceleration.success
     with pytest.raises(UnknownNameError, match="unknown joint 'bend'; available: turn, slide"):
         pk.load_robot(ARM, acceleration_limits={"bend": 1.0})

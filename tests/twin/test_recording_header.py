@@ -11,7 +11,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.twin import Recorder, read_recording
+from pepper_kin.twin import Recorder, load_recording
 from pepper_kin.twin.recording_header import HEADER, write_header
 
 PEPPER = pk.load_pepper()
@@ -21,7 +21,7 @@ PEPPER = pk.load_pepper()
 def header(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("recording")
     Recorder(pk.Twin(PEPPER), folder, seed=3)
-    assert read_recording(folder).joint_names == PEPPER.joint_names
+    assert load_recording(folder).joint_names == PEPPER.joint_names
     return dict(json.loads((folder / HEADER).read_text()))
 
 
@@ -51,7 +51,7 @@ def test_a_wrong_entry_is_named(
 ) -> None:
     (tmp_path / HEADER).write_text(json.dumps({**header, name: value}))
     with pytest.raises(FileFormatError, match=message) as caught:
-        read_recording(tmp_path)
+        load_recording(tmp_path)
     assert caught.value.path.endswith(HEADER)
     assert len(str(caught.value)) < 300
 
@@ -59,19 +59,19 @@ def test_a_wrong_entry_is_named(
 def test_a_right_entry_that_was_changed_is_seen(tmp_path: Path, header: dict[str, Any]) -> None:
     (tmp_path / HEADER).write_text(json.dumps({**header, "timestep": 0.5 * header["timestep"]}))
     with pytest.raises(FileFormatError, match="changed after it was written"):
-        read_recording(tmp_path)
+        load_recording(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"[" * 100_000, b"9" * 5000, b"null", b"\xed\xa0\x80"])
 def test_what_is_no_header_names_the_file(tmp_path: Path, content: bytes) -> None:
     (tmp_path / HEADER).write_bytes(content)
     with pytest.raises(FileFormatError, match=HEADER):
-        read_recording(tmp_path)
+        load_recording(tmp_path)
 
 
 def test_a_header_is_what_was_written(tmp_path: Path, header: dict[str, Any]) -> None:
     said = {name: value for name, value in header.items() if name not in ("format", "checksum")}
     write_header(tmp_path, said)
-    found = read_recording(tmp_path).header
+    found = load_recording(tmp_path).header
     assert {name: found[name] for name in said} == said
     np.testing.assert_array_equal(found["joints"], PEPPER.joint_names)
