@@ -6,7 +6,7 @@
     q = pepper.posture("Stand")
     pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 
-Rooms are imported when first used, so that importing the package itself is quick.
+Packages are imported when first used, so that importing the package itself is quick.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_ROOMS = (
+_PACKAGES = (
     "base_placement",
     "batch",
     "collision",
@@ -113,4 +113,4 @@ __all__ = [
     "viewer",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{room: room for room in _ROOMS}})
+__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{name: name for name in _PACKAGES}})

@@ -23,7 +23,7 @@ from pepper_kin.cli_terminal import (
     Seed,
     complete_gesture,
     complete_posture,
-    drop_output,
+    discard_output,
     one_of,
     print_json,
     print_written,
@@ -390,7 +390,7 @@ def main() -> None:
         if error.filename is not None:
             raise
         print(f"pepper-kin: the output cannot be written: {error.strerror or error}", file=sys.stderr)
-        drop_output()
+        discard_output()
         sys.exit(FAILED)
     except KeyboardInterrupt:  # while the command line was being read
         sys.exit(INTERRUPTED)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.base_placement.moving_base import BASE_JOINTS, moving_base, wrapped
 from pepper_kin.base_placement.score import PlacementWeights, Scorer
 from pepper_kin.base_placement.task_sets import Given, task_sets
-from pepper_kin.base_placement.trial import Trier
+from pepper_kin.base_placement.trial import CandidateEvaluator
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import movable_joints
 from pepper_kin.ik.solve import whole_number
@@ -27,12 +27,12 @@ class Job(NamedTuple):
     """What was asked for, checked.
 
     Attributes:
-        trier: Tries places out.
+        evaluator: Tries places out.
         stand: The current place, shape (3,).
         movable: Joints of the moving robot that may move, the base's apart.
     """
 
-    trier: Trier
+    evaluator: CandidateEvaluator
     stand: Array
     movable: np.ndarray
 
@@ -49,7 +49,7 @@ def make_job(
     seed: int,
     threads: int,
 ) -> Job:
-    """Check what `place_base` and `floor_map` share, and return it made ready; see there."""
+    """Check what `place_base` and `placement_map` share, and return it made ready; see there."""
     moving = moving_base(pepper)
     sets = task_sets(pepper, tasks)
     start = pepper.neutral() if q0 is None else as_joint_vectors(pepper, q0, "q0")
@@ -78,8 +78,8 @@ def make_job(
         if not isinstance(scene, Scene):
             raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None to leave collisions out")
     scorer = Scorer(moving, sets, mask, start, place, weights or PlacementWeights())
-    trier = Trier(
+    evaluator = CandidateEvaluator(
         moving, sets, start, moving.names(mask), scorer, scene, whole_number("seed", seed, 0),
         whole_number("threads", threads, 1),
     )  # fmt: skip
-    return Job(trier, place, mask)
+    return Job(evaluator, place, mask)

@@ -82,7 +82,7 @@ _HOMES = {
     "ServoState": "servo",
     "ServoStatus": "servo",
     "differential_step": "servo",
-    "floor_map": "base_placement",
+    "placement_map": "base_placement",
     "place_base": "base_placement",
 }
 

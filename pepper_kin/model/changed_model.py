@@ -21,12 +21,12 @@ Array = NDArray[np.float64]
 JointValues: TypeAlias = "ArrayLike | Mapping[str, float]"
 
 
-def with_limits(pepper: PepperModel, given: Mapping[str, JointValues | None]) -> PepperModel:
+def with_limits(pepper: PepperModel, changes: Mapping[str, JointValues | None]) -> PepperModel:
     """Return the model of `PepperModel.with_limits`, which describes arguments and errors.
 
     Args:
         pepper: The robot.
-        given: "lower", "upper", "velocity", "acceleration" and "effort" -> what is changed of it, or None.
+        changes: "lower", "upper", "velocity", "acceleration" and "effort" -> what is changed of it, or None.
     """
     limits = {
         "lower": pepper.lower_limits,
@@ -39,7 +39,7 @@ def with_limits(pepper: PepperModel, given: Mapping[str, JointValues | None]) ->
         quantity: limits[quantity]
         if value is None
         else _of_joints(pepper, f"{quantity} limits", value, limits[quantity])
-        for quantity, value in given.items()
+        for quantity, value in changes.items()
     }
     _check(pepper, new)
     root = ET.fromstring(pepper.urdf)

@@ -34,8 +34,8 @@ class DynamicsModel:
         self._model = changed
         self._pristine: Any = None if changed is None else self._build()
         self.handed_out = changed is not None
-        self._seen: Any = None
-        self._seen_digest = ""
+        self._hashed_model: Any = None
+        self._hashed_digest = ""
         self._text_digest = ""
 
     def get(self) -> Any:
@@ -76,13 +76,13 @@ class DynamicsModel:
             if not self._text_digest:
                 self._text_digest = _hash(self._document.text)
             return self._text_digest
-        if self._seen is None or not _same(self._model, self._seen):
+        if self._hashed_model is None or not _same(self._model, self._hashed_model):
             with self._lock:
                 assert self._model is not None
-                seen = self._model.copy()
-                self._seen_digest = _hash(f"{self._document.text}\n{seen.saveToString()}")
-                self._seen = seen
-        return self._seen_digest
+                snapshot = self._model.copy()
+                self._hashed_digest = _hash(f"{self._document.text}\n{snapshot.saveToString()}")
+                self._hashed_model = snapshot
+        return self._hashed_digest
 
     def _build(self) -> Any:
         import pinocchio

@@ -115,9 +115,9 @@ def check_within_limits(
     """
     if (q >= pepper.lower_limits).all() and (q <= pepper.upper_limits).all():
         return
-    excess = np.maximum(pepper.lower_limits - q, q - pepper.upper_limits)
-    if excess.size and excess.max() > tolerance:
-        index = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    violation = np.maximum(pepper.lower_limits - q, q - pepper.upper_limits)
+    if violation.size and violation.max() > tolerance:
+        index = np.unravel_index(int(np.argmax(violation)), violation.shape)
         joint = int(index[-1])
         raise LimitError(
             quantity,

@@ -323,8 +323,8 @@ class PepperModel:
         """
         from pepper_kin.model.changed_model import with_limits
 
-        given = {"lower": lower, "upper": upper, "velocity": velocity}
-        return with_limits(self, {**given, "acceleration": acceleration, "effort": effort})
+        changes = {"lower": lower, "upper": upper, "velocity": velocity}
+        return with_limits(self, {**changes, "acceleration": acceleration, "effort": effort})
 
     def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
         """Return the robot with other masses of some links; this one stays as it is.

@@ -54,15 +54,15 @@ def pose(
         InvalidValueError: for two orientations, a wrong shape, NaN, a quaternion whose length is not 1 to
             0.001, or a matrix that is no rotation to 1e-6.
     """
-    given = {
+    arguments = {
         "rpy": rpy,
         "quaternion_xyzw": quaternion_xyzw,
         "quaternion_wxyz": quaternion_wxyz,
         "rotation": rotation,
     }
-    named = [name for name, value in given.items() if value is not None]
+    named = [name for name, value in arguments.items() if value is not None]
     if len(named) > 1:
-        raise InvalidValueError("orientation", " and ".join(named), f"one of {', '.join(given)}")
+        raise InvalidValueError("orientation", " and ".join(named), f"one of {', '.join(arguments)}")
     origin = _last_axes(position, "position", (3,))
     if rpy is not None:
         turn = rotation_from_rpy(rpy)

@@ -241,11 +241,11 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
     if not links:
         raise ModelError("URDF: the robot has no link")
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
-        seen: set[str] = set()
+        unique: set[str] = set()
         for name in names:
-            if name in seen:
+            if name in unique:
                 raise ModelError(f"URDF: two {what}s are named {name!r}")
-            seen.add(name)
+            unique.add(name)
     known = set(links)
     parent_of: dict[str, str] = {}
     for joint in joints:

@@ -11,11 +11,11 @@ from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
 from pepper_kin.motion.optimization import (
     Cost,
+    MinimumTorqueStatus,
+    MinimumTorqueTrajectory,
     Optimized,
     OptimizedStatus,
-    Swing,
-    SwingStatus,
-    minimum_effort_swing,
+    minimum_torque_trajectory,
     optimize,
 )
 from pepper_kin.motion.path_costs import CostAlong, PathCost
@@ -34,6 +34,8 @@ __all__ = [
     "FrameInPlane",
     "Leg",
     "Line",
+    "MinimumTorqueStatus",
+    "MinimumTorqueTrajectory",
     "Optimized",
     "OptimizedStatus",
     "PathCost",
@@ -42,8 +44,6 @@ __all__ = [
     "PlanInLegs",
     "PlanProblem",
     "PlanStatus",
-    "Swing",
-    "SwingStatus",
     "Validation",
     "ValidationStatus",
     "cartesian_path",
@@ -52,7 +52,7 @@ __all__ = [
     "gesture_names",
     "interpolate_path",
     "manifold_of",
-    "minimum_effort_swing",
+    "minimum_torque_trajectory",
     "optimize",
     "plan",
     "plan_batch",

@@ -150,13 +150,13 @@ def plan_batch(
         raise InvalidValueError("processes", repr(processes), "a whole number of at least 1, or None")
     from pepper_kin.motion.planning_process import helpers  # pipes and processes take long to import
 
-    run = _Run(asked, _pieces(asked, count), progress)
+    run = _Run(asked, _chunks(asked, count), progress)
     run.all(helpers(min(count, len(run.waiting)) - 1))
     plans, errors = zip(*run.outcomes, strict=True) if asked else ((), ())
     return PlanBatch(plans, errors, time.perf_counter() - begin)
 
 
-def _pieces(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
+def _chunks(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
     """Return the problems' numbers in pieces of one robot and one scene each."""
     groups: dict[tuple[int, int], list[int]] = {}
     for number, problem in enumerate(problems):
@@ -178,13 +178,13 @@ class _Run:
     def __init__(
         self,
         problems: Sequence[PlanProblem],
-        pieces: list[list[int]],
+        chunks: list[list[int]],
         progress: Callable[[int, int], None] | None,
     ) -> None:
         self.problems, self.progress = problems, progress
-        self.waiting, self.left = deque(pieces), deque[list[int]]()
+        self.waiting, self.left = deque(chunks), deque[list[int]]()
         self.outcomes: list[Outcome] = [(None, None)] * len(problems)
-        self.done = self.told = self.away = 0
+        self.done = self.reported = self.away = 0
         self.change = threading.Condition()
 
     def all(self, others: Sequence[Helper]) -> None:
@@ -193,8 +193,8 @@ class _Run:
         for thread in threads:
             thread.start()
         try:
-            while (piece := self._next()) is not None:
-                for number in piece:
+            while (chunk := self._next()) is not None:
+                for number in chunk:
                     self._record([number], [_outcome(self.problems[number])])
                     self._tell()
         except BaseException:
@@ -227,27 +227,27 @@ class _Run:
             with self.change:
                 if not self.waiting:
                     return
-                piece = self.waiting.pop()
+                chunk = self.waiting.pop()
                 self.away += 1
             try:
-                first = self.problems[piece[0]]
-                found = helper.solve(first.pepper, first.scene, [self.problems[k] for k in piece])
-                self._record(piece, found)
+                first = self.problems[chunk[0]]
+                found = helper.solve(first.pepper, first.scene, [self.problems[k] for k in chunk])
+                self._record(chunk, found)
             except UnansweredError:
                 with self.change:
-                    self.left.append(piece)
+                    self.left.append(chunk)
             finally:
                 with self.change:
                     self.away -= 1
                     self.change.notify()
 
-    def _record(self, piece: Sequence[int], found: Sequence[Outcome]) -> None:
+    def _record(self, chunk: Sequence[int], found: Sequence[Outcome]) -> None:
         with self.change:
-            for number, outcome in zip(piece, found, strict=True):
+            for number, outcome in zip(chunk, found, strict=True):
                 self.outcomes[number] = outcome
-            self.done += len(piece)
+            self.done += len(chunk)
 
     def _tell(self) -> None:
-        if self.progress is not None and self.told < self.done:
-            self.told = self.done
-            self.progress(self.told, len(self.problems))
+        if self.progress is not None and self.reported < self.done:
+            self.reported = self.done
+            self.progress(self.reported, len(self.problems))

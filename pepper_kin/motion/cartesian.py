@@ -47,7 +47,7 @@ class CartesianStatus(Enum):
     OUT_OF_REACH = "out_of_reach"
     BLOCKED_BY_LIMITS = "blocked_by_limits"
     IN_COLLISION = "in_collision"
-    TOO_HEAVY = "too_heavy"
+    TORQUE_LIMIT = "torque_limit"
     JUMP = "jump"
 
     @property
@@ -62,7 +62,7 @@ _ADVICE = {
     CartesianStatus.OUT_OF_REACH: "Shorten the way, let more joints move, or move the base.",
     CartesianStatus.BLOCKED_BY_LIMITS: "Start from another posture, or let more joints move.",
     CartesianStatus.IN_COLLISION: "Move the way or the obstacle, or plan with plan(), which goes round it.",
-    CartesianStatus.TOO_HEAVY: "Start from another posture, or keep the hand nearer to the body.",
+    CartesianStatus.TORQUE_LIMIT: "Start from another posture, or keep the hand nearer to the body.",
     CartesianStatus.JUMP: "Start from another posture: from this one the arm has to turn over on the way.",
 }
 
@@ -190,10 +190,10 @@ def cartesian_path(
 
 
 def _as_curves(curves: Curve | Sequence[Curve]) -> tuple[Curve, ...]:
-    given = (curves,) if isinstance(curves, Curve) else tuple(curves)
-    if not given or not all(isinstance(curve, Curve) for curve in given):
+    items = (curves,) if isinstance(curves, Curve) else tuple(curves)
+    if not items or not all(isinstance(curve, Curve) for curve in items):
         raise InvalidValueError("curves", repr(curves)[:80], "one Line or Arc or more")
-    return given
+    return items
 
 
 class _Follower:
@@ -311,4 +311,4 @@ class _Follower:
             near = "".join(f": {' and '.join(names)} come too near" for names in self.checker.contacts(q)[:1])
             return CartesianStatus.IN_COLLISION, f"the margin would not be kept{near}."
         fault = fault_of(self.exact, q, "next stop")
-        return None if fault is None else (CartesianStatus.TOO_HEAVY, fault[1])
+        return None if fault is None else (CartesianStatus.TORQUE_LIMIT, fault[1])

@@ -46,7 +46,7 @@ def as_constraints(pepper: PepperModel, constraints: Sequence[Task | TaskGroup])
     return tasks
 
 
-def hardened(task: Task) -> Task:
+def with_equalities(task: Task) -> Task:
     """Return a task that IK meets before all soft ones."""
     hard = copy.copy(task)
     object.__setattr__(hard, "hard", True)
@@ -61,7 +61,7 @@ def with_constraints(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task
     parts: list[Any] = []
     for item in goal:
         parts += item.parts if isinstance(item, TaskGroup) else [item]
-    return [*parts, *(hardened(task) for task in constraints)]
+    return [*parts, *(with_equalities(task) for task in constraints)]
 
 
 def manifold_of(
@@ -183,9 +183,9 @@ def _machine_code(
     from pepper_kin.ik.fast.structure import target_of
 
     kernel = _kernel(pepper, tuple(structure_of_kind(task) for task in tasks))
-    given = np.concatenate([frozen, *[target_of(task) for task in tasks]])
+    kernel_input = np.concatenate([frozen, *[target_of(task) for task in tasks]])
     return planners.CompiledManifold(
-        kernel.single_address, given, free, free, pepper.n, kernel.work_size, keep_alive=kernel
+        kernel.single_address, kernel_input, free, free, pepper.n, kernel.work_size, keep_alive=kernel
     )
 
 

@@ -30,11 +30,11 @@ class PlanStatus(Enum):
 
     SOLVED = "solved"
     START_IN_COLLISION = "start_in_collision"
-    START_TOO_HEAVY = "start_too_heavy"
+    START_TORQUE_LIMIT = "start_torque_limit"
     START_TIPS_OVER = "start_tips_over"
     START_TOO_NEAR = "start_too_near"
     GOAL_IN_COLLISION = "goal_in_collision"
-    GOAL_TOO_HEAVY = "goal_too_heavy"
+    GOAL_TORQUE_LIMIT = "goal_torque_limit"
     GOAL_TIPS_OVER = "goal_tips_over"
     GOAL_TOO_NEAR = "goal_too_near"
     START_OFF_CONSTRAINT = "start_off_constraint"
@@ -54,11 +54,11 @@ class PlanStatus(Enum):
 _ADVICE = {
     PlanStatus.SOLVED: "Time the path with retime().",
     PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
-    PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold against gravity.",
+    PlanStatus.START_TORQUE_LIMIT: "Start from a posture that the joints can hold against gravity.",
     PlanStatus.START_TIPS_OVER: "Start from a posture that leans less, carry less, or ask for less balance.",
     PlanStatus.START_TOO_NEAR: "Move the robot or the obstacle apart, or reduce least_margin.",
     PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
-    PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
+    PlanStatus.GOAL_TORQUE_LIMIT: "Give a goal that the joints can hold against gravity.",
     PlanStatus.GOAL_TIPS_OVER: "Give a goal that leans less, carry less, or ask for less balance.",
     PlanStatus.GOAL_TOO_NEAR: "Give another goal, or reduce least_margin.",
     PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
@@ -159,8 +159,8 @@ class Plan:
 
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""
-        room = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
-        return f"{self.message}{room} {self.advice}"
+        suffix = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
+        return f"{self.message}{suffix} {self.advice}"
 
 
 class Ending:
@@ -236,7 +236,7 @@ def _clearance_along(
     """Return the smallest distance along a curve through way-points, four times between any two [m]."""
     dense = path
     if curve is not None:
-        pieces = np.arange(len(curve.breaks) - 1)
-        parts = [curve.at(pieces, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
+        segments = np.arange(len(curve.breaks) - 1)
+        parts = [curve.at(segments, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
         dense = np.concatenate([*parts, path[-1:]])
     return float(checker_for(pepper, scene).clearance(dense).min())

@@ -20,7 +20,7 @@ from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
 from pepper_kin.motion.goals import ends_of
-from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
+from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.pipeline import Pipeline, compared, way_along
@@ -185,7 +185,7 @@ def _unguided(
     if way is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(room, result.path), **said)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
-    message += gave_way(room, way.curve, margins[0])
+    message += relaxation_sentence(room, way.curve, margins[0])
     return ended.solved(checks.exact, way.points, message, way.curve, **said)
 
 

@@ -45,8 +45,8 @@ class PathProblem:
         resolution: Greatest distance between states that are looked at [m], in the metric.
         held: What hangs on the robot, see `motion_bounds`.
         least: What the curve must keep from the scene at every point [m].
-        gave_way: Whether the margins are smaller than start and goal allow, since no path was found with
-            greater ones.
+        margins_relaxed: Whether the margins are smaller than start and goal allow, since no path was found
+            with greater ones.
     """
 
     checks: Checks
@@ -62,7 +62,7 @@ class PathProblem:
     resolution: float
     held: tuple[tuple[str, float], ...] = ()
     least: float = 0.0
-    gave_way: bool = False
+    margins_relaxed: bool = False
 
     @property
     def relaxed_margins(self) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.dense_states import AnyPath, DenseStates, dense_states, given_path
+from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
@@ -37,7 +37,7 @@ class ValidationStatus(Enum):
     VALID = "valid"
     JOINT_LIMIT = "joint_limit"
     COLLISION = "collision"
-    TOO_HEAVY = "too_heavy"
+    STATIC_TORQUE_LIMIT = "static_torque_limit"
     TIPS_OVER = "tips_over"
     VELOCITY_LIMIT = "velocity_limit"
     ACCELERATION_LIMIT = "acceleration_limit"
@@ -53,7 +53,7 @@ _ADVICE = {
     ValidationStatus.VALID: "Time a path with retime(), or make it shorter with simplify_path().",
     ValidationStatus.JOINT_LIMIT: "Keep the path within the joint limits, or check the order of the joints.",
     ValidationStatus.COLLISION: "Plan between the states before and after it with plan().",
-    ValidationStatus.TOO_HEAVY: "Lead the path through postures that the joints can hold against gravity.",
+    ValidationStatus.STATIC_TORQUE_LIMIT: "Lead the path through postures that the joints can hold.",
     ValidationStatus.TIPS_OVER: (
         "Keep the center of mass nearer to the middle of the wheels' triangle, or use retime(balance=)."
     ),
@@ -140,12 +140,15 @@ def validate(
     """
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    checks, given = Checks(pepper, scene, static_limits(pepper, balance, payload)), given_path(pepper, path)
-    dense = dense_states(pepper, scene, given)
+    checks, followed = (
+        Checks(pepper, scene, static_limits(pepper, balance, payload)),
+        checked_path(pepper, path),
+    )
+    dense = dense_states(pepper, scene, followed)
     look = _Look(checks, dense, margin)
     found = look.limits(dense.positions, pepper.lower_limits, pepper.upper_limits, "position", "rad", "m")
     end = len(dense.places) if found is None else found[0]
-    found = (look.motion(given, end) if isinstance(given, Trajectory) else look.heavy(end)) or found
+    found = (look.motion(followed, end) if isinstance(followed, Trajectory) else look.heavy(end)) or found
     found = look.touching(end if found is None else found[0]) or found
     if found is None:
         return Validation(
@@ -156,7 +159,7 @@ def validate(
     at, status, what, joint = found
     q, place = dense.positions[at], float(dense.places[at])
     contacts = checks.exact.contacts(q) if status is ValidationStatus.COLLISION else ()
-    where = f"{place:.6g} s" if isinstance(given, Trajectory) else f"{place:.6g} of {dense.places[-1]:.6g}"
+    where = f"{place:.6g} s" if isinstance(followed, Trajectory) else f"{place:.6g} of {dense.places[-1]:.6g}"
     message = f"Invalid from {where} on: {what}"
     return Validation(status, message, place, read_only(q.copy()), contacts, joint, at + 1)
 
@@ -241,7 +244,12 @@ class _Look:
         joint = statics.weakest(q[at])
         if joint is None and statics.tips(q[at], ROOM_ALONG):
             return at, ValidationStatus.TIPS_OVER, sentence, None
-        return at, ValidationStatus.TOO_HEAVY, sentence, self.pepper.joint_names[statics.most_loaded(q[at])]
+        return (
+            at,
+            ValidationStatus.STATIC_TORQUE_LIMIT,
+            sentence,
+            self.pepper.joint_names[statics.most_loaded(q[at])],
+        )
 
     def touching(self, end: int) -> Found | None:
         """Look for the first state that touches something, among the first ones."""

@@ -3,12 +3,12 @@
 from typing import Any
 
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.trajectory.binding import Binding, binding_limits
+from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
-from pepper_kin.trajectory.excess import Excess, find_excesses
+from pepper_kin.trajectory.enforce_limits import enforce_limits
 from pepper_kin.trajectory.key_curve import Handle, Key
-from pepper_kin.trajectory.make_safe import make_safe
+from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
 from pepper_kin.trajectory.online import OnlineMotion
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
@@ -18,14 +18,14 @@ from pepper_kin.trajectory.timeline import Curve, ImportedMotion, Timeline, impo
 from pepper_kin.trajectory.trajectory import State, Trajectory
 
 __all__ = [
-    "Binding",
+    "ActiveLimits",
     "Certificate",
     "Curve",
-    "Excess",
     "Handle",
     "ImportedMotion",
     "Key",
     "LimitCheck",
+    "LimitViolation",
     "OnlineMotion",
     "PhasePlane",
     "Samples",
@@ -33,11 +33,11 @@ __all__ = [
     "State",
     "Timeline",
     "Trajectory",
-    "binding_limits",
+    "active_limits",
     "check",
-    "find_excesses",
+    "enforce_limits",
+    "find_limit_violations",
     "import_timeline",
-    "make_safe",
     "phase_plane",
     "plot",
     "retime",

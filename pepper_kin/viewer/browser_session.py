@@ -140,8 +140,8 @@ class BrowserSession:
     def _evaluate(self, expression: str) -> Any:
         answer = self._ask("Runtime.evaluate", expression=expression, returnByValue=True)
         if "exceptionDetails" in answer:
-            told = answer["exceptionDetails"].get("exception", {}).get("description", "no message")
-            raise InfeasibleError("picture", f"the page failed: {told.splitlines()[0]}", _ADVICE)
+            description = answer["exceptionDetails"].get("exception", {}).get("description", "no message")
+            raise InfeasibleError("picture", f"the page failed: {description.splitlines()[0]}", _ADVICE)
         return answer["result"].get("value")
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:

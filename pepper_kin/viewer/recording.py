@@ -186,10 +186,10 @@ def _page(title: str, content: dict[str, Any]) -> str:
         "content": json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
     }
     template = (folder / "page.html").read_text(encoding="utf-8")
-    pieces = template.split("{{")
-    filled = [pieces[0]]
-    for piece in pieces[1:]:
-        name, rest = piece.split("}}", 1)
+    split = template.split("{{")
+    filled = [split[0]]
+    for part in split[1:]:
+        name, rest = part.split("}}", 1)
         filled += [parts[name], rest]
     return "".join(filled)
 

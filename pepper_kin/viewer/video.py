@@ -98,8 +98,8 @@ def _pictures(
 ) -> Iterator[Image.Image]:
     from PIL import Image
 
-    for index, instant in enumerate(times):
-        yield Image.open(io.BytesIO(session.picture(instant))).convert("RGB")
+    for index, time in enumerate(times):
+        yield Image.open(io.BytesIO(session.picture(time))).convert("RGB")
         on_frame(index + 1, times.size)
 
 

@@ -1,4 +1,4 @@
-"""Balance against the room of dynamics, tipping against the pendulum's closed forms."""
+"""Balance against `pepper_kin.dynamics`, tipping against the pendulum's closed forms."""
 
 import numpy as np
 import pytest

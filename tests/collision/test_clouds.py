@@ -158,6 +158,6 @@ def test_points_of_the_robot_are_left_out(held):
     ],
 )
 def test_misuse_is_named(change, message):
-    given = {"q": PEPPER.neutral(), "points": np.zeros((1, 3)), "margin": 0.02, **change}
+    arguments = {"q": PEPPER.neutral(), "points": np.zeros((1, 3)), "margin": 0.02, **change}
     with pytest.raises(InvalidValueError, match=message):
-        pk.collision.without_robot(PEPPER, given["q"], given["points"], margin=given["margin"])
+        pk.collision.without_robot(PEPPER, arguments["q"], arguments["points"], margin=arguments["margin"])

@@ -9,7 +9,7 @@ FIGURE = re.compile(r"\d+(?:\.\d+)?")
 
 def test_measured_figures_stand_in_the_benchmarks():
     rows = re.findall(r"^\| measured: [^|]*\|(.*)$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
-    told = set(FIGURE.findall((ROOT / "docs" / "benchmarks.md").read_text("utf-8")))
+    listed = set(FIGURE.findall((ROOT / "docs" / "benchmarks.md").read_text("utf-8")))
     figures = [figure for row in rows for figure in FIGURE.findall(row)]
     assert len(figures) >= 6
-    assert set(figures) <= told
+    assert set(figures) <= listed

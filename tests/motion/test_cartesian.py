@@ -140,10 +140,10 @@ def test_a_start_in_a_box_is_told(pepper, start):
     ],
 )
 def test_misuse_is_named(pepper, start, error, change, word):
-    given = {"start": start, "hand": "left", "curves": Line((0.0, 0.0, 0.05), relative=True)} | change
-    positional = (given.pop("start"), given.pop("hand"), given.pop("curves"))
+    arguments = {"start": start, "hand": "left", "curves": Line((0.0, 0.0, 0.05), relative=True)} | change
+    positional = (arguments.pop("start"), arguments.pop("hand"), arguments.pop("curves"))
     with pytest.raises(error, match=word):
-        cartesian_path(pepper, *positional, **given)
+        cartesian_path(pepper, *positional, **arguments)
 
 
 def test_curves_refuse_what_is_none():

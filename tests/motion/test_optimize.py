@@ -45,9 +45,9 @@ def test_accelerations_are_continuous_and_vanish_at_the_ends(over_the_table):
     _, _, found = over_the_table
     motion = found.trajectory
     steps = np.diff(motion.knots)
-    pieces = np.arange(steps.size)
-    ends = motion.at_pieces(pieces, steps).acceleration
-    starts = motion.at_pieces(pieces, 0 * steps).acceleration
+    segments = np.arange(steps.size)
+    ends = motion.at_segments(segments, steps).acceleration
+    starts = motion.at_segments(segments, 0 * steps).acceleration
     np.testing.assert_allclose(ends[:-1], starts[1:], atol=1e-7)
     np.testing.assert_allclose([starts[0], ends[-1]], 0.0, atol=1e-7)
 

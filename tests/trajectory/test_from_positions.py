@@ -139,7 +139,7 @@ def test_key_frames_are_passed_and_never_left():
         assert between.min() >= min(between[0], between[-1]) - 1e-12
         assert between.max() <= max(between[0], between[-1]) + 1e-12
     np.testing.assert_allclose(found([0.0, 2.0]).velocity, 0.0, atol=1e-12)
-    velocity = [found.at_pieces(k, s).velocity for k, s in ((0, np.diff(found.breaks)[0]), (1, 0.0))]
+    velocity = [found.at_segments(k, s).velocity for k, s in ((0, np.diff(found.breaks)[0]), (1, 0.0))]
     np.testing.assert_allclose(velocity[0], velocity[1], atol=1e-9)
 
 

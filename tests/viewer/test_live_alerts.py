@@ -129,7 +129,7 @@ def test_contact_is_red_on_the_links_with_a_sentence(open_live, until, pepper):
     red = """() => {
         const { scene } = pepperKin.parts;
         const reds = [];
-        pepperKin.viewer.scene_tree.find(['robot', 'looks', 'links']).object.children.forEach((body) => {
+        pepperKin.viewer.scene_tree.find(['robot', 'visual', 'links']).object.children.forEach((body) => {
             body.traverse(({ material }) => {
                 if (material && material.color.r > 0.5 && material.color.g < 0.4) reds.push(body.name);
             });

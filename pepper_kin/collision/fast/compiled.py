@@ -53,8 +53,8 @@ class StaticLoads:
 
     def sections(self, effort_limits: Array) -> dict[int, Array]:
         """Return the sections of a block that hold this, and limits of the torques, shape (n,)."""
-        room = np.zeros((effort_limits.size + EDGE_NUMBERS) * self.kernel.lanes + self.kernel.work_size)
-        return {at.EFFORT: effort_limits, at.LOADS: self.masses, at.EDGES: self.edges, at.GRAVITY: room}
+        scratch = np.zeros((effort_limits.size + EDGE_NUMBERS) * self.kernel.lanes + self.kernel.work_size)
+        return {at.EFFORT: effort_limits, at.LOADS: self.masses, at.EDGES: self.edges, at.GRAVITY: scratch}
 
 
 @dataclass(frozen=True, eq=False)

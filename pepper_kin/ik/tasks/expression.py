@@ -214,12 +214,14 @@ def values_and_slopes(source: str) -> Callable[[Array], tuple[Array, Array]]:
     return evaluate
 
 
-def _bounds(given: ArrayLike | None, quantity: str, count: int, missing: float) -> Array:
+def _bounds(limits_like: ArrayLike | None, quantity: str, count: int, missing: float) -> Array:
     """Return bounds, shape (m,), where infinity or nothing means none."""
     try:
-        bounds = np.broadcast_to(np.asarray(missing if given is None else given, dtype=float), (count,))
+        bounds = np.broadcast_to(
+            np.asarray(missing if limits_like is None else limits_like, dtype=float), (count,)
+        )
     except (TypeError, ValueError):
-        raise InvalidValueError(quantity, repr(given)[:80], f"one number or {count}") from None
+        raise InvalidValueError(quantity, repr(limits_like)[:80], f"one number or {count}") from None
     if np.isnan(bounds).any():
-        raise InvalidValueError(quantity, given, "numbers, infinite where there is no bound")
+        raise InvalidValueError(quantity, limits_like, "numbers, infinite where there is no bound")
     return np.clip(bounds, -UNBOUNDED, UNBOUNDED)

@@ -29,7 +29,7 @@ class Task(ABC):
 
     Tasks are frozen values.  A solver minimizes sum_i s_i^2 |r_i(q)|^2 over all tasks i (meters and radians
     count alike at equal weights); the task is met where `error` is within `tolerance`.  The strength s_i is
-    the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.precedence`.
+    the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.priorities`.
 
     Symbols used in all formulas: (o, R) position and orientation of the frame in the world, J_v and J_w the
     linear and angular rows of its Jacobian in world axes, [a]x the matrix of the cross product with a.

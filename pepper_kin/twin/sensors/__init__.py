@@ -1,4 +1,4 @@
-"""Sensors of the robot: what each would say, with noise, beside the truth."""
+"""Sensors of the robot: readings with noise, beside the truth."""
 
 from pepper_kin.twin.sensors.camera import Camera, Intrinsics, camera_intrinsics
 from pepper_kin.twin.sensors.range_sensors import published_scan

@@ -92,7 +92,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
     def initialize(self, access: Access, hub: Hub) -> None:
         """Take what the application hands to every handler."""
         self._access, self._hub = access, hub
-        self.seen = -1
+        self.revision = -1
         self._unsent: Any = None
         self._late_poses = False
 
@@ -154,9 +154,9 @@ class PageSocket(tornado.websocket.WebSocketHandler):
 
     def catch_up(self, document: Document) -> None:
         """Send what changed since the page was told last."""
-        if self.seen == document.count or (self.busy and self.seen >= 0):
+        if self.revision == document.count or (self.busy and self.revision >= 0):
             return
-        changes, self.seen = document.changes_since(self.seen), document.count
+        changes, self.revision = document.changes_since(self.revision), document.count
         self.tell({"type": "state", "values": changes})
 
     def _write(self, message: str | bytes, binary: bool) -> None:

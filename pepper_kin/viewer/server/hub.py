@@ -35,7 +35,7 @@ class Hub:
         self._name = secrets.token_hex(4)
         self._wake = asyncio.Event()
         self._sent_poses = b""
-        self._told_at = 0.0
+        self._sent_at = 0.0
         session = self.session
         self._doers: dict[str, Callable[..., Any]] = {
             "joint": session.set_joint,
@@ -127,12 +127,12 @@ class Hub:
         """Whether some page has not been told the latest."""
         session = self.session
         session.refresh()
-        return any(page.seen != session.document.count or page.lacks_poses for page in self._pages)
+        return any(page.revision != session.document.count or page.lacks_poses for page in self._pages)
 
     def _tell(self, now: float) -> None:
         # The panel first: whoever has just been sent poses is busy with them until the next tick.
-        if now - self._told_at >= STATE_STEP:
-            self._told_at = now
+        if now - self._sent_at >= STATE_STEP:
+            self._sent_at = now
             self.session.refresh()
             for page in self._pages:
                 page.catch_up(self.session.document)

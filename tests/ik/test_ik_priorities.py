@@ -12,7 +12,7 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Status
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.precedence import SolverContext, balanced, put_first
+from pepper_kin.ik.priorities import SolverContext, balanced, solve_with_priorities
 from pepper_kin.ik.problem import SearchBudget, make_problem
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.model.shapes import rotation_rpy, transform
@@ -184,7 +184,7 @@ def test_a_narrow_tolerance_is_met_by_raising_the_weight():
     budget = SearchBudget(seed=0, restarts=2, max_iterations=150, deadline=math.inf)
     loose = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", HERE, hard=True), tasks[1]]).q
     assert math.dist(place(loose).translation, HERE) > 3e-6
-    firm = put_first(problem, SolverContext("fast", Collisions(PEPPER, None), budget), loose)
+    firm = solve_with_priorities(problem, SolverContext("fast", Collisions(PEPPER, None), budget), loose)
     assert math.dist(place(firm).translation, HERE) <= 3e-6
 
 
