@@ -1,4 +1,4 @@
-"""What all commands share: options, exit codes, printing, progress and completion."""
+"""Shared parts of all commands: options, exit codes, printing, progress and completion."""
 
 from __future__ import annotations
 

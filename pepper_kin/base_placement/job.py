@@ -1,4 +1,4 @@
-"""What a search for a place was asked for, checked and made ready."""
+"""Checked inputs of a base-placement search."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def make_job(
         from pepper_kin.collision import Scene
 
         if not isinstance(scene, Scene):
-            raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None to leave collisions out")
+            raise InvalidValueError("scene", repr(scene), "a Scene, or None to leave collisions out")
     scorer = Scorer(moving, sets, mask, start, place, weights or PlacementWeights())
     evaluator = CandidateEvaluator(
         moving, sets, start, moving.names(mask), scorer, scene, whole_number("seed", seed, 0),

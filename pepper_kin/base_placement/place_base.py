@@ -1,4 +1,4 @@
-"""Where to stand: the base's place from which targets are best reached."""
+"""Base placement: the base pose from which targets are best reached."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How good each cell of the floor is as a place to stand."""
+"""Base-placement map: a score for each cell of the floor."""
 
 from __future__ import annotations
 

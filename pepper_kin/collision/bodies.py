@@ -18,6 +18,7 @@ from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.collision.solids import HalfSpace, SceneGeometry, padding
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.shapes import read_only
 
 GeometryType = Literal["collision", "visual"]
@@ -97,10 +98,7 @@ def check_geometry_type(geometry_type: str) -> None:
     Raises:
         InvalidValueError: naming those that are known.
     """
-    if geometry_type not in get_args(GeometryType):
-        raise InvalidValueError(
-            "geometry_type", repr(geometry_type), f"one of {', '.join(get_args(GeometryType))}"
-        )
+    check_choice("geometry_type", geometry_type, get_args(GeometryType))
 
 
 @lru_cache(maxsize=64)

@@ -1,4 +1,4 @@
-"""How far joints can move points of a body: proven bounds, from the tree of joints and their ranges.
+"""Motion bounds: proven bounds on the motion of a body's points, from the tree of joints and their ranges.
 
 Turning joint j by a small angle moves a point by that angle times the point's distance from the joint's axis.
 The *lever* of the joint is the greatest such distance over all points that it carries and all positions of

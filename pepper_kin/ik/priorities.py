@@ -1,4 +1,4 @@
-"""What comes first where not all tasks are met: hard tasks, positions of poses, and narrow tolerances."""
+"""Task priorities: hard tasks, positions of poses, and narrow tolerances first."""
 
 from __future__ import annotations
 

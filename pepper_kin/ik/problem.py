@@ -189,7 +189,7 @@ def flatten_tasks(
     if type(tasks) is not list:
         items = [tasks] if isinstance(tasks, (Task, TaskGroup)) else tasks
         if not isinstance(items, Iterable) or isinstance(items, (str, bytes)):
-            raise InvalidValueError("tasks", repr(tasks)[:80], "a list of tasks such as HandPosition")
+            raise InvalidValueError("tasks", repr(tasks), "a list of tasks such as HandPosition")
     flat: list[Task] = []
     for item in cast("Iterable[Any]", items):
         kind = _kind_of(cast("Hashable", type(item)))
@@ -198,7 +198,7 @@ def flatten_tasks(
         elif kind is TaskGroup:
             flat.extend(item.parts)
         else:
-            raise InvalidValueError("tasks", repr(item)[:80], "tasks such as HandPosition or LookAt")
+            raise InvalidValueError("tasks", repr(item), "tasks such as HandPosition or LookAt")
     if not flat:
         raise InvalidValueError("tasks", "none", "at least one task")
     for task in flat:

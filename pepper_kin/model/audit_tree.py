@@ -1,4 +1,4 @@
-"""Whether joints have limits, followers have leaders, and every link hangs on the root."""
+"""Audit of the tree: joint limits, leaders of mimic joints, and one root."""
 
 from __future__ import annotations
 

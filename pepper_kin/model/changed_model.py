@@ -70,7 +70,7 @@ def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel
         if inertial is not None and mass is not None and float(mass.get("value", "0")) > 0:
             found[link.get("name", "")] = inertial
     if not isinstance(masses, Mapping):
-        raise InvalidValueError("masses", repr(masses)[:80], "link -> mass [kg]")
+        raise InvalidValueError("masses", repr(masses), "link -> mass [kg]")
     for name, value in masses.items():
         if name not in found:
             raise UnknownNameError("link with a mass", name, found)

@@ -1,4 +1,4 @@
-"""What two descriptions say differently, joint by joint and link by link."""
+"""Differences of two descriptions, joint by joint and link by link."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From xacro or URDF to a `PepperModel`."""
+"""Loading of a `PepperModel` from xacro or URDF."""
 
 from __future__ import annotations
 

@@ -243,7 +243,7 @@ class PepperModel:
             return self.joint_names
         allowed = 'joints and groups by name, such as ["right_arm", "HeadYaw"]: at least one moving joint'
         if not isinstance(joints, Iterable):
-            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+            raise InvalidValueError("joints", repr(joints), allowed)
         found: dict[str, None] = {}
         for name in [joints] if isinstance(joints, str) else joints:
             if name in self.joint_names:
@@ -253,7 +253,7 @@ class PepperModel:
             else:
                 raise UnknownNameError("joint or group", name, (*self.joint_names, *self.group_names))
         if not found and not allow_none:
-            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+            raise InvalidValueError("joints", repr(joints), allowed)
         return tuple(found)
 
     def posture(self, name: str) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""From a goal and a scene to a checked path, from a path to a short and smooth motion; gestures."""
+"""Motion planning: collision-free paths, optimized motions, and gestures."""
 
 from pepper_kin.ik import FrameInPlane
 from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch

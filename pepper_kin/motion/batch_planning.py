@@ -144,7 +144,7 @@ def plan_batch(
     asked = tuple(problems)
     for number, problem in enumerate(asked):
         if not isinstance(problem, PlanProblem):
-            raise InvalidValueError(f"problems[{number}]", repr(problem)[:80], "a PlanProblem")
+            raise InvalidValueError(f"problems[{number}]", repr(problem), "a PlanProblem")
     count = os.cpu_count() or 1 if processes is None else processes
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InvalidValueError("processes", repr(processes), "a whole number of at least 1, or None")

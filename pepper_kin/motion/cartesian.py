@@ -192,7 +192,7 @@ def cartesian_path(
 def _as_curves(curves: Curve | Sequence[Curve]) -> tuple[Curve, ...]:
     items = (curves,) if isinstance(curves, Curve) else tuple(curves)
     if not items or not all(isinstance(curve, Curve) for curve in items):
-        raise InvalidValueError("curves", repr(curves)[:80], "one Line or Arc or more")
+        raise InvalidValueError("curves", repr(curves), "one Line or Arc or more")
     return items
 
 

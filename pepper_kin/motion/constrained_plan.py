@@ -1,4 +1,4 @@
-"""From start, goal, scene and constraints to a path that keeps the constraints all the way."""
+"""Planning with constraints, which the path keeps everywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a path on a manifold to way-points whose spline keeps the constraints."""
+"""Way-points on a constraint manifold whose spline keeps the constraints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From start, goal, scene and soft costs to a path on which length and costs together are small."""
+"""Planning with soft costs: paths of small length and cost together."""
 
 from __future__ import annotations
 

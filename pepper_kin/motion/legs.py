@@ -155,7 +155,7 @@ def plan_legs(
     """
     legs = list(legs)
     if not legs or not all(isinstance(leg, Leg) for leg in legs):
-        raise InvalidValueError("legs", repr(legs)[:80], "one or more of motion.Leg")
+        raise InvalidValueError("legs", repr(legs), "one or more of motion.Leg")
     kept = [as_constraints(pepper, leg.constraints) if len(leg.constraints) else () for leg in legs]
     q_start, begin = checked_start(pepper, start, margin, timeout), time.perf_counter()
     best: list[Plan] = []

@@ -1,4 +1,4 @@
-"""What is in the way where no path is found."""
+"""Obstructions: the bodies that block a path that was not found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What planning returns."""
+"""Result of planning."""
 
 from __future__ import annotations
 
@@ -55,15 +55,15 @@ _ADVICE = {
     PlanStatus.SOLVED: "Time the path with retime().",
     PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
     PlanStatus.START_TORQUE_LIMIT: "Start from a posture that the joints can hold against gravity.",
-    PlanStatus.START_TIPS_OVER: "Start from a posture that leans less, carry less, or ask for less balance.",
+    PlanStatus.START_TIPS_OVER: "Start with the center of mass nearer to the middle of the wheels, carry less, or reduce balance.",
     PlanStatus.START_TOO_NEAR: "Move the robot or the obstacle apart, or reduce least_margin.",
     PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
     PlanStatus.GOAL_TORQUE_LIMIT: "Give a goal that the joints can hold against gravity.",
-    PlanStatus.GOAL_TIPS_OVER: "Give a goal that leans less, carry less, or ask for less balance.",
+    PlanStatus.GOAL_TIPS_OVER: "Give a goal with the center of mass nearer to the middle of the wheels, or reduce balance.",
     PlanStatus.GOAL_TOO_NEAR: "Give another goal, or reduce least_margin.",
     PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
     PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
-    PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
+    PlanStatus.NO_IK: "Move the target, free more joints, or raise the timeout.",
     PlanStatus.START_SHUT_IN: (
         "Hardly any motion leads away from the start: move away what is named, free more joints, "
         "or reduce the margin."

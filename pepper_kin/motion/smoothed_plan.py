@@ -1,4 +1,4 @@
-"""From a plan to the motion that a robot executes: path and timing optimized together, or retimed."""
+"""Executable motion of a plan: path and timing optimized together, or retimed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a posture may ask of the joints and of the floor, so that it can be held with what is carried."""
+"""Static limits of postures: holding torques and balance, with a payload."""
 
 from __future__ import annotations
 

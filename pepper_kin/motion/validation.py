@@ -1,4 +1,4 @@
-"""Whether a path from anywhere may be followed, or the first state that may not, and why."""
+"""Validation of paths: the first state that violates a limit or touches, and the reason."""
 
 from __future__ import annotations
 

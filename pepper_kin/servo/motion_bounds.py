@@ -1,4 +1,4 @@
-"""How far one radian of a joint can move any point of the body."""
+"""Motion bounds of the whole body for one radian of each joint."""
 
 from __future__ import annotations
 

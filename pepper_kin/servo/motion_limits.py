@@ -1,4 +1,4 @@
-"""How far, how fast and how suddenly each joint may move under a servo."""
+"""Limits on position, velocity and acceleration of each joint under a servo."""
 
 from __future__ import annotations
 

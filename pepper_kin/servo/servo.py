@@ -194,7 +194,7 @@ class Servo:
 
     def _guard(self, scene: Scene) -> ClearanceGuard:
         if not isinstance(scene, Scene):
-            raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None for no collisions")
+            raise InvalidValueError("scene", repr(scene), "a Scene, or None for no collisions")
         return ClearanceGuard(self.pepper, scene, self._clearance, self._approach)
 
     def _fresh(self, set_at: int) -> bool:

@@ -1,4 +1,4 @@
-"""What a servo says after each tick."""
+"""State of a servo after each tick."""
 
 from __future__ import annotations
 

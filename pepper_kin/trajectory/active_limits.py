@@ -1,4 +1,4 @@
-"""Which limit keeps a trajectory from being faster, at each instant."""
+"""Active limits: the limit that keeps a trajectory from being faster, at each time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an independent examination of a trajectory found."""
+"""Certificate of a trajectory, from an independent examination."""
 
 from __future__ import annotations
 

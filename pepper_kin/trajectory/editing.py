@@ -76,7 +76,7 @@ def blended(first: Trajectory, second: Trajectory, overlap: float) -> Trajectory
 
 def _check_meeting(first: Trajectory, second: Trajectory) -> None:
     if not isinstance(second, Trajectory):
-        raise InvalidValueError("trajectory", repr(second)[:60], "a Trajectory")
+        raise InvalidValueError("trajectory", repr(second), "a Trajectory")
     if (first.joint_names, first.joint_units) != (second.joint_names, second.joint_units):
         raise InvalidValueError(
             "joints of the second trajectory", ", ".join(second.joint_names), ", ".join(first.joint_names)

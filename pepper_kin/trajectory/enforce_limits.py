@@ -1,4 +1,4 @@
-"""From any motion to one that the robot can make: rounded, and slower where a limit asks for it."""
+"""Limit enforcement: any motion rounded, and slowed where a limit needs it."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
     raise InfeasibleError(
         "safe motion",
         f"after {_ROUNDS} rounds of slowing down a limit is still exceeded at {s[np.argmax(need)]:.3f} s",
-        "start from a motion that leans less or loads the joints less",
+        "start from a motion with smaller joint torques, nearer to the middle of the wheels",
     )
 
 

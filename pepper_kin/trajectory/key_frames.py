@@ -43,7 +43,7 @@ def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:
         entries = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
         pairs = [(time, frame) for time, frame in entries]
     except (TypeError, ValueError):
-        raise InvalidValueError("key frames", repr(keyframes)[:80], allowed) from None
+        raise InvalidValueError("key frames", repr(keyframes), allowed) from None
     times = [float(as_finite(time, "time of a key frame", ())) for time, _ in pairs]
     if (
         not times

@@ -1,4 +1,4 @@
-"""Where a motion asks more of the robot than its limits allow, joint by joint and time by time."""
+"""Limit violations of a motion, by joint and time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a picture is seen from: a view by its name, or a camera of one's own."""
+"""Cameras of pictures: named views, or a position and a target."""
 
 from __future__ import annotations
 

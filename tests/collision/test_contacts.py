@@ -225,7 +225,7 @@ def test_contacts_refuse_nonsense():
     with pytest.raises(InvalidValueError, match="margin: got nan"):
         CollisionChecker(pepper, None, np.nan)
     with pytest.raises(
-        InvalidValueError, match="geometry_type: got 'nice', expected one of collision, visual"
+        InvalidValueError, match="geometry_type: got 'nice', expected one of 'collision', 'visual'"
     ):
         CollisionChecker(pepper, geometry_type="nice")
 

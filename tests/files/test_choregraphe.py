@@ -376,7 +376,9 @@ def test_a_safe_animation_keeps_its_time(pepper):
 
 def test_joints_that_the_robot_lacks(pepper):
     timeline = naoqi_timeline(["HeadYaw", "RHand", "LHipPitch"], [[1.0]] * 3, [[0.1]] * 3)
-    with pytest.raises(UnknownNameError, match="unknown joint of keys 'LHipPitch'; available: KneePitch"):
+    with pytest.raises(
+        UnknownNameError, match=r"'LHipPitch' \(did you mean 'HipPitch'\?\); available: KneePitch"
+    ):
         timeline.to_trajectory(pepper)
     timeline.to_trajectory(pepper, ignore=("RHand", "LHipPitch"))
 

@@ -1,4 +1,4 @@
-"""Rewrite the visual meshes and their xacro file."""
+"""Generator of the visual meshes and their xacro file."""
 
 from __future__ import annotations
 

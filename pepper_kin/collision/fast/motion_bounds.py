@@ -1,4 +1,4 @@
-"""How far any point of a part of the robot can move when the joints do."""
+"""Motion bounds of the parts of a robot, and of pairs of parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a task is fixed in compiled code, and what may change from call to call."""
+"""Fixed and variable parts of tasks in compiled code."""
 
 from __future__ import annotations
 

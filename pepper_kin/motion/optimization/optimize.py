@@ -1,4 +1,4 @@
-"""From a path or a motion to a shorter and smoother motion within all limits."""
+"""Trajectory optimization: a shorter and smoother motion within all limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may talk to the server: pages that it served itself, on names that are its own."""
+"""Access to the server: pages that it served itself, on its own host names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the pages warn of: contact, torques beyond their limits, and tipping."""
+"""Warnings of the pages: contact, torques beyond their limits, and tipping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why the body comes no nearer to its targets, in sentences for a visitor."""
+"""Explanations for visitors: why the body does not get nearer to its targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Between the session and its pages: the loop that lets time pass and tells everybody."""
+"""Hub between the session and its pages: the loop that advances time and sends changes."""
 
 from __future__ import annotations
 

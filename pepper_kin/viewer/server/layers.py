@@ -1,4 +1,4 @@
-"""What can be shown of the robot, each as a layer that is switched by itself."""
+"""Layers of the robot that can be shown, each switched separately."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What takes long, done by the worker on behalf of a session."""
+"""Long tasks of a session, done by the worker."""
 
 from __future__ import annotations
 
