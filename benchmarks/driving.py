@@ -63,17 +63,17 @@ def drives(count: int) -> None:
         assert trajectory.check(robot, scene=scene).ok
         state = trajectory.sample(0.005)
         yaw, (vx, vy, _) = state.position[:, 2], state.velocity[:, :3].T
-        slip = np.abs(vy * np.cos(yaw) - vx * np.sin(yaw)).max()
+        drift = np.abs(vy * np.cos(yaw) - vx * np.sin(yaw)).max()
         length = np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1).sum()
         bound = car_curve(start, goal, WHEELS.turning_radius).length
-        rows.append((1e3 * (planned - begin), 1e3 * (timed - planned), length / bound, 1e3 * slip))
-    (plan_ms, retime_ms, ratio, slip_mm), worst = np.median(rows[1:], axis=0), np.max(rows[1:], axis=0)
+        rows.append((1e3 * (planned - begin), 1e3 * (timed - planned), length / bound, 1e3 * drift))
+    (plan_ms, retime_ms, ratio, drift_mm), worst = np.median(rows[1:], axis=0), np.max(rows[1:], axis=0)
     print(f"{solved} of {tried} rooms, all certified; median (worst)\n")
     print("| `plan` [ms] | `retime` [ms] | length over the curve without boxes | sideways [mm/s] |")
     print("|---|---|---|---|")
     print(
         f"| {plan_ms:.0f} ({worst[0]:.0f}) | {retime_ms:.1f} ({worst[1]:.1f}) "
-        f"| {ratio:.2f} ({worst[2]:.2f}) | {slip_mm:.1f} ({worst[3]:.1f}) |"
+        f"| {ratio:.2f} ({worst[2]:.2f}) | {drift_mm:.1f} ({worst[3]:.1f}) |"
     )
 
 

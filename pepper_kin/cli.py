@@ -373,13 +373,13 @@ def _print_reach(outcome: ReachOutcome) -> None:
 def main() -> None:
     """Run the command line.
 
-    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, told in one line; 130 Ctrl-C.
+    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, with one line of explanation; 130 Ctrl-C.
     """
     try:
         try:
             app()
         finally:
-            sys.stdout.flush()  # here, where it can still be told that it could not be written
+            sys.stdout.flush()  # here, where a failure to write can still be reported
     except InfeasibleError as error:
         print(f"pepper-kin: {error}", file=sys.stderr)
         sys.exit(FAILED)

@@ -67,7 +67,7 @@ def place_base(
         pepper: The robot; with a fixed base, targets and scene are meant in the world in which it stands at
             `stand`, and the base is moved all the same.
         tasks: One task; a list of tasks that one configuration has to meet; or a list of such lists, each met
-            by a configuration of its own from the same place.  Tasks with N targets stand for N such lists.
+            by a separate configuration from the same place.  Tasks with N targets stand for N such lists.
         q0: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
         stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in q0, or the origin.
         scene: What to keep clear of, itself included; None for nothing.  The way there is not looked at.

@@ -60,7 +60,7 @@ class CollisionChecker:
         geometries = [item.geometry for item in self.scene.objects.values()]
         for geometry in (*geometries, *(item.geometry for item in self.scene.attached.values())):
             if isinstance(geometry, Mesh):
-                coal_geometry(geometry)  # a file that cannot be read is told of now
+                coal_geometry(geometry)  # a file that cannot be read is reported now
         self._local = threading.local()
         self._like = self
 

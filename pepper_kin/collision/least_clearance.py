@@ -203,7 +203,7 @@ class _Search:
         return centers, used, (place[first], place[second])
 
     def _gaps(self, pairs: Indices, centers: Array, places: tuple[Indices, Indices]) -> Array:
-        """Return the distances of the pairs' balls [m], a lower bound of their own."""
+        """Return the distances of the pairs' balls [m], a lower bound of the distances of the pairs."""
         checker = self.checker
         apart = centers[places[0]] - centers[places[1]]
         gaps = np.sqrt(np.einsum("ij,ij->i", apart, apart))

@@ -36,7 +36,7 @@ from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import rotation_to_axis, transform
 
 VOXEL = 0.02
-"""Edge of the cubes to which clouds are thinned unless told otherwise [m]."""
+"""Edge of the cubes to which clouds are thinned by default [m]."""
 
 
 class Scene:

@@ -1,6 +1,6 @@
 """Inverse kinematics: tasks in, the best configuration and the reason out.
 
-The differential-IK controller and the search for a place to stand have rooms of their own, `pepper_kin.servo`
+The differential-IK controller and the search for a place to stand are separate packages, `pepper_kin.servo`
 and `pepper_kin.base_placement`; their names can be had here too, and are loaded when first asked for.
 """
 

@@ -27,7 +27,7 @@ MOST_TIMES = 5
 WIDE = 4.0
 ROOM = 0.95
 
-# Starts of a search of its own, where no descent from the end of the first search leads to what comes first.
+# Starts of a further search, where no descent from the end of the first one meets the tasks of priority.
 STARTS = 8
 
 # The error has to fall below this part of what it was for another configuration to be taken.

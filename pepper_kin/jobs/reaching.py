@@ -91,7 +91,7 @@ def reach(
         on_stage: Called with the name of each stage as it begins.
 
     Returns:
-        The outcome; where a target cannot be reached, its message tells how near the hand can get.
+        The outcome; where a target cannot be reached, its message names how near the hand can get.
 
     Raises:
         PepperKinError: on misuse, naming what is wrong.

@@ -32,7 +32,7 @@ class ReachMap:
     """Voxels that a frame's origin was found in.
 
     A voxel that was hit can be reached; one that was not may be reachable all the same, more rarely the more
-    samples there are.  Collisions count only where `reach_map` was told to look at them.
+    samples there are.  Collisions count only where `reach_map` was called with a check.
 
     Attributes:
         frame: Name of the frame.

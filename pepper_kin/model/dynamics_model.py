@@ -12,7 +12,7 @@ from pepper_kin.model.urdf_document import UrdfDocument
 
 
 class DynamicsModel:
-    """Builds `pinocchio.Model` of a checked document once, and tells whether somebody has changed it since.
+    """Builds `pinocchio.Model` of a checked document once, and detects changes made to it since.
 
     Importing Pinocchio takes longer than reading the description, and many programs do without it.  A model
     that was never handed out to a user cannot have been changed, which spares comparing it.
@@ -69,7 +69,7 @@ class DynamicsModel:
     def digest(self) -> str:
         """Return a hash of the document and of what has been changed in the model since it was built.
 
-        A comparison in C++ (5 us) tells whether there is anything new to hash, and not even that is needed
+        A comparison in C++ (5 us) shows whether there is anything new to hash, and not even that is needed
         while the model has not been handed out.
         """
         if not self.handed_out or _same(self._model, self._pristine):

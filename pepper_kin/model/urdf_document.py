@@ -157,7 +157,7 @@ def number_of(element: ET.Element, name: str, default: float, what: str) -> floa
     """Return an attribute as a number, or `default` where it is absent.
 
     Raises:
-        ModelError: naming `what` where it is no number.
+        ModelError: naming `what` where it is not a number.
     """
     text = element.get(name)
     if text is None:

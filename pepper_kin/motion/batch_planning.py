@@ -46,7 +46,7 @@ class PlanProblem:
         joints: Joints that may move, by names of joints and groups.
         constraints: IK tasks kept along the whole path.
         costs: Soft costs.
-        margin: Distance wished for to all things [m].
+        margin: Distance requested to all things [m].
         least_margin: Distance that the curve has to keep from the scene [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
@@ -125,7 +125,7 @@ def plan_batch(
     """Plan many problems on all cores.
 
     Each plan is what `plan` returns for that problem alone, to the bit but for its `time`, unless time runs
-    out.  This process works on them as well; helpers, which are processes of their own, join in as soon as
+    out.  This process works on them as well; helpers, which are separate processes, join in as soon as
     they have started, in about a second, and stay for the next call.  What cannot be sent to them (a task
     class of the main script, say) is solved here.
 

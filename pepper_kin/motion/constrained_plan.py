@@ -211,7 +211,7 @@ class _Along:
             ended: Makes the plan.
             path: Way-points, shape (m, n).
             said: Other fields of the plan.
-            margin: The one wished for [m].
+            margin: The one requested [m].
             found: The path that the search found.
         """
         tasks, exact = self._tasks, self._checks.exact

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LARGEST = ("JointPosture", "CenterOfMassOverWheels", "Expression")
-"""Tasks whose error is the largest component of the residual: each component is a constraint of its own."""
+"""Tasks whose error is the largest component of the residual: each component is a separate constraint."""
 
 SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"))
 """Packages on which the kernels depend."""
@@ -158,7 +158,7 @@ class InPython:
 def kind_of(task: Task) -> str:
     """Return the kind of a task that can be compiled; empty for others.
 
-    A class derived from one of the library's may have a residual of its own, which is not what is compiled.
+    A class derived from one of the library's may have another residual than the compiled one.
     """
     if not all(slot.__module__.startswith("pepper_kin.") for slot in (type(task).residual, type(task).size)):
         return ""

@@ -88,7 +88,7 @@ def plan_drive(
         start: Start configuration, shape (n,).
         goals: Goals that are valid, shape (m, n), the best first.
         free: Places of the joints that move, shape (k,).
-        margins: Distance wished for, and to be kept from the scene [m].
+        margins: Distance requested, and to be kept from the scene [m].
         deadline: On the clock of `time.perf_counter` [s].
     """
     base, checked = base_places(checks.pepper), 0

@@ -178,7 +178,7 @@ def goals_of(
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
-    Of the margins [m] the first is wished for, and the second has to be kept.
+    Of the margins [m] the first is requested, and the second has to be kept.
 
     Tasks are solved with the margin to the scene first, and without it where that fails;
     several solutions are looked for at once.

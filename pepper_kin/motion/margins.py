@@ -27,9 +27,9 @@ LEAST_SEARCHED = SHORTEST
 another that nothing touches in between."""
 
 FIRST_SHARE = 0.5
-"""Share of the time in which the margin that is wished for is searched with; smaller ones share the rest."""
+"""Share of the time in which the requested margin is searched with; smaller ones share the rest."""
 
-_SMALLER = (0.5, 0.25, 0.125)  # of the margin wished for
+_SMALLER = (0.5, 0.25, 0.125)  # of the margin requested
 _HALVINGS = 6  # of the margin, when it is asked what a curve keeps
 _LOOKED_AT = 60  # states of a path, where it is asked what is nearest
 _NEAR = 0.02  # [m] what is farther away is not in the way
@@ -60,9 +60,9 @@ def falling_problems(
         start: Start configuration, shape (n,).
         goals: Goal configurations, shape (m, n).
         free: Places of the joints that move, shape (k,).
-        margins: The margin wished for, and what must be kept [m].
+        margins: The margin requested, and what must be kept [m].
         resolution: See `path_problem`.
-        kept: See there, at the margin wished for.
+        kept: See there, at the margin requested.
     """
     margin, least = margins
     last = max(least, min(margin, LEAST_SEARCHED))
@@ -82,12 +82,12 @@ def falling_problems(
 
 
 def relaxation_sentence(problem: PathProblem, curve: CubicPath, margin: float) -> str:
-    """Return a sentence on a margin that was not kept as wished for, and to what; empty where it was.
+    """Return a sentence on a margin that was not kept as requested, and its value; empty where it was.
 
     Args:
         problem: What was planned, at the margin kept.
         curve: The curve found.
-        margin: The margin wished for [m].
+        margin: The margin requested [m].
     """
     kept = 1000 * problem.margins[0]
     if not problem.margins_relaxed:

@@ -59,7 +59,7 @@ _ADVICE = {
     PlanStatus.START_TOO_NEAR: "Move the robot or the obstacle apart, or reduce least_margin.",
     PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
     PlanStatus.GOAL_TORQUE_LIMIT: "Give a goal that the joints can hold against gravity.",
-    PlanStatus.GOAL_TIPS_OVER: "Give a goal with the center of mass nearer to the middle of the wheels, or reduce balance.",
+    PlanStatus.GOAL_TIPS_OVER: "Give a goal whose center of mass is nearer to the wheels, or reduce balance.",
     PlanStatus.GOAL_TOO_NEAR: "Give another goal, or reduce least_margin.",
     PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
     PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",

@@ -71,7 +71,7 @@ def plan(
         joints: Joints that may move, by joints and groups; None: those in which start and goals differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
         costs: Soft costs that are made small together with the length; `plan_costed` then plans.
-        margin: Distance wished for to all things [m]; less where start or goal are nearer than that, or where
+        margin: Distance requested to all things [m]; less where start or goal are nearer than that, or where
             no path keeps it: then it gives way, and the message says to what.
         least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
         seed: Seed of all random choices.

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
 COARSE = 0.02
-"""The same where the examination of the spline, which is far closer, tells whether that was close enough."""
+"""The same where the examination of the spline, which is far finer, shows whether that was fine enough."""
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
 
 

@@ -164,7 +164,7 @@ def validate(
     return Validation(status, message, place, read_only(q.copy()), contacts, joint, at + 1)
 
 
-Found = tuple[int, ValidationStatus, str, "str | None"]
+Finding = tuple[int, ValidationStatus, str, "str | None"]
 """Number of the first invalid state, what it breaks, a sentence, and the joint to blame."""
 
 
@@ -177,7 +177,7 @@ class _Look:
 
     def limits(
         self, values: Array, lower: Array, upper: Array, quantity: str, turning: str, sliding: str
-    ) -> Found | None:
+    ) -> Finding | None:
         """Compare values of the states, shape (m, n), with limits, shape (n,) each."""
         slack = TOLERANCE * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
         outside = (values < lower - slack) | (values > upper + slack)
@@ -196,9 +196,9 @@ class _Look:
         )
         return at, _STATUS_OF[quantity], what, name
 
-    def motion(self, trajectory: Trajectory, end: int) -> Found | None:
+    def motion(self, trajectory: Trajectory, end: int) -> Finding | None:
         """Look at velocity, acceleration, torque and balance of the first states."""
-        found: Found | None = None
+        found: Finding | None = None
         if not end:
             return found
         pepper, payload = self.pepper, self.checks.statics.payload
@@ -216,7 +216,7 @@ class _Look:
         tipping = self._tipping(state)
         return tipping if tipping is not None and (found is None or tipping[0] < found[0]) else found
 
-    def _tipping(self, state: State) -> Found | None:
+    def _tipping(self, state: State) -> Finding | None:
         """Look for the first state in motion whose zero-moment point is not where balance asks for it."""
         statics, polygon = self.checks.statics, support_polygon(self.pepper)
         if statics.balance is None or polygon is None:
@@ -232,7 +232,7 @@ class _Look:
         )
         return at, ValidationStatus.TIPS_OVER, what, None
 
-    def heavy(self, end: int) -> Found | None:
+    def heavy(self, end: int) -> Finding | None:
         """Look for the first state that the joints or the floor cannot hold still, among the first ones."""
         statics, q = self.checks.statics, self.dense.positions[:end]
         holds = statics.hold(q, ROOM_ALONG) if end else np.ones(0, bool)
@@ -251,7 +251,7 @@ class _Look:
             self.pepper.joint_names[statics.most_loaded(q[at])],
         )
 
-    def touching(self, end: int) -> Found | None:
+    def touching(self, end: int) -> Finding | None:
         """Look for the first state that touches something, among the first ones."""
         q = self.dense.positions
         if not end:
@@ -264,7 +264,7 @@ class _Look:
                 return self._near(begin + int(np.argmin(free)))
         return None
 
-    def _near(self, at: int) -> Found:
+    def _near(self, at: int) -> Finding:
         """Say what a state touches, or is nearer to than the margin, as `plan` says it of ends."""
         checker, q, status = self.checks.exact, self.dense.positions[at], ValidationStatus.COLLISION
         fault = fault_of(checker, q, "state", self.checks.statics)

@@ -28,7 +28,7 @@ HARD = 0.5
 STEP_OF_NEAR = 0.75
 DEEPER = 1e-4
 
-# Weight of the wish to part, over the tasks.
+# Weight of the separation of near pairs, over the tasks.
 PARTING = 10.0
 
 
@@ -92,7 +92,7 @@ class ClearanceGuard:
         )
 
     def parting(self, near: NearPairs) -> Demand | None:
-        """Return the wish that pairs nearer than d_min part, at gain (d_min - d); None for no such pair."""
+        """Return the term that separates pairs nearer than d_min, at gain (d_min - d); None for no such pair."""
         short = near.distances < self._clearance
         if not short.any():
             return None

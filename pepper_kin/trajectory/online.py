@@ -182,7 +182,7 @@ class OnlineMotion:
         found = module.Trajectory(self.pepper.n)
         try:
             result = self._planner.calculate(parameters, found)
-        except Exception as error:  # the package has one class of its own, which it does not always raise
+        except Exception as error:  # the package's own exception class is not always raised
             raise InfeasibleError("motion", str(error), "choose another target") from error
         if result not in (module.Result.Working, module.Result.Finished):
             raise InfeasibleError("motion", f"ruckig says {result}", "choose another target")

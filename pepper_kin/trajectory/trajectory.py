@@ -198,7 +198,7 @@ class Trajectory:
         return State(state[0], state[1], state[2])
 
     def at_segments(self, segment: ArrayLike, local_time: ArrayLike) -> State:
-        """Return the state of chosen pieces, which tells the two sides of a break apart.
+        """Return the state of chosen segments, which distinguishes the two sides of a break.
 
         Args:
             segment: Indices of pieces, shape (...).

@@ -145,7 +145,7 @@ class BrowserSession:
         return answer["result"].get("value")
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send a command and wait for its answer; what the browser tells in between is dropped."""
+        """Send a command and wait for its answer; other messages of the browser are discarded."""
         self._count += 1
         command = {"id": self._count, "method": method, "params": parameters}
         if self._session:

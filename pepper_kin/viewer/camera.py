@@ -20,7 +20,7 @@ _LEAST = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera of one's own, for pictures, films and pages.
+    """A camera at any position, for pictures, films and pages.
 
         viewer.save_image("hand.png", q, view=pk.viewer.Camera((1.2, 0.9, 1.1), (0.4, 0.2, 0.8)))
 

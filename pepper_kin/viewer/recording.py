@@ -85,7 +85,7 @@ def write_frames_page(
 ) -> Path:
     """Write frames that are chosen already as one HTML file; see `write_motion_page`.
 
-    What touches in `touches` is drawn in red at these times, and told in a sentence.
+    What touches in `touches` is drawn in red at these times, and named in a sentence.
     """
     names = tuple(link_names)
     if len(set(names)) != len(names):

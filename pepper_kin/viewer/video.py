@@ -39,7 +39,7 @@ def write_video(
 ) -> Path:
     """Film a motion page, from its first frame to its last.
 
-    One browser draws all pictures; it is told the time of each, so that slow machines film the same motion.
+    One browser draws all pictures; it gets the time of each, so that slow machines film the same motion.
 
     Args:
         html_path: A page as written by `write_motion_page`.

@@ -178,7 +178,7 @@ class Viewer:
             viewer.on_target(lambda name, position: print(name, position))
 
         The callback gets the target's name ("left hand", "right hand" or "gaze") and its position in the
-        world, shape (3,) [m].  It runs in a thread of its own; while it runs, only the newest position of
+        world, shape (3,) [m].  It runs in a separate thread; while it runs, only the newest position of
         each target is kept for it.  It may call the viewer, for instance `show`.  The body goes on following
         unless the page's "Follow live" is off; see `follow`.
 
@@ -207,8 +207,8 @@ class Viewer:
     def move_target(self, name: str, position: ArrayLike) -> Viewer:
         """Put a target of the live page somewhere, as dragging it does; the body follows by the servo.
 
-        Returns at once, while the body moves; `q` tells where it is.  The first time on a machine the servo
-        is compiled before, which takes a minute or two.
+        Returns at once, while the body moves; `q` is its present state.  The first time on a machine the
+        servo is compiled before, which takes a minute or two.
 
         Args:
             name: "left hand", "right hand" or "gaze".

@@ -204,7 +204,7 @@ def test_ranges_along_an_edge_are_those_of_dense_samples():
         assert left <= 3  # a corner cut between two of 4001 samples
 
 
-def test_levers_bound_the_motion_of_every_sphere():
+def test_motion_bounds_hold_for_every_sphere():
     pepper = pk.load_pepper()
     structure = FastChecker(pepper, SCENE)._prepared.structure
     motion_bounds = part_motion_bounds(pepper, structure)[len(structure.classes) :]

@@ -68,7 +68,7 @@ def test_the_spline_is_that_of_scipy(count):
     assert again == violation
 
 
-def test_points_that_make_no_spline_are_told():
+def test_points_that_make_no_spline_are_reported():
     bounds, scratch = (np.full(2, -1.0), np.full(2, 1.0)), (np.empty(3), np.empty((2, 4, 2)))
     for points in ([[0, 0], [0, 0], [1, 1]], [[0, 0], [np.nan, 0], [1, 1]], [[0, 0], [np.inf, 0], [1, 1]]):
         assert splines.bounded_cubic_spline(np.array(points, float), *bounds, 1e-9, *scratch) == np.inf

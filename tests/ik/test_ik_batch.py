@@ -31,7 +31,7 @@ def test_rows_are_what_solve_gives():
     assert not batch.solved[3]
 
 
-def test_threads_change_nothing_and_progress_is_told():
+def test_threads_change_nothing_and_progress_is_reported():
     points = hands(3 * PIECE + 5)[:, :3, 3]
     calls = []
     one = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points))

@@ -108,21 +108,21 @@ def test_soft_tasks_come_as_near_as_the_hard_ones_let_them():
         *PEPPER.joint_group("right_arm"),
     ]
     index = [PEPPER.joint_index(name) for name in joints]
-    wish = np.array([0.5, 0.6, 1.0])
+    preferred = np.array([0.5, 0.6, 1.0])
 
     def state(x):
         q = PEPPER.neutral()
         q[index] = x
         return q
 
-    tasks = [pk.ik.HandPosition("left", HERE, hard=True), pk.ik.HandPosition("right", wish)]
+    tasks = [pk.ik.HandPosition("left", HERE, hard=True), pk.ik.HandPosition("right", preferred)]
     result = pk.ik.solve(PEPPER, tasks)
     assert result.hard_met
     generator = np.random.default_rng(0)
     best = math.inf
     for _ in range(6):
         found = minimize(
-            lambda x: float(np.sum((place(state(x), "RArm_effector").translation - wish) ** 2)),
+            lambda x: float(np.sum((place(state(x), "RArm_effector").translation - preferred) ** 2)),
             generator.uniform(LOW[index], HIGH[index]),
             bounds=list(zip(LOW[index], HIGH[index], strict=True)),
             constraints={"type": "eq", "fun": lambda x: place(state(x)).translation - HERE},
@@ -279,7 +279,7 @@ def test_a_preference_gives_way_to_a_tolerance():
     """With infinite tolerance even a heavy wish for a posture does not keep a hand from its point."""
     hand = pk.ik.HandPosition("left", (0.75, 0.1, 0.5))
     for solver in ALL_SOLVERS:
-        wish = pk.ik.JointPosture(PEPPER.neutral(), tolerance=math.inf)
-        result = pk.ik.solve(PEPPER, [hand, wish], solver=solver, restarts=4)
+        preferred = pk.ik.JointPosture(PEPPER.neutral(), tolerance=math.inf)
+        result = pk.ik.solve(PEPPER, [hand, preferred], solver=solver, restarts=4)
         assert result.success, result.report()
         assert math.dist(place(result.q).translation, hand.target) <= 1e-3

@@ -96,5 +96,5 @@ def test_command_prints_json_and_writes_files(run_of_command):
     assert (run_of_command.folder / "figure_head.png").is_file()
 
 
-def test_progress_is_told_from_nothing_to_all(run_of_command):
+def test_progress_is_reported_from_nothing_to_all(run_of_command):
     assert run_of_command.calls == [(k, 3) for k in range(4)]

@@ -195,7 +195,7 @@ def test_the_picture_is_a_png(arm_map, tmp_path):
         save_reach_picture({}, path)
 
 
-def test_without_matplotlib_the_command_is_told(arm_map, tmp_path, monkeypatch):
+def test_without_matplotlib_the_command_is_named(arm_map, tmp_path, monkeypatch):
     true_import = builtins.__import__
 
     def without(name, *args):

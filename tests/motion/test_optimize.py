@@ -92,10 +92,10 @@ def test_same_input_same_motion(over_the_table):
 
 def test_more_weight_on_jerk_is_smoother_and_longer(over_the_table):
     pepper, plan, found = over_the_table
-    soft = optimize(pepper, plan, TABLE, cost=Cost(jerk=3e-3))
-    assert soft.success, soft.message
-    assert soft.figures.jerk < 0.8 * found.figures.jerk
-    assert soft.figures.duration > found.figures.duration
+    soft_cost = optimize(pepper, plan, TABLE, cost=Cost(jerk=3e-3))
+    assert soft_cost.success, soft_cost.message
+    assert soft_cost.figures.jerk < 0.8 * found.figures.jerk
+    assert soft_cost.figures.duration > found.figures.duration
 
 
 def test_wanted_duration_is_met_with_less_effort(over_the_table):
@@ -236,7 +236,7 @@ def test_what_cannot_be_kept_is_named(over_the_table):
     assert "It breaks the jerk limit of" in weak.message
 
 
-def test_limits_of_jerk_hold_at_every_instant(over_the_table):
+def test_limits_of_jerk_hold_at_every_time(over_the_table):
     pepper, plan, found = over_the_table
     limited = optimize(pepper, plan, TABLE, jerk="moderate", cost=Cost(jerk=1e-6))
     assert limited.success, limited.message

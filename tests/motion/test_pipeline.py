@@ -30,7 +30,7 @@ def path_problem_of_table():
 
 @pytest.mark.parametrize("nodes", [4096, 16])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_path_is_that_of_the_planner_alone_also_where_room_runs_out(monkeypatch, nodes, seed):
+def test_the_path_is_that_of_the_planner_alone_also_where_arrays_run_full(monkeypatch, nodes, seed):
     monkeypatch.setattr(pipeline, "_NODES", nodes)
     monkeypatch.setattr(tree_growth, "_FIRST_CAPACITY", nodes)
     monkeypatch.setattr(tree_growth, "_left", type(tree_growth._left)())

@@ -17,7 +17,7 @@ def postures(count, seed):
     return np.random.default_rng(seed).uniform(PEPPER.lower_limits, PEPPER.upper_limits, (count, PEPPER.n))
 
 
-def test_ways_that_enter_a_range_are_told_and_no_others():
+def test_ways_that_enter_a_range_are_reported_and_no_others():
     ranges, met = RangeRows(PEPPER), {True: 0, False: 0}
     starts, ends = postures(1500, 0), postures(1500, 1)
     for q, end, share in zip(starts, ends, np.linspace(0.02, 1.0, 1500), strict=True):

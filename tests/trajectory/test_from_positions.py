@@ -51,7 +51,7 @@ def test_without_a_robot_the_columns_have_names():
         pk.Trajectory.from_positions([0, 1], [[0.0], [1.0]])
 
 
-def test_a_step_overshoots_and_is_told_with_joint_time_and_amount():
+def test_a_step_overshoots_and_is_reported_with_joint_time_and_amount():
     q = np.tile(STAND, (6, 1))
     q[:, 3] = [0.0, 0.0, 0.05, 1.0, 1.0, 1.0]
     times = np.arange(6.0)
@@ -78,7 +78,7 @@ def test_a_step_overshoots_and_is_told_with_joint_time_and_amount():
     np.testing.assert_array_equal(calm([0.0, 5.0]).velocity, np.zeros((2, 15)))
 
 
-def test_leaving_the_limits_is_told():
+def test_leaving_the_limits_is_reported():
     top = float(PEPPER.upper_limits[3])
     q = np.tile(STAND, (4, 1))
     q[:, 3] = [0.0, top + 0.1, top - 0.1, 0.0]

@@ -168,7 +168,7 @@ def test_a_payload_too_heavy_to_hold_is_named(pepper, solver):
     assert "or carry less" in message
 
 
-def test_a_wished_duration_is_met_or_refused(pepper):
+def test_a_requested_duration_is_met_or_refused(pepper):
     points = random_path(pepper, 5)
     fastest = retime(pepper, points)
     slow = retime(pepper, points, duration=2 * fastest.duration)

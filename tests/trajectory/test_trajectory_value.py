@@ -40,7 +40,7 @@ def test_batch_axes_are_kept():
     np.testing.assert_array_equal(trajectory(t.reshape(2, 3)).position[1, 2], trajectory(t[5]).position)
 
 
-def test_both_sides_of_a_knot_can_be_told_apart():
+def test_both_sides_of_a_knot_can_be_distinguished():
     trajectory = Trajectory(("a",), [0, 1, 3], np.array([[[0.0], [1.0]], [[1.0], [-2.0]]]))
     assert trajectory(1.0).velocity == -2.0
     assert trajectory.at_segments(0, 1.0).velocity == 1.0

@@ -8,7 +8,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.twin import Integrator, Twin, actuator_parameters
 
 
-class Wall:
+class SpringWorld:
     """Holds one joint with a spring, and records its arguments."""
 
     def __init__(self, joint, stiffness=0.0, rest=0.0):
@@ -29,7 +29,7 @@ class Diary:
 
 @pytest.mark.parametrize("substeps", [1, 3])
 def test_linear_equation_given_to_the_world_is_the_step(pepper, substeps):
-    wall = Wall(3)
+    wall = SpringWorld(3)
     twin = Twin(pepper, world=wall, substeps=substeps)
     alone = Twin(pepper, substeps=substeps)
     target = pepper.posture("Stand") + 0.3  # saturates some
@@ -51,7 +51,7 @@ def test_load_of_the_world_is_felt(pepper):
     params = actuator_parameters(pepper)
     j = pepper.joint_index("HeadYaw")
     rest = pepper.posture("Stand")
-    twin = Twin(pepper, world=Wall(j, 1000.0, rest[j]))
+    twin = Twin(pepper, world=SpringWorld(j, 1000.0, rest[j]))
     target = rest + 0.002 * (np.arange(15) == j)
     for _ in range(600):
         state = twin.step(target)

@@ -64,7 +64,7 @@ def picture_of(page):
     return np.asarray(image.convert("RGB")).astype(int)
 
 
-def test_sketches_have_few_triangles_and_fill_the_same_room(pepper, layers):
+def test_sketches_have_few_triangles_and_fill_the_same_bounds(pepper, layers):
     sketches = sketches_of(pepper, layers)
     for layer, share in ((VISUAL, 0.1), (SPHERES, 0.5)):
         fine = sum(len(d.geometry.faces) for d in layers[layer])

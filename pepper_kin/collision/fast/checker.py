@@ -240,7 +240,7 @@ class FastChecker:
         effort_limits: ArrayLike | None = None,
         loads: StaticLoads | None = None,
     ) -> CompiledValidity:
-        """Return a function in machine code that tells how far an edge is valid; see `CompiledValidity`.
+        """Return a function in machine code that returns how far an edge is valid; see `CompiledValidity`.
 
         Args:
             frozen: A whole configuration, shape (n,) [rad or m]; joints that are not free stay there.

@@ -14,7 +14,7 @@ def part_motion_bounds(pepper: PepperModel, structure: Structure) -> Array:
     """Return for each class of pairs and each group to the scene how far it moves per unit of each joint.
 
     Two bodies come nearer by at most the sum over the joints that carry one of them and not the other; how
-    far a joint moves a body is told by `pepper_kin.core.motion_bounds`.
+    far a joint moves a body is bounded by `pepper_kin.core.motion_bounds`.
 
     Returns:
         Shape (classes + groups, n) [m/rad, or 1]; infinite where a joint that slides has no limits.

@@ -136,7 +136,7 @@ class _Robot:
                 **_gaps(self.motion_bounds[: len(structure.classes)]),
                 **_constants(pepper, structure, tables, self.rounding),
                 **_ranges(ranges),
-                **_room(pepper, structure, tables),
+                **_scratch(pepper, structure, tables),
             }
         )
         self.block.setflags(write=False)
@@ -248,7 +248,7 @@ def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
     return dict(zip((at.TABLE_HEADS, at.TABLES, at.TABLE_CELLS), pack_tables(ranges), strict=True))
 
 
-def _room(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
+def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
     n, joints, bodies = pepper.n, pepper.inner_model.njoints, len(tables.bodies)
     identity = np.zeros((bodies + 1, POSE, LANES), np.float32)
     identity[[[0], [bodies]], [0, 4, 8]] = 1.0

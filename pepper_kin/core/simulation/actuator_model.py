@@ -1,4 +1,4 @@
-"""Actuator model: force on one joint as a function of its own velocity at the end of the step.
+"""Actuator model: force on one joint as a function of its velocity at the end of the step.
 
 With step h, position q and velocity w = v+ at its end (q+ = q + h w), the force on a joint, besides its
 rotor, is

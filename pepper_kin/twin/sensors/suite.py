@@ -169,7 +169,7 @@ class SensorSuite:
         if self._time <= time < self._next:
             self._time = time
             return {}
-        self._settle()
+        self._decide()
         world = StillWorld(_EMPTY if scene is None else scene, () if contacts is None else contacts)
         state, due = self._sensed(time, {"q": q, "v": v, "a": a, "torque": torque}, world)
         readings = [group.readings(group.take(state, sample)) for group, sample in due]
@@ -199,11 +199,11 @@ class SensorSuite:
         Args:
             start: The first time that counts [s]; times count from there on.
         """
-        self._settle()
+        self._decide()
         found = {name: series for group in self._groups for name, series in group.series(start)}
         return {name: found[name] for name in self.sensors if name in found}
 
-    def _settle(self) -> None:
+    def _decide(self) -> None:
         """Take the samples of all states that wait, in their order."""
         waiting, self._waiting = self._waiting, []
         for state, due in waiting:

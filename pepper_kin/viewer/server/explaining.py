@@ -41,7 +41,7 @@ def on_the_way(tasks: Sequence[Task]) -> str:
 def why_no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene) -> str:
     """Say why the body rests at joint positions q, shape (n,), without having met its tasks.
 
-    Inverse kinematics from many starts tells what the servo, which only goes straight, cannot know.
+    Inverse kinematics from many starts finds what the servo, which is local, cannot.
     """
     return no_closer(pepper, q, tasks, scene, solve(pepper, list(tasks), q, scene=scene, restarts=RESTARTS))
 

@@ -124,7 +124,7 @@ class Hub:
             alarm.cancel()
 
     def _behind(self) -> bool:
-        """Whether some page has not been told the latest."""
+        """Whether some page lacks the latest state."""
         session = self.session
         session.refresh()
         return any(page.revision != session.document.count or page.lacks_poses for page in self._pages)

@@ -29,12 +29,12 @@ LONGEST_TEXT = 4096
 """Longest command [byte]."""
 LONGEST_NAME = 200
 FARTHEST = 10.0
-"""Positions beyond this are nobody's wish [m]."""
+"""Positions beyond this are refused [m]."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """One wish of a page.
+    """One command of a page.
 
     Attributes:
         name: What to do.

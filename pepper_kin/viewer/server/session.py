@@ -61,7 +61,7 @@ class Session:
         self._world = World(pepper, self.board, OBSTACLE_ROOT, (*ROBOT_ROOT, "held"))
         self.mode = FREE
         self.stamp = 0
-        self.wish = 0
+        self.target_revision = 0
         self.on_target: Callable[[str, Array], None] = lambda name, position: None
         self._tasks = tasks
         self._q = pepper.neutral()
@@ -173,7 +173,7 @@ class Session:
 
     def _retract(self) -> None:
         """Take back what was said of targets that are gone, and what is still being found out about them."""
-        self.wish += 1
+        self.target_revision += 1
         self._answered = True
         self.say("")
 
