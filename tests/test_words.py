@@ -51,7 +51,7 @@ PHRASES = {
     r"\btold\b|\btells\b": "personification",
     r"\bwish(es|ed)?\b": "personification",
     r"\bs are wished\b|\blean(s)? less\b|\bwhereof\b|\blittle ado\b": "archaic or a riddle",
-    r"(?<!here )\bis no (list|number|rotation|plan|path|file|whole|mesh|multiple|JSON|English)\b": "archaic: is not a",
+    r"(?<!here )\bis no (list|number|rotation|plan|path|file|whole|mesh|multiple|JSON|English)\b": "archaic",
     r"\bhas a say\b|\bhave a say\b": "personification",
     r"\bof (its|their|one's) own\b": "translated: separate, or nothing",
     r"\bcentre|\bcolour|\boptimis|\bneighbour|\bbehaviour|\bgrey\b|\bmetre|\bmodell(ed|ing)\b": "British",

@@ -108,7 +108,7 @@ def check_within_limits(
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         quantity: Name for the message, such as "start".
-        tolerance: Excess allowed [rad or m].
+        tolerance: Violation allowed [rad or m].
 
     Raises:
         LimitError: naming the worst joint, its value and its limits.

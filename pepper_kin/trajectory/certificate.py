@@ -24,7 +24,7 @@ class LimitCheck:
         lower: Lower limits.
         upper: Upper limits.
         time: The instant [s].
-        tolerance: Excess that is taken for rounding.
+        tolerance: Violation that is taken for rounding.
     """
 
     quantity: str

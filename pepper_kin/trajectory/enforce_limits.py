@@ -39,7 +39,7 @@ def enforce_limits(pepper: PepperModel, trajectory: Trajectory, *, rounding: flo
 
     Args:
         pepper: The robot, which gives the limits.
-        trajectory: Any motion of its joints, with jumps, corners and excesses if need be.
+        trajectory: Any motion of its joints, with jumps, corners and limit violations if need be.
         rounding: Distance h of the control points [s]; a smooth motion is left by h^2 |a| / 6.
 
     Returns:

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 INTERPOLATIONS = ("cubic", "monotone")
 OVERSHOOT = 0.01
-"""Excess over limits, and over the range of the samples, that is not worth a warning [rad or m]."""
+"""Violation of limits, and of the range of the samples, that is not worth a warning [rad or m]."""
 
 _NAMED = 3  # joints in one warning
 

@@ -150,7 +150,7 @@ class ImportedMotion:
         """Say in words what was unsafe, worst joints and times first come first, and what became of it.
 
         Args:
-            most: Greatest number of lines about excesses.
+            most: Greatest number of lines about violations.
         """
         head = (
             f"{self.timeline.name}: {len(self.timeline.curves)} joints, "
