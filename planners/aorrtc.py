@@ -19,12 +19,12 @@ from pepper_kin.exceptions import InvalidValueError
 from .deadline import Deadline, load_code
 from .motion_validator import machine_code_of
 from .path import Path
-from .problem import FINEST_RESOLUTION, GoalSource, Problem
+from .problem import FINEST_RESOLUTION, Problem
 from .result import Improvement, Result, Status, StopReason
 from .rrt_connect import Search
 from .sampling import luby, stream_key, uniform
 from .shortcut import LEAST_GAIN, shortcut, shorten
-from .tree_growth import grow, new_counters, plant
+from .tree_growth import first_path, grow, take_trees
 from .vectors import positive_number, whole_number
 
 _UNLIMITED = 2**62
@@ -96,18 +96,18 @@ def aorrtc(
         InvalidValueError: The path has another number of coordinates, an option is not allowed, or the
             checker answers in a wrong shape.
     """
-    load_code(plant, grow, shorten)
+    load_code(first_path, grow, shorten)
     deadline = Deadline(timeout)
     seed, gap = whole_number("seed", seed), _checked_gap(gap)
     most = _UNLIMITED if max_iterations is None else whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
     task = problem if path is None else _from_path(problem, path)
-    counters = new_counters()
-    with machine_code_of(task, deadline, counters=counters) as code:
-        search = Search(task, code, counters, seed, step)
+    trees = take_trees(task.n)
+    with machine_code_of(task, deadline, counters=trees.counters) as code:
+        search = Search(task, code, trees, seed, step)
         run = _Run(task, search, deadline, seed, gap)
         if path is None:
-            status = search.run(GoalSource(task, seed), deadline, most)
+            status = search.run(deadline, most)
             if status is not Status.SOLVED:
                 return search.result(status, deadline, seed)
             run.begin(*search.path())

@@ -22,7 +22,7 @@ from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.rrt_connect import Search
 from pepper_kin.planners.sampling import stream_key, within_ellipsoid
 from pepper_kin.planners.search_space import SearchSpace
-from pepper_kin.planners.tree_growth import new_counters
+from pepper_kin.planners.tree_growth import take_trees
 
 
 def box(lower, extent, weights) -> SearchSpace:  # type: ignore[no-untyped-def]
@@ -91,9 +91,9 @@ def test_searches_stay_where_paths_can_be_short(inside: float, toy) -> None:  # 
     """The states of a path lie in the ellipsoid of a length; without one they lie outside, too."""
     problem, shortest = ball_problem(toy, 3)
     assert shortest < 1.1
-    deadline, counters, found, farthest = Deadline(60.0), new_counters(), 0, 0.0
-    with machine_code_of(problem, deadline, counters=counters) as code:
-        search = Search(problem, code, counters, 1, None)
+    deadline, trees, found, farthest = Deadline(60.0), take_trees(problem.n), 0, 0.0
+    with machine_code_of(problem, deadline, counters=trees.counters) as code:
+        search = Search(problem, code, trees, 1, None)
         assert search.begin(deadline)
         for _ in range(20):
             if search.below(np.inf, 2000, deadline, inside):
