@@ -120,6 +120,26 @@ def test_other_way_around_is_found(toy) -> None:  # type: ignore[no-untyped-def]
     assert world.path_free(result.path.points)
 
 
+def test_narrow_way_near_the_straight_line_is_found(toy) -> None:  # type: ignore[no-untyped-def]
+    """Four boxes leave a hole beside the straight line; past their side is a far longer way, easy to find."""
+    n, hole = 4, 0.02
+    low, high = np.full((4, n), -1.0), np.full((4, n), 2.0)
+    low[:, 0], high[:, 0] = 0.4, 0.6
+    high[0, 1] = 0.5
+    low[1, 1], high[1, 1] = 0.5 + hole, 0.85
+    low[2:, 1], high[2:, 1] = 0.5, 0.5 + hole
+    high[2, 2], low[3, 2] = 0.5, 0.5 + hole
+    world, ends = toy.world(low, high), np.full((2, n), 0.5)
+    ends[:, 0] = 0.2, 0.8
+    problem = Problem(np.zeros(n), np.ones(n), *ends, toy.code(world, 0.005), resolution=0.01)
+    past_the_side = 2.0 * np.hypot(0.2, 0.35) + 0.2
+    through_its_middle = 2.0 * np.hypot(0.2, np.hypot(hole, hole) / 2.0) + 0.2
+    for seed in range(3):
+        result = aorrtc(problem, seed=seed, max_iterations=30_000, timeout=60.0)
+        assert result.cost < through_its_middle < 0.7 * past_the_side
+        assert world.path_free(result.path.points)
+
+
 def test_never_longer_and_history_tells_how(toy) -> None:  # type: ignore[no-untyped-def]
     problem, _ = box_problem(toy)
     first = rrt_connect(problem, seed=1)
