@@ -23,10 +23,12 @@ def main() -> None:
 def tables() -> str:
     """Return one table for each public enumeration of statuses."""
     parts = []
-    for room, status in statuses():
+    for package, status in statuses():
         rows = [f"| `{member.name}` | {getattr(member, 'advice')} |" for member in status]  # noqa: B009
         first = (status.__doc__ or "").strip().splitlines()[0]
-        parts.append(f"\n### `{room}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n")
+        parts.append(
+            f"\n### `{package}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n"
+        )
         parts.append("\n".join(rows) + "\n")
     return "".join(parts) + "\n"
 
@@ -34,8 +36,8 @@ def tables() -> str:
 def statuses() -> list[tuple[str, type[enum.Enum]]]:
     """Return the public enumerations whose members give advice, with their rooms."""
     found: dict[type[enum.Enum], str] = {}
-    for room in ROOMS:
-        module = importlib.import_module(f"pepper_kin.{room}")
+    for package in ROOMS:
+        module = importlib.import_module(f"pepper_kin.{package}")
         for name in module.__all__:
             value = getattr(module, name)
             if (
@@ -44,8 +46,8 @@ def statuses() -> list[tuple[str, type[enum.Enum]]]:
                 and len(value)
                 and hasattr(value, "advice")
             ):
-                found.setdefault(value, room)
-    return [(room, status) for status, room in found.items()]
+                found.setdefault(value, package)
+    return [(package, status) for status, package in found.items()]
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from pepper_kin.motion.optimization.cost import Cost, Figures
-from pepper_kin.planners.optimization import Descent
+from pepper_kin.planners.optimization import LocalResult
 from pepper_kin.trajectory import Trajectory
 
 
@@ -63,7 +63,7 @@ class Optimized:
     figures_before: Figures
     cost: Cost
     clearance: float
-    descent: Descent | None
+    descent: LocalResult | None
     time: float
     constraint_errors: tuple[float, ...] = ()
 
