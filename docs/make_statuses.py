@@ -5,13 +5,14 @@ python docs/make_statuses.py
 
 from __future__ import annotations
 
-import enum
 import importlib
 import re
 from pathlib import Path
 
+from pepper_kin.status import ResultStatus
+
 PAGE = Path(__file__).parent / "concepts" / "results.md"
-ROOMS = ("ik", "base_placement", "servo", "motion", "planners", "trajectory", "twin")
+ROOMS = ("ik", "base_placement", "servo", "motion", "planners", "trajectory", "twin", "twin.base")
 SECTION = re.compile(r"(?<=<!-- statuses -->\n).*(?=<!-- end of statuses -->)", re.DOTALL)
 
 
@@ -24,7 +25,7 @@ def tables() -> str:
     """Return one table for each public enumeration of statuses."""
     parts = []
     for package, status in statuses():
-        rows = [f"| `{member.name}` | {getattr(member, 'advice')} |" for member in status]  # noqa: B009
+        rows = [f"| `{member.name}` | {member.advice} |" for member in status]
         first = (status.__doc__ or "").strip().splitlines()[0]
         parts.append(
             f"\n### `{package}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n"
@@ -33,20 +34,15 @@ def tables() -> str:
     return "".join(parts) + "\n"
 
 
-def statuses() -> list[tuple[str, type[enum.Enum]]]:
+def statuses() -> list[tuple[str, type[ResultStatus]]]:
     """Return the public enumerations whose members give advice, with their rooms."""
-    found: dict[type[enum.Enum], str] = {}
+    found: dict[type[ResultStatus], str] = {}
     for package in ROOMS:
         module = importlib.import_module(f"pepper_kin.{package}")
         for name in module.__all__:
             value = getattr(module, name)
-            if (
-                isinstance(value, type)
-                and issubclass(value, enum.Enum)
-                and len(value)
-                and hasattr(value, "advice")
-            ):
-                found.setdefault(value, package)
+            if isinstance(value, type) and issubclass(value, ResultStatus):
+                found[value] = package
     return [(package, status) for status, package in found.items()]
 
 

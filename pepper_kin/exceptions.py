@@ -3,12 +3,30 @@
 Every child of `PepperKinError` carries what was wrong as attributes, so that a program can react to it, and
 says it in one sentence that also lists what would have been right.  "Not found" (no IK solution, no path) is
 never raised: it is a status in a result.
+
+    PepperKinError                            the base of all errors
+    InvalidValueError, UnknownNameError, LimitError   a value that is not allowed
+    ModelError, FileFormatError, InfeasibleError, MissingDependencyError
+    ModelWarning, OvershootWarning
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
+
+__all__ = [
+    "FileFormatError",
+    "InfeasibleError",
+    "InvalidValueError",
+    "LimitError",
+    "MissingDependencyError",
+    "ModelError",
+    "ModelWarning",
+    "OvershootWarning",
+    "PepperKinError",
+    "UnknownNameError",
+]
 
 LONGEST_VALUE = 80
 """Characters of a bad value that a message shows at most."""
@@ -76,9 +94,8 @@ class UnknownNameError(PepperKinError, KeyError):
     def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
         self.kind, self.name, self.available = kind, name, tuple(available)
         hint = did_you_mean(name, self.available)
-        super().__init__(
-            f"unknown {kind} {shortened(repr(name))}{hint}; available: {', '.join(self.available) or '(none)'}"
-        )
+        known = ", ".join(self.available) or "(none)"
+        super().__init__(f"unknown {kind} {shortened(repr(name))}{hint}; available: {known}")
 
     def __str__(self) -> str:
         """Return the sentence itself (KeyError would quote it)."""

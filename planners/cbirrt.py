@@ -274,7 +274,8 @@ def _branch(tree: Tree, node: int) -> list[int]:
 
 
 @compiled(
-    "Tuple(int64, boolean)(SearchSpace, Surface, Workspace, float64, float64[::1], float64[::1], boolean, float64)"
+    "Tuple(int64, boolean)"
+    "(SearchSpace, Surface, Workspace, float64, float64[::1], float64[::1], boolean, float64)"
 )
 def walk(
     space: SearchSpace,

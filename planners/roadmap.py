@@ -176,7 +176,7 @@ class Roadmap:
             max_nodes: Greatest number of nodes to which the roadmap may grow.
 
         Returns:
-            The result, whose path is the shortest one on the roadmap; without a path its status names the reason.
+            The result, whose path is the shortest one on the roadmap; without one its status names why.
 
         Raises:
             InvalidValueError: A state has the wrong shape, is not finite or outside the box, or there is no

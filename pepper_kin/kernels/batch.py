@@ -15,7 +15,7 @@ No read or write goes beyond an array.  In the last block the lanes left over re
 and writing the same row.  The last square of a row is moved back to end with it, overlapping the one before;
 rows shorter than W go element by element.
 
-The result names the inputs that held NaN or an infinity: bit min(i, 62) for input i.  The test costs one fused
+The result names the inputs that held NaN or an infinity: bit min(i, 62) for input i.  It costs one fused
 instruction per load: 0 x is 0 for every finite x, else NaN.
 """
 

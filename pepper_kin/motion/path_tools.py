@@ -80,7 +80,7 @@ def simplify_path(
     )
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
     found = validate(pepper, path, scene, balance=balance, payload=payload)
-    if not found.valid:
+    if not found.success:
         return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)
     points = followed if isinstance(followed, np.ndarray) else _followed(followed)
     points = np.clip(points, pepper.lower_limits, pepper.upper_limits)

@@ -92,7 +92,7 @@ class ClearanceGuard:
         )
 
     def parting(self, near: NearPairs) -> Demand | None:
-        """Return the term that separates pairs nearer than d_min, at gain (d_min - d); None for no such pair."""
+        """Return the term that separates pairs nearer than d_min, at gain (d_min - d), or None."""
         short = near.distances < self._clearance
         if not short.any():
             return None
