@@ -99,7 +99,7 @@ def test_best_duration_balances_time_and_jerk():
     assert found.duration == pytest.approx((3600 * 1e-3) ** (1 / 6), rel=2e-3)
 
 
-@pytest.mark.parametrize(("intervals", "excess"), [(20, 0.08), (40, 0.045)])
+@pytest.mark.parametrize(("intervals", "violation"), [(20, 0.08), (40, 0.045)])
 def test_shortest_motion_approaches_full_acceleration_and_braking(intervals, violation):
     """With |a| <= 1 a way of 2 takes 2 sqrt(2) s; ramps of the acceleration cost about one interval."""
     spline = RestSpline([0.0, 0.0], [1.0, 2.0], intervals)
@@ -150,7 +150,7 @@ def test_goes_round_a_disc_on_the_shortest_way():
     assert found.duration < 1.25 * best  # speeding up and braking included
 
 
-@pytest.mark.parametrize("wall", list(BarrierBound))
+@pytest.mark.parametrize("barrier_bound", list(BarrierBound))
 def test_gradient_agrees_with_finite_differences(barrier_bound):
     spline = RestSpline([0.0, 0.3], [1.0, -0.2], 7)
     bounds = Bounds(-3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE)

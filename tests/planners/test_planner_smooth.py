@@ -118,7 +118,7 @@ def tight_corner(space: float) -> tuple[Problem, Path]:
     return problem, Path([[0.1, 0.1], [0.9, 0.1], [0.9, 0.9]])
 
 
-@pytest.mark.parametrize("room", [0.1, 0.01, 0.001, 0.0001])
+@pytest.mark.parametrize("space", [0.1, 0.01, 0.001, 0.0001])
 def test_knots_are_refined_at_a_tight_corner_only(space: float) -> None:
     problem, path = tight_corner(space)
     curve = smooth(problem, path)
