@@ -50,14 +50,14 @@ class CarTrees(NamedTuple):
     Attributes:
         poses: (x, y, yaw), shape (2, capacity, 3).
         parents: Numbers of the nodes before; -1 - k for root k, shape (2, capacity).
-        pieces: Room for two curves, shape (2, 2, PIECES).
-        rows: Room for poses, shape (4, 3).
+        segments: Memory for two curves, shape (2, 2, PIECES).
+        rows: Memory for poses, shape (4, 3).
         counters: See the places above.
     """
 
     poses: Floats3
     parents: Ints2
-    pieces: Floats3
+    segments: Floats3
     rows: Floats2
     counters: Ints1
 
@@ -201,11 +201,11 @@ def _shortened(
 ) -> CarCurve:
     """Replace parts of a path by single curves that are shorter and free."""
     count = curve.lengths.size
-    room = np.zeros((3, 2, count + (PIECES + 2) * _SHORTCUTS))
-    room[0, :, :count] = curve.pieces
+    spare = np.zeros((3, 2, count + (PIECES + 2) * _SHORTCUTS))
+    spare[0, :, :count] = curve.segments
     counters[SIZE] = count
-    shorten_car(space, car, curve.start.copy(), room, counters, key, max(deadline.left, 0.0))
-    turns, lengths = room[0, :, : counters[SIZE]]
+    shorten_car(space, car, curve.start.copy(), spare, counters, key, max(deadline.left, 0.0))
+    turns, lengths = spare[0, :, : counters[SIZE]]
     return CarCurve(curve.start, read_only(turns.copy()), read_only(lengths.copy()), curve.radius)
 
 
@@ -229,7 +229,7 @@ def shorten_car(
     space: SearchSpace,
     car: Car,
     start: Floats1,
-    room: Floats3,
+    spare: Floats3,
     counters: Ints1,
     key: np.uint64,
     seconds: float,
@@ -240,13 +240,14 @@ def shorten_car(
         space: Box, metric and validity.
         car: How the car turns.
         start: Where the path begins.
-        room: The path's counters[SIZE] pieces, then room for as many more and for a curve, shape (3, 2, m).
+        spare: The path's counters[SIZE] pieces, then memory for as many more and for a curve, shape (3, 2,
+            m).
         counters: Of the planner.
         key: Of the stream of random numbers.
         seconds: Time budget [s].
     """
-    clock, a, b, short = np.empty(2, np.int64), np.empty(3), np.empty(3), room[2]
-    end, path, other = seconds_now(space.clock, clock) + seconds, room[0], room[1]
+    clock, a, b, short = np.empty(2, np.int64), np.empty(3), np.empty(3), spare[2]
+    end, path, other = seconds_now(space.clock, clock) + seconds, spare[0], spare[1]
     for trial in range(_SHORTCUTS):
         if counters[STOP] != 0 or seconds_now(space.clock, clock) >= end:
             return
@@ -273,7 +274,7 @@ def shorten_car(
 
 @compiled
 def curve_is_free(
-    space: SearchSpace, car: Car, a: Floats1, pieces: Floats2, length: float, counters: Ints1
+    space: SearchSpace, car: Car, a: Floats1, segments: Floats2, length: float, counters: Ints1
 ) -> bool:
     """Return whether a curve stays in the box and all its states are valid, those far apart first.
 
@@ -281,14 +282,14 @@ def curve_is_free(
         space: The space.
         car: How the car turns.
         a: Where the curve begins.
-        pieces: See `car_curves`.
+        segments: See `car_curves`.
         length: How much of the curve is looked at [m].
         counters: Of the planner.
     """
     pose, steps = np.empty(3), max(1, math.ceil(length * car.rate / space.resolution))
     for first in range(_STRIDE, 0, -1):
         for k in range(first, steps + 1, _STRIDE):
-            pose_on_curve(a, pieces, car.radius, length * k / steps, pose)
+            pose_on_curve(a, segments, car.radius, length * k / steps, pose)
             for i in range(2):
                 if not 0.0 <= pose[i] - space.lower[i] <= space.extent[i]:
                     return False
@@ -300,15 +301,15 @@ def curve_is_free(
 @compiled
 def _nearest(trees: CarTrees, car: Car, side: int, target: Floats1) -> int:
     """Return the node from which the curve to a pose (or to which that from it) is shortest."""
-    best, found, pieces = math.inf, -1, trees.pieces[0]
+    best, found, segments = math.inf, -1, trees.segments[0]
     for k in range(trees.counters[START_SIZE + side]):
         node = trees.poses[side, k]
         if math.hypot(node[0] - target[0], node[1] - target[1]) >= best:
             continue
         if side == 0:
-            length = shortest_curve(node, target, car.radius, car.backward, pieces)
+            length = shortest_curve(node, target, car.radius, car.backward, segments)
         else:
-            length = shortest_curve(target, node, car.radius, car.backward, pieces)
+            length = shortest_curve(target, node, car.radius, car.backward, segments)
         if length < best:
             best, found = length, k
     return found
@@ -317,11 +318,11 @@ def _nearest(trees: CarTrees, car: Car, side: int, target: Floats1) -> int:
 @compiled
 def _edge_is_free(space: SearchSpace, car: Car, trees: CarTrees, side: int, node: int, pose: Floats1) -> bool:
     """Return whether the curve between a node and a pose, towards the goals, is free."""
-    own, pieces = trees.poses[side, node], trees.pieces[1]
+    own, segments = trees.poses[side, node], trees.segments[1]
     first = own if side == 0 else pose
     last = pose if side == 0 else own
-    length = shortest_curve(first, last, car.radius, car.backward, pieces)
-    return curve_is_free(space, car, first, pieces, length, trees.counters)
+    length = shortest_curve(first, last, car.radius, car.backward, segments)
+    return curve_is_free(space, car, first, segments, length, trees.counters)
 
 
 @compiled("int64(SearchSpace, Car, CarTrees, float64, uint64)")
@@ -338,11 +339,11 @@ def grow_car(space: SearchSpace, car: Car, trees: CarTrees, seconds: float, key:
     Returns:
         FOUND (counters[START_NODE] and counters[GOAL_NODE] are joined by a curve), TIME_UP or FULL.
     """
-    counters, room = trees.counters, np.empty(2, np.int64)
-    sample, new, pieces = trees.rows[0], trees.rows[1], trees.pieces[1]
-    end = seconds_now(space.clock, room) + seconds
+    counters, spare = trees.counters, np.empty(2, np.int64)
+    sample, new, segments = trees.rows[0], trees.rows[1], trees.segments[1]
+    end = seconds_now(space.clock, spare) + seconds
     while True:
-        if counters[STOP] != 0 or seconds_now(space.clock, room) >= end:
+        if counters[STOP] != 0 or seconds_now(space.clock, spare) >= end:
             return TIME_UP
         if max(counters[START_SIZE], counters[GOAL_SIZE]) >= trees.parents.shape[1]:
             return FULL
@@ -356,11 +357,11 @@ def grow_car(space: SearchSpace, car: Car, trees: CarTrees, seconds: float, key:
             near = _nearest(trees, car, side, sample)
             own = trees.poses[side, near]
             if side == 0:
-                length = shortest_curve(own, sample, car.radius, car.backward, pieces)
-                pose_on_curve(own, pieces, car.radius, min(length, car.reach), new)
+                length = shortest_curve(own, sample, car.radius, car.backward, segments)
+                pose_on_curve(own, segments, car.radius, min(length, car.reach), new)
             else:
-                length = shortest_curve(sample, own, car.radius, car.backward, pieces)
-                pose_on_curve(sample, pieces, car.radius, max(length - car.reach, 0.0), new)
+                length = shortest_curve(sample, own, car.radius, car.backward, segments)
+                pose_on_curve(sample, segments, car.radius, max(length - car.reach, 0.0), new)
             if not _edge_is_free(space, car, trees, side, near, new):
                 continue
             node = counters[START_SIZE + side]

@@ -56,11 +56,11 @@ class CarCurve:
         """Return the poses at lengths along the curve [m], shape (...); yaw is continuous, shape (..., 3)."""
         places = np.ascontiguousarray(s, dtype=np.float64)
         poses = np.empty((places.size, 3))
-        poses_on_curve(self.start.copy(), self.pieces, self.radius, places.reshape(-1), poses)
+        poses_on_curve(self.start.copy(), self.segments, self.radius, places.reshape(-1), poses)
         return poses.reshape(*np.shape(s), 3)
 
     @property
-    def pieces(self) -> FloatArray:
+    def segments(self) -> FloatArray:
         """Turns and lengths as machine code takes them, shape (2, k)."""
         return np.ascontiguousarray(np.stack([self.turns, self.lengths]))
 
@@ -87,10 +87,10 @@ def car_curve(start: ArrayLike, end: ArrayLike, radius: float, *, backward: bool
         InvalidValueError: A pose has another shape or is not finite, or the radius is not above zero.
     """
     begin, target = finite_vector("start", start, 3), finite_vector("end", end, 3)
-    radius, pieces = positive_number("radius", radius), np.zeros((2, PIECES))
-    shortest_curve(begin.copy(), target.copy(), radius, backward, pieces)
-    used = pieces[1] != 0.0
-    return CarCurve(begin, read_only(pieces[0, used]), read_only(pieces[1, used]), radius)
+    radius, segments = positive_number("radius", radius), np.zeros((2, PIECES))
+    shortest_curve(begin.copy(), target.copy(), radius, backward, segments)
+    used = segments[1] != 0.0
+    return CarCurve(begin, read_only(segments[0, used]), read_only(segments[1, used]), radius)
 
 
 @compiled
@@ -107,7 +107,9 @@ def _turned(angle: float) -> float:
 
 
 @compiled
-def _keep(best: float, pieces: Floats2, mirror: float, sign: float, turns: Floats1, values: Floats1) -> float:
+def _keep(
+    best: float, segments: Floats2, mirror: float, sign: float, turns: Floats1, values: Floats1
+) -> float:
     """Write a word of up to five pieces if it is shorter than the best so far; return the best length."""
     total = 0.0
     for k in range(PIECES):
@@ -115,20 +117,20 @@ def _keep(best: float, pieces: Floats2, mirror: float, sign: float, turns: Float
     if total >= best:
         return best
     for k in range(PIECES):
-        pieces[0, k], pieces[1, k] = mirror * turns[k], sign * values[k]
+        segments[0, k], segments[1, k] = mirror * turns[k], sign * values[k]
     return total
 
 
 @compiled
-def _word(room: Floats2, a: float, b: float, c: float, d: float, e: float) -> None:
+def _word(capacity: Floats2, a: float, b: float, c: float, d: float, e: float) -> None:
     """Write the turns of a word."""
-    room[0, 0], room[0, 1], room[0, 2], room[0, 3], room[0, 4] = a, b, c, d, e
+    capacity[0, 0], capacity[0, 1], capacity[0, 2], capacity[0, 3], capacity[0, 4] = a, b, c, d, e
 
 
 @compiled
-def _values(room: Floats2, a: float, b: float, c: float, d: float, e: float) -> None:
+def _values(capacity: Floats2, a: float, b: float, c: float, d: float, e: float) -> None:
     """Write the lengths of a word, in radii."""
-    room[1, 0], room[1, 1], room[1, 2], room[1, 3], room[1, 4] = a, b, c, d, e
+    capacity[1, 0], capacity[1, 1], capacity[1, 2], capacity[1, 3], capacity[1, 4] = a, b, c, d, e
 
 
 @compiled
@@ -144,45 +146,52 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
 
 @compiled
 def _forward_words(
-    x: float, y: float, phi: float, mirror: float, best: float, pieces: Floats2, room: Floats2
+    x: float, y: float, phi: float, mirror: float, best: float, segments: Floats2, capacity: Floats2
 ) -> float:
     """Try the words of Dubins that begin to the left."""
     xi, eta = x - math.sin(phi), y - 1.0 + math.cos(phi)
     far, theta = math.hypot(xi, eta), math.atan2(eta, xi)
     t = _turned(theta)
-    _word(room, LEFT, STRAIGHT, LEFT, 0.0, 0.0)
-    _values(room, t, far, _turned(phi - t), 0.0, 0.0)
-    best = _keep(best, pieces, mirror, 1.0, room[0], room[1])
+    _word(capacity, LEFT, STRAIGHT, LEFT, 0.0, 0.0)
+    _values(capacity, t, far, _turned(phi - t), 0.0, 0.0)
+    best = _keep(best, segments, mirror, 1.0, capacity[0], capacity[1])
     if far <= 4.0:
         middle = 2.0 * math.pi - 2.0 * math.asin(far / 4.0)
         t = _turned(theta - math.asin(far / 4.0) + math.pi)
-        _word(room, LEFT, RIGHT, LEFT, 0.0, 0.0)
-        _values(room, t, middle, _turned(phi - t + middle), 0.0, 0.0)
-        best = _keep(best, pieces, mirror, 1.0, room[0], room[1])
+        _word(capacity, LEFT, RIGHT, LEFT, 0.0, 0.0)
+        _values(capacity, t, middle, _turned(phi - t + middle), 0.0, 0.0)
+        best = _keep(best, segments, mirror, 1.0, capacity[0], capacity[1])
     xi, eta = x + math.sin(phi), y - 1.0 - math.cos(phi)
     square = xi * xi + eta * eta
     if square >= 4.0 - _TINY:
         u = math.sqrt(max(square - 4.0, 0.0))
         t = _turned(math.atan2(eta, xi) + math.atan2(2.0, u))
-        _word(room, LEFT, STRAIGHT, RIGHT, 0.0, 0.0)
-        _values(room, t, u, _turned(t - phi), 0.0, 0.0)
-        best = _keep(best, pieces, mirror, 1.0, room[0], room[1])
+        _word(capacity, LEFT, STRAIGHT, RIGHT, 0.0, 0.0)
+        _values(capacity, t, u, _turned(t - phi), 0.0, 0.0)
+        best = _keep(best, segments, mirror, 1.0, capacity[0], capacity[1])
     return best
 
 
 @compiled
 def _both_ways_words(
-    x: float, y: float, phi: float, mirror: float, sign: float, best: float, pieces: Floats2, room: Floats2
+    x: float,
+    y: float,
+    phi: float,
+    mirror: float,
+    sign: float,
+    best: float,
+    segments: Floats2,
+    capacity: Floats2,
 ) -> float:
     """Try the words of Reeds and Shepp that begin forward to the left and need no turning round."""
-    turns, values = room[0], room[1]
+    turns, values = capacity[0], capacity[1]
     xi, eta = x - math.sin(phi), y - 1.0 + math.cos(phi)
     far, theta = math.hypot(xi, eta), math.atan2(eta, xi)
     v = _wrapped(phi - theta)
     if theta >= -_TINY and v >= -_TINY:  # 8.1
-        _word(room, LEFT, STRAIGHT, LEFT, 0.0, 0.0)
-        _values(room, theta, far, v, 0.0, 0.0)
-        best = _keep(best, pieces, mirror, sign, turns, values)
+        _word(capacity, LEFT, STRAIGHT, LEFT, 0.0, 0.0)
+        _values(capacity, theta, far, v, 0.0, 0.0)
+        best = _keep(best, segments, mirror, sign, turns, values)
     xi, eta = x + math.sin(phi), y - 1.0 - math.cos(phi)
     square = xi * xi + eta * eta
     far = math.sqrt(square)
@@ -191,33 +200,33 @@ def _both_ways_words(
         t = _wrapped(math.atan2(eta, xi) + math.atan2(2.0, u))
         v = _wrapped(t - phi)
         if t >= -_TINY and v >= -_TINY:
-            _word(room, LEFT, STRAIGHT, RIGHT, 0.0, 0.0)
-            _values(room, t, u, v, 0.0, 0.0)
-            best = _keep(best, pieces, mirror, sign, turns, values)
-    _word(room, LEFT, RIGHT, LEFT, RIGHT, 0.0)
+            _word(capacity, LEFT, STRAIGHT, RIGHT, 0.0, 0.0)
+            _values(capacity, t, u, v, 0.0, 0.0)
+            best = _keep(best, segments, mirror, sign, turns, values)
+    _word(capacity, LEFT, RIGHT, LEFT, RIGHT, 0.0)
     rho = 0.25 * (2.0 + far)
     if rho <= 1.0:  # 8.7
         u = math.acos(rho)
         t, v = _tau_omega(u, -u, xi, eta, phi)
         if t >= -_TINY and v <= _TINY:
-            _values(room, t, u, -u, v, 0.0)
-            best = _keep(best, pieces, mirror, sign, turns, values)
+            _values(capacity, t, u, -u, v, 0.0)
+            best = _keep(best, segments, mirror, sign, turns, values)
     rho = (20.0 - square) / 16.0
     if 0.0 <= rho <= 1.0:  # 8.8
         u = -math.acos(rho)
         t, v = _tau_omega(u, u, xi, eta, phi)
         if t >= -_TINY and v >= -_TINY:
-            _values(room, t, u, u, v, 0.0)
-            best = _keep(best, pieces, mirror, sign, turns, values)
+            _values(capacity, t, u, u, v, 0.0)
+            best = _keep(best, segments, mirror, sign, turns, values)
     if far >= 2.0:  # 8.11
         u = 4.0 - math.sqrt(square - 4.0)
         if u <= 0.0:
             t = _wrapped(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
             v = _wrapped(t - phi)
             if t >= -_TINY and v >= -_TINY:
-                _word(room, LEFT, RIGHT, STRAIGHT, LEFT, RIGHT)
-                _values(room, t, -_HALF, u, -_HALF, v)
-                best = _keep(best, pieces, mirror, sign, turns, values)
+                _word(capacity, LEFT, RIGHT, STRAIGHT, LEFT, RIGHT)
+                _values(capacity, t, -_HALF, u, -_HALF, v)
+                best = _keep(best, segments, mirror, sign, turns, values)
     return best
 
 
@@ -227,13 +236,13 @@ def _one_way_words(
     mirror: float,
     sign: float,
     best: float,
-    pieces: Floats2,
-    room: Floats2,
+    segments: Floats2,
+    capacity: Floats2,
     backwards: bool,
 ) -> float:
     """Try the words whose reversal is another word: of three arcs, and with one quarter of a circle."""
     x, y, phi = end
-    turns, values = room[0], room[1]
+    turns, values = capacity[0], capacity[1]
     xi, eta = x - math.sin(phi), y - 1.0 + math.cos(phi)
     far, theta = math.hypot(xi, eta), math.atan2(eta, xi)
     if far <= 4.0:  # 8.3
@@ -241,41 +250,41 @@ def _one_way_words(
         t = _wrapped(theta + 0.5 * u + math.pi)
         v = _wrapped(phi - t + u)
         if t >= -_TINY:
-            _word(room, LEFT, RIGHT, LEFT, 0.0, 0.0)
+            _word(capacity, LEFT, RIGHT, LEFT, 0.0, 0.0)
             if backwards:
-                _values(room, v, u, t, 0.0, 0.0)
+                _values(capacity, v, u, t, 0.0, 0.0)
             else:
-                _values(room, t, u, v, 0.0, 0.0)
-            best = _keep(best, pieces, mirror, sign, turns, values)
+                _values(capacity, t, u, v, 0.0, 0.0)
+            best = _keep(best, segments, mirror, sign, turns, values)
     if far >= 2.0:  # 8.9
         r = math.sqrt(far * far - 4.0)
         u, t = 2.0 - r, _wrapped(theta + math.atan2(r, -2.0))
         v = _wrapped(phi - _HALF - t)
         if t >= -_TINY and u <= 0.0 and v <= _TINY:
             if backwards:
-                _word(room, LEFT, STRAIGHT, RIGHT, LEFT, 0.0)
-                _values(room, v, u, -_HALF, t, 0.0)
+                _word(capacity, LEFT, STRAIGHT, RIGHT, LEFT, 0.0)
+                _values(capacity, v, u, -_HALF, t, 0.0)
             else:
-                _word(room, LEFT, RIGHT, STRAIGHT, LEFT, 0.0)
-                _values(room, t, -_HALF, u, v, 0.0)
-            best = _keep(best, pieces, mirror, sign, turns, values)
+                _word(capacity, LEFT, RIGHT, STRAIGHT, LEFT, 0.0)
+                _values(capacity, t, -_HALF, u, v, 0.0)
+            best = _keep(best, segments, mirror, sign, turns, values)
     xi, eta = x + math.sin(phi), y - 1.0 - math.cos(phi)
     far, t = math.hypot(xi, eta), math.atan2(xi, -eta)
     if far >= 2.0:  # 8.10
         u, v = 2.0 - far, _wrapped(t + _HALF - phi)
         if t >= -_TINY and v <= _TINY:
             if backwards:
-                _word(room, RIGHT, STRAIGHT, RIGHT, LEFT, 0.0)
-                _values(room, v, u, -_HALF, t, 0.0)
+                _word(capacity, RIGHT, STRAIGHT, RIGHT, LEFT, 0.0)
+                _values(capacity, v, u, -_HALF, t, 0.0)
             else:
-                _word(room, LEFT, RIGHT, STRAIGHT, RIGHT, 0.0)
-                _values(room, t, -_HALF, u, v, 0.0)
-            best = _keep(best, pieces, mirror, sign, turns, values)
+                _word(capacity, LEFT, RIGHT, STRAIGHT, RIGHT, 0.0)
+                _values(capacity, t, -_HALF, u, v, 0.0)
+            best = _keep(best, segments, mirror, sign, turns, values)
     return best
 
 
 @compiled("float64(float64[::1], float64[::1], float64, boolean, float64[:, ::1])")
-def shortest_curve(a: Floats1, b: Floats1, radius: float, backward: bool, pieces: Floats2) -> float:
+def shortest_curve(a: Floats1, b: Floats1, radius: float, backward: bool, segments: Floats2) -> float:
     """Write the pieces of the shortest curve between two poses; return its length [m].
 
     Args:
@@ -283,47 +292,47 @@ def shortest_curve(a: Floats1, b: Floats1, radius: float, backward: bool, pieces
         b: The same.
         radius: Turning radius [m].
         backward: Whether the car may go backward too.
-        pieces: Turns and signed lengths [m], shape (2, PIECES); those that are not needed have no length.
+        segments: Turns and signed lengths [m], shape (2, PIECES); those that are not needed have no length.
     """
     dx, dy, c, s = (b[0] - a[0]) / radius, (b[1] - a[1]) / radius, math.cos(a[2]), math.sin(a[2])
     x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrapped(b[2] - a[2])
-    best, room = math.inf, np.empty((2, PIECES))
+    best, capacity = math.inf, np.empty((2, PIECES))
     for mirror in (1.0, -1.0):
         if not backward:
-            best = _forward_words(x, mirror * y, mirror * phi, mirror, best, pieces, room)
+            best = _forward_words(x, mirror * y, mirror * phi, mirror, best, segments, capacity)
             continue
         for sign in (1.0, -1.0):
             px, py, angle = sign * x, mirror * y, sign * mirror * phi
-            best = _both_ways_words(px, py, angle, mirror, sign, best, pieces, room)
-            best = _one_way_words((px, py, angle), mirror, sign, best, pieces, room, False)
+            best = _both_ways_words(px, py, angle, mirror, sign, best, segments, capacity)
+            best = _one_way_words((px, py, angle), mirror, sign, best, segments, capacity, False)
             bx = px * math.cos(angle) + py * math.sin(angle)
             by = px * math.sin(angle) - py * math.cos(angle)
-            best = _one_way_words((bx, by, angle), mirror, sign, best, pieces, room, True)
+            best = _one_way_words((bx, by, angle), mirror, sign, best, segments, capacity, True)
     for k in range(PIECES):
-        pieces[1, k] *= radius
+        segments[1, k] *= radius
     return best * radius
 
 
 @compiled("void(float64[::1], float64[:, ::1], float64, float64, float64[::1])")
-def pose_on_curve(a: Floats1, pieces: Floats2, radius: float, s: float, pose: Floats1) -> None:
+def pose_on_curve(a: Floats1, segments: Floats2, radius: float, s: float, pose: Floats1) -> None:
     """Write the pose at a length along a curve; yaw is that of the start plus all turns.
 
     Args:
         a: Where the curve begins, (x, y, yaw) [m, m, rad].
-        pieces: Turns and signed lengths [m], shape (2, k).
+        segments: Turns and signed lengths [m], shape (2, k).
         radius: Turning radius [m].
         s: Length from the beginning [m]; the curve's end where it is longer.
         pose: Shape (3,); it may be `a`.
     """
     x, y, yaw, left = a[0], a[1], a[2], max(s, 0.0)
-    for k in range(pieces.shape[1]):
-        step = min(abs(pieces[1, k]), left)
+    for k in range(segments.shape[1]):
+        step = min(abs(segments[1, k]), left)
         left -= step
-        way = step if pieces[1, k] > 0.0 else -step
-        if pieces[0, k] == STRAIGHT:
+        way = step if segments[1, k] > 0.0 else -step
+        if segments[0, k] == STRAIGHT:
             x, y = x + way * math.cos(yaw), y + way * math.sin(yaw)
             continue
-        turn = pieces[0, k] * radius
+        turn = segments[0, k] * radius
         then = yaw + way / turn
         x, y = x + turn * (math.sin(then) - math.sin(yaw)), y - turn * (math.cos(then) - math.cos(yaw))
         yaw = then
@@ -331,7 +340,7 @@ def pose_on_curve(a: Floats1, pieces: Floats2, radius: float, s: float, pose: Fl
 
 
 @compiled("void(float64[::1], float64[:, ::1], float64, float64[::1], float64[:, ::1])")
-def poses_on_curve(a: Floats1, pieces: Floats2, radius: float, places: Floats1, poses: Floats2) -> None:
+def poses_on_curve(a: Floats1, segments: Floats2, radius: float, places: Floats1, poses: Floats2) -> None:
     """Write the poses, shape (m, 3), at lengths along a curve [m], shape (m,); see `pose_on_curve`."""
     for k in range(places.size):
-        pose_on_curve(a, pieces, radius, places[k], poses[k])
+        pose_on_curve(a, segments, radius, places[k], poses[k])

@@ -67,7 +67,7 @@ class Tree(NamedTuple):
     size: Ints1
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """Where walks are written, and what is counted.
 
     Attributes:
@@ -129,7 +129,7 @@ def cbirrt(
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     deadline = Deadline(timeout)
     off, residual = _off_manifold(problem, manifold)
-    found, counters = _Found(off or Status.SOLVED), np.zeros(_GOAL_NODE + 1, dtype=np.int64)
+    found, counters = _Candidate(off or Status.SOLVED), np.zeros(_GOAL_NODE + 1, dtype=np.int64)
     if off is None:
         with Explorer(problem, manifold, deadline, counters) as explorer:
             found = _search(problem, manifold, explorer, seed, max_iterations)
@@ -177,10 +177,10 @@ def _off_manifold(problem: Problem, manifold: ConstraintManifold) -> tuple[Statu
     return None, math.nan
 
 
-class _Found(NamedTuple):
+class _Candidate(NamedTuple):
     """The end of a search; points, shape (k, n), and the goal are None unless it is solved.
 
-    Where trees have grown in vain, their sizes and some nodes of the smaller one are told.
+    Where trees have grown in vain, their sizes and some nodes of the smaller one are returned.
     """
 
     status: Status
@@ -192,21 +192,21 @@ class _Found(NamedTuple):
 
 def _search(
     problem: Problem, manifold: ConstraintManifold, explorer: Explorer, seed: int, most: int
-) -> _Found:
+) -> _Candidate:
     """Search until there is a path, or samples or time run out."""
     if not explorer.valid(problem.start):
-        return _Found(explorer.late or Status.START_INVALID)
+        return _Candidate(explorer.late or Status.START_INVALID)
     on = (manifold.errors(problem.goals) <= _ON_MANIFOLD * manifold.tolerances).all(axis=1)
     goals = np.array([k for k in np.flatnonzero(on) if explorer.valid(problem.goals[k])], dtype=np.int64)
     if goals.size == 0:
-        return _Found(explorer.late or Status.GOAL_INVALID)
+        return _Candidate(explorer.late or Status.GOAL_INVALID)
     distances = problem.metric.distance(problem.start, problem.goals[goals])
     goals = goals[np.argsort(distances, kind="stable")]
     first = np.empty((0, problem.n))
     for k, goal in enumerate(goals):
         states, reached = explorer.walk(problem.start, problem.goals[goal], exact=True)
         if reached:
-            return _Found(Status.SOLVED, np.concatenate((problem.start[None], states)), int(goal))
+            return _Candidate(Status.SOLVED, np.concatenate((problem.start[None], states)), int(goal))
         first = states if k == 0 else first
     weights = problem.metric.weights
     chain = np.concatenate((problem.start[None], first))
@@ -214,27 +214,30 @@ def _search(
         _planted(chain, np.arange(-1, len(chain) - 1), weights),
         _planted(problem.goals[goals], np.full(goals.size, -1), weights),
     )
-    ended, room, deadline, key = _FULL, explorer.room, explorer.deadline, stream_key(seed, 0)
+    ended, workspace, deadline, key = _FULL, explorer.workspace, explorer.deadline, stream_key(seed, 0)
     while ended == _FULL or (ended == _TIME_UP and not explorer.stopped):
         if ended == _FULL:
-            trees = _with_room(trees[0], len(room.chain)), _with_room(trees[1], len(room.chain))
-        ended = grow(explorer.space, explorer.surface, *trees, room, deadline.time_slice, key, most)
+            trees = (
+                _with_capacity(trees[0], len(workspace.chain)),
+                _with_capacity(trees[1], len(workspace.chain)),
+            )
+        ended = grow(explorer.space, explorer.surface, *trees, workspace, deadline.time_slice, key, most)
     if ended != _FOUND:
-        return _failed(trees, int(room.counters[_ITERATIONS]), ended == _TIME_UP)
-    to_start = _branch(trees[0], room.counters[_START_NODE])
-    to_goal = _branch(trees[1], room.counters[_GOAL_NODE])
+        return _failed(trees, int(workspace.counters[_ITERATIONS]), ended == _TIME_UP)
+    to_start = _branch(trees[0], workspace.counters[_START_NODE])
+    to_goal = _branch(trees[1], workspace.counters[_GOAL_NODE])
     halves = trees[0].states[to_start[::-1]], trees[1].states[to_goal[1:]]
-    return _Found(Status.SOLVED, np.concatenate(halves), int(goals[to_goal[-1]]))
+    return _Candidate(Status.SOLVED, np.concatenate(halves), int(goals[to_goal[-1]]))
 
 
-def _failed(trees: tuple[Tree, Tree], samples: int, late: bool) -> _Found:
+def _failed(trees: tuple[Tree, Tree], samples: int, late: bool) -> _Candidate:
     """Return how a search ended that found nothing; an end whose tree hardly grew is shut in."""
     start, goal = int(trees[0].size[0]), int(trees[1].size[0])
     small = trees[0] if start <= goal else trees[1]
     status = Status.NO_PATH_IN_TIME if late else Status.OUT_OF_ITERATIONS
     if samples >= _SHUT_IN_SAMPLES and min(start, goal) < max(_SHUT_IN_NODES, _SHUT_IN_RATE * samples):
         status = Status.START_SHUT_IN if start <= goal else Status.GOAL_SHUT_IN
-    return _Found(status, sizes=(start, goal), frontier=spread(small.states[: small.size[0]]))
+    return _Candidate(status, sizes=(start, goal), frontier=spread(small.states[: small.size[0]]))
 
 
 def _planted(states: FloatArray, parents: np.ndarray, weights: FloatArray) -> Tree:
@@ -252,7 +255,7 @@ def _planted(states: FloatArray, parents: np.ndarray, weights: FloatArray) -> Tr
     return tree
 
 
-def _with_room(tree: Tree, spare: int) -> Tree:
+def _with_capacity(tree: Tree, spare: int) -> Tree:
     """Return a tree that has room for some more nodes."""
     if int(tree.size[0]) + spare <= len(tree.states):
         return tree
@@ -271,12 +274,13 @@ def _branch(tree: Tree, node: int) -> list[int]:
 
 
 @compiled(
-    "Tuple(int64, boolean)(SearchSpace, Surface, Room, float64, float64[::1], float64[::1], boolean, float64)"
+    "Tuple(int64, boolean)"
+    "(SearchSpace, Surface, Workspace, float64, float64[::1], float64[::1], boolean, float64)"
 )
 def walk(
     space: SearchSpace,
     surface: Surface,
-    room: Room,
+    workspace: Workspace,
     seconds: float,
     origin: Floats1,
     target: Floats1,
@@ -288,7 +292,7 @@ def walk(
     Args:
         space: Box, metric and validity.
         surface: The manifold.
-        room: The states after `origin` are written to its chain.
+        workspace: The states after `origin` are written to its chain.
         seconds: Time budget [s].
         origin: A valid state on the manifold, shape (n,).
         target: Any state, shape (n,).
@@ -298,7 +302,12 @@ def walk(
     Returns:
         Number of states written, and whether the target was met.
     """
-    place, counters, chain, current = np.empty(2, np.int64), room.counters, room.chain, room.rows[_CURRENT]
+    place, counters, chain, current = (
+        np.empty(2, np.int64),
+        workspace.counters,
+        workspace.chain,
+        workspace.rows[_CURRENT],
+    )
     n, count, walked, end = origin.size, 0, 0.0, seconds_now(space.clock, place) + seconds
     for i in range(n):
         current[i] = origin[i]
@@ -325,32 +334,38 @@ def walk(
 
 @compiled
 def _extend(
-    space: SearchSpace, surface: Surface, tree: Tree, room: Room, seconds: float, target: Floats1, exact: bool
+    space: SearchSpace,
+    surface: Surface,
+    tree: Tree,
+    workspace: Workspace,
+    seconds: float,
+    target: Floats1,
+    exact: bool,
 ) -> tuple[int, bool]:
     """Grow a tree from its node nearest to a target; return the last new node, or -1, and if it got there."""
     n = target.size
     for i in range(n):
-        room.rows[_SCALED, i] = target[i] * space.weights[i]
-    node = nearest(tree.lanes, tree.size[0], room.rows[_SCALED], room.squares)
+        workspace.rows[_SCALED, i] = target[i] * space.weights[i]
+    node = nearest(tree.lanes, tree.size[0], workspace.rows[_SCALED], workspace.squares)
     origin = tree.states[node]
-    count, reached = walk(space, surface, room, seconds, origin, target, exact, math.inf)
+    count, reached = walk(space, surface, workspace, seconds, origin, target, exact, math.inf)
     for k in range(count):
         new = tree.size[0]
         for i in range(n):
-            tree.states[new, i] = room.chain[k, i]
-        set_lane(tree.lanes, new, room.chain[k], space.weights)
+            tree.states[new, i] = workspace.chain[k, i]
+        set_lane(tree.lanes, new, workspace.chain[k], space.weights)
         tree.parents[new], tree.size[0] = node, new + 1
         node = new
     return (node if count > 0 else -1), reached
 
 
-@compiled("int64(SearchSpace, Surface, Tree, Tree, Room, float64, uint64, int64)")
+@compiled("int64(SearchSpace, Surface, Tree, Tree, Workspace, float64, uint64, int64)")
 def grow(
     space: SearchSpace,
     surface: Surface,
     start: Tree,
     goal: Tree,
-    room: Room,
+    workspace: Workspace,
     seconds: float,
     key: np.uint64,
     iterations: int,
@@ -362,7 +377,7 @@ def grow(
         surface: The manifold.
         start: The tree of the start, which grows in even iterations.
         goal: That of the goals.
-        room: Its counters tell the iterations, and at which nodes the trees have met.
+        workspace: Its counters tell the iterations, and at which nodes the trees have met.
         seconds: Time budget [s].
         key: Of the stream of random numbers.
         iterations: Number of samples in all, those of earlier calls included.
@@ -371,26 +386,26 @@ def grow(
         _FOUND, _GOING_ON if the iterations are used up, _TIME_UP, or _FULL if there may be no room for the
         nodes of one more iteration.
     """
-    place, counters, n = np.empty(2, np.int64), room.counters, space.lower.size
+    place, counters, n = np.empty(2, np.int64), workspace.counters, space.lower.size
     end = seconds_now(space.clock, place) + seconds
     while counters[_ITERATIONS] < iterations:
         left = end - seconds_now(space.clock, place)
         if left <= 0.0 or counters[STOP] != 0 or surface.stop[0] != 0:
             return _TIME_UP
         spare = min(start.lanes.shape[0] * LANES - start.size[0], goal.lanes.shape[0] * LANES - goal.size[0])
-        if spare < room.chain.shape[0]:
+        if spare < workspace.chain.shape[0]:
             return _FULL
-        random_state(space, key, counters[_ITERATIONS] * n, room.rows[_SAMPLE])
+        random_state(space, key, counters[_ITERATIONS] * n, workspace.rows[_SAMPLE])
         first = counters[_ITERATIONS] % 2 == 0
         counters[_ITERATIONS] += 1
         growing, other = (start, goal) if first else (goal, start)
-        new, _ = _extend(space, surface, growing, room, left, room.rows[_SAMPLE], False)
+        new, _ = _extend(space, surface, growing, workspace, left, workspace.rows[_SAMPLE], False)
         if new < 0:
             continue
         for i in range(n):
-            room.rows[_TARGET, i] = growing.states[new, i]
+            workspace.rows[_TARGET, i] = growing.states[new, i]
         left = end - seconds_now(space.clock, place)
-        meeting, reached = _extend(space, surface, other, room, left, room.rows[_TARGET], True)
+        meeting, reached = _extend(space, surface, other, workspace, left, workspace.rows[_TARGET], True)
         if reached:
             counters[_START_NODE], counters[_GOAL_NODE] = (new, meeting) if first else (meeting, new)
             return _FOUND
@@ -426,19 +441,19 @@ class Explorer:
             problem: Box, metric, validity and resolution.
             manifold: The manifold.
             deadline: Time budget.
-            counters: Where to count, see `Room`.
+            counters: Where to count, see `Workspace`.
         """
         n, resolution = problem.n, problem.spacing
         steps = min(int(_LONGEST * problem.diagonal / resolution) + 1, _MOST_STEPS)
         counters = np.zeros(_GOAL_NODE + 1, dtype=np.int64) if counters is None else counters
-        self.room = Room(np.empty((steps, n)), np.empty((4, n)), np.empty(LANES), counters)
+        self.workspace = Workspace(np.empty((steps, n)), np.empty((4, n)), np.empty(LANES), counters)
         self.deadline, self.resolution = deadline, resolution
         self._problem, self._contexts = problem, ExitStack()
         self._surface = OnSurface(manifold, problem.lower, problem.upper, problem.metric.weights)
 
     def __enter__(self) -> Explorer:
         """Make room for machine code."""
-        code = machine_code_of(self._problem, self.deadline, counters=self.room.counters)
+        code = machine_code_of(self._problem, self.deadline, counters=self.workspace.counters)
         self.space = space_of(self._problem, self._contexts.enter_context(code), self.resolution)
         self.surface = self._contexts.enter_context(self._surface)
         return self
@@ -455,17 +470,17 @@ class Explorer:
     @property
     def stopped(self) -> bool:
         """Whether time has run out, or a function in Python has failed."""
-        return bool(self.deadline.expired or self.surface.stop[0] or self.room.counters[STOP])
+        return bool(self.deadline.expired or self.surface.stop[0] or self.workspace.counters[STOP])
 
     @property
     def late(self) -> Status | None:
         """NO_PATH_IN_TIME where a checker in Python was not asked any more, else None."""
-        return Status.NO_PATH_IN_TIME if self.room.counters[STOP] else None
+        return Status.NO_PATH_IN_TIME if self.workspace.counters[STOP] else None
 
     def valid(self, state: FloatArray) -> bool:
         """Return whether a state, shape (n,), is valid."""
         state = np.array(state)
-        return bool(last_valid_step(self.space, state, state, 1, self.room.counters))
+        return bool(last_valid_step(self.space, state, state, 1, self.workspace.counters))
 
     def walk(
         self, origin: FloatArray, target: FloatArray, *, exact: bool, longest: float = np.inf
@@ -476,8 +491,8 @@ class Explorer:
             The states after `origin`, shape (m, n), and whether the target was met.
         """
         place, aim, left = np.array(origin), np.array(target), self.deadline.left
-        count, met = walk(self.space, self.surface, self.room, left, place, aim, exact, longest)
-        return self.room.chain[:count].copy(), met
+        count, met = walk(self.space, self.surface, self.workspace, left, place, aim, exact, longest)
+        return self.workspace.chain[:count].copy(), met
 
     def project(self, states: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return states, shape (m, n), moved onto the manifold, and which are there, shape (m,)."""
@@ -494,4 +509,4 @@ class Explorer:
         spans = np.diff(self._problem.metric.arc_lengths(points))
         if spans.max(initial=0.0) > self.resolution or not edges_hold(self.surface, points):
             return False
-        return bool(points_valid(self.space, points, self.deadline.left, self.room.counters))
+        return bool(points_valid(self.space, points, self.deadline.left, self.workspace.counters))

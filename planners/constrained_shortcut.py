@@ -62,13 +62,13 @@ def constrained_shortcut(
             first, last = np.sort(rng.choice(len(points), 2, replace=False))
             if iteration == 0:
                 first, last = 0, len(points) - 1
-            piece = float(problem.metric.arc_lengths(points[first : last + 1])[-1])
+            segment = float(problem.metric.arc_lengths(points[first : last + 1])[-1])
             straight = float(problem.metric.distance(points[first], points[last]))
-            if last - first < 2 or straight > (1.0 - _LEAST_GAIN) * piece:
+            if last - first < 2 or straight > (1.0 - _LEAST_GAIN) * segment:
                 continue
-            states, reached = explorer.walk(points[first], points[last], exact=True, longest=piece)
+            states, reached = explorer.walk(points[first], points[last], exact=True, longest=segment)
             candidate = np.concatenate((points[first : first + 1], states))
-            if reached and problem.metric.arc_lengths(candidate)[-1] < (1.0 - _LEAST_GAIN) * piece:
+            if reached and problem.metric.arc_lengths(candidate)[-1] < (1.0 - _LEAST_GAIN) * segment:
                 points = np.concatenate((points[:first], candidate, points[last + 1 :]))
     return Path.trusted(np.array(points), problem.metric)
 

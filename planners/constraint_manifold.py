@@ -44,7 +44,7 @@ class Surface(NamedTuple):
 
     Attributes:
         address: Of the residual function.
-        given: Its input.
+        kernel_input: Its input.
         out: Its output: residuals, then the Jacobian.
         work: Its room.
         places: Places of the coordinates in the input, shape (n,).
@@ -54,18 +54,18 @@ class Surface(NamedTuple):
         lower: Shape (n,).
         upper: Shape (n,).
         weights: Shape (n,).
-        norms: Room: error of each constraint, shape (g,).
-        held: Room: whether a constraint takes part in the projection, shape (g,).
-        slopes: Room: rows of the linear system, shape (r, n).
-        gram: Room, shape (r, r).
-        right: Room, shape (2, r).
-        rows: Room for states, shape (6, n).
+        norms: Memory: error of each constraint, shape (g,).
+        held: Memory: whether a constraint takes part in the projection, shape (g,).
+        slopes: Memory: rows of the linear system, shape (r, n).
+        gram: Memory, shape (r, r).
+        right: Memory, shape (2, r).
+        rows: Memory for states, shape (6, n).
         stop: One number; not zero once a function in Python has failed.
         width: Columns of the Jacobian.
     """
 
     address: int
-    given: Floats1
+    kernel_input: Floats1
     out: Floats1
     work: Floats1
     places: Ints1
@@ -98,8 +98,8 @@ class CompiledManifold:
 
     Attributes:
         address: Address of the function.
-        given: What `in` holds, shape (k,); the state's coordinates are put into it.
-        places: For each of the n coordinates its place in `given`, shape (n,).
+        kernel_input: What `in` holds, shape (k,); the state's coordinates are put into it.
+        places: For each of the n coordinates its place in `kernel_input`, shape (n,).
         columns: For each coordinate its column of the Jacobian, shape (n,).
         width: Number of columns of the Jacobian.
         work_size: Room that `work` has, in numbers.
@@ -107,7 +107,7 @@ class CompiledManifold:
     """
 
     address: int
-    given: FloatArray
+    kernel_input: FloatArray
     places: np.ndarray
     columns: np.ndarray
     width: int
@@ -233,14 +233,14 @@ class OnSurface:
         if self._error is not None:
             raise self._error
 
-    def _answer(self, given: int, out: int, work: int) -> None:
+    def _answer(self, kernel_input: int, out: int, work: int) -> None:
         n, rows = self._manifold.n, self._manifold.rows
         answer = _numbers_at(out, rows * (1 + n))
         answer[:] = np.nan
         if self._error is not None:
             return
         try:
-            state = _numbers_at(given, n).copy()
+            state = _numbers_at(kernel_input, n).copy()
             residual, jacobian = self._manifold.function(state[None])  # type: ignore[operator]
             values, slopes = np.asarray(residual, dtype=float), np.asarray(jacobian, dtype=float)
             if values.shape != (1, rows) or slopes.shape != (1, rows, n):
@@ -272,7 +272,7 @@ def _surface_of(
     g = tolerances.size
     return Surface(
         int(code.address),
-        np.array(code.given, dtype=np.float64),
+        np.array(code.kernel_input, dtype=np.float64),
         np.zeros(r * (1 + code.width)),
         np.zeros(max(1, code.work_size)),
         np.array(code.places, dtype=np.int64),
@@ -307,8 +307,10 @@ def no_surface(lower: FloatArray, upper: FloatArray, weights: FloatArray) -> Sur
 def evaluate(surface: Surface, state: FloatArray) -> float:
     """Evaluate F and its Jacobian at a state; return the largest error relative to its tolerance."""
     for i in range(state.size):
-        surface.given[surface.places[i]] = state[i]
-    call_kernel(surface.address, surface.given.ctypes.data, surface.out.ctypes.data, surface.work.ctypes.data)
+        surface.kernel_input[surface.places[i]] = state[i]
+    call_kernel(
+        surface.address, surface.kernel_input.ctypes.data, surface.out.ctypes.data, surface.work.ctypes.data
+    )
     for g in range(surface.norms.size):
         surface.norms[g] = 0.0
     for k in range(surface.groups.size):
@@ -325,7 +327,7 @@ def evaluate(surface: Surface, state: FloatArray) -> float:
 
 
 @compiled
-def _excess(surface: Surface, inner: float) -> float:
+def _violation(surface: Surface, inner: float) -> float:
     """Return the sum of squares of what errors exceed a part of their tolerances by."""
     total = 0.0
     for g in range(surface.norms.size):
@@ -436,7 +438,7 @@ def project(surface: Surface, state: FloatArray, inner: float) -> bool:
     damping, ratio = _LEAST_DAMPING, evaluate(surface, state)
     for g in range(surface.held.size):
         surface.held[g] = 0
-    excess = _excess(surface, inner)
+    violation = _violation(surface, inner)
     for _ in range(MOST_ITERATIONS):
         if ratio <= inner:
             return True
@@ -448,14 +450,14 @@ def project(surface: Surface, state: FloatArray, inner: float) -> bool:
             ratio = evaluate(surface, surface.rows[TRIAL])
             if surface.stop[0] != 0:
                 return False
-            better = _excess(surface, inner)
-            if ratio <= inner or (better < excess and not math.isinf(ratio)):
+            better = _violation(surface, inner)
+            if ratio <= inner or (better < violation and not math.isinf(ratio)):
                 break
             damping = max(1e-3, 10.0 * damping)
             if damping > _MOST_DAMPING:
                 return False
         damping = max(_LEAST_DAMPING, 0.1 * damping)
-        excess = better
+        violation = better
         for i in range(state.size):
             state[i] = surface.rows[TRIAL, i]
     return ratio <= inner

@@ -1,4 +1,4 @@
-"""What stops motions that lead away from states: the first invalid states along random edges."""
+"""First invalid states along random edges that lead away from states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stops walks along a manifold that lead away from states: invalid states, or constraints."""
+"""First invalid states, or constraints, along walks on a manifold."""
 
 from __future__ import annotations
 

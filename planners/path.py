@@ -124,13 +124,13 @@ class Path:
             InvalidValueError: The spacing is not a finite number above zero.
         """
         spacing = positive_number("spacing", spacing)
-        pieces = [self.points[:1]]
+        segments = [self.points[:1]]
         for a, b, length in zip(self.points[:-1], self.points[1:], np.diff(self.arc_lengths), strict=True):
             # A hair of slack, or resampling twice would split edges that have just the right length.
             steps = max(1, math.ceil(length / spacing * (1.0 - 1e-12)))
             fractions = np.arange(1, steps)[:, None] / steps
-            pieces += [a + fractions * (b - a), b[None, :]]
-        return Path(np.concatenate(pieces), self.weights)
+            segments += [a + fractions * (b - a), b[None, :]]
+        return Path(np.concatenate(segments), self.weights)
 
     def merged(self, tolerance: float) -> Path:
         """Return the path without way-points that nearly repeat their predecessor; both ends are kept.

@@ -1,4 +1,4 @@
-"""What a planner returns."""
+"""Result of a planner."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Result:
         tree_sizes: Nodes of the trees of the start and of the goals, of planners with two trees that found no
             path; None otherwise.
         frontier: Some nodes of the tree that is shut in, or of the smaller one, shape (m, n), of the same
-            planners; None otherwise.  `first_invalid_states` tells what is around them.
+            planners; None otherwise.  `first_invalid_states` finds what is around them.
         residual: Largest error as a multiple of its tolerance, of planners on a manifold: of the path's
             way-points, or of the start or the nearest goal if that is off the manifold; nan otherwise.
     """

@@ -176,7 +176,7 @@ class Roadmap:
             max_nodes: Greatest number of nodes to which the roadmap may grow.
 
         Returns:
-            The result, whose path is the shortest one on the roadmap; without a path its status tells why.
+            The result, whose path is the shortest one on the roadmap; without one its status names why.
 
         Raises:
             InvalidValueError: A state has the wrong shape, is not finite or outside the box, or there is no
@@ -262,7 +262,7 @@ class Roadmap:
                     continue
                 if ended != FULL:
                     return ended
-                self._graph = _with_room(
+                self._graph = _with_capacity(
                     self._graph, 2 * len(self._graph.states), 2 * len(self._graph.lengths)
                 )
 
@@ -277,7 +277,7 @@ class Roadmap:
                     if ended != FULL:
                         return ended
                     new = len(ends)
-                    self._graph = _with_room(
+                    self._graph = _with_capacity(
                         self._graph,
                         2 * len(self._graph.states) + new,
                         2 * len(self._graph.lengths) + new * (_MOST_NEIGHBORS + 1),
@@ -321,10 +321,10 @@ def _new_graph(n: int) -> Graph:
         rows=np.empty((4, n)),
         counters=np.zeros(_COUNTERS, dtype=np.int64),
     )
-    return _with_room(graph, _FIRST_NODES, _FIRST_NODES * _EDGES_PER_NODE)
+    return _with_capacity(graph, _FIRST_NODES, _FIRST_NODES * _EDGES_PER_NODE)
 
 
-def _with_room(graph: Graph, nodes: int, edges: int) -> Graph:
+def _with_capacity(graph: Graph, nodes: int, edges: int) -> Graph:
     """Return a roadmap with room for some nodes and edges."""
     nodes = whole_blocks(nodes)
     return graph._replace(
@@ -365,13 +365,13 @@ def _are_joined(graph: Graph, first: int, second: int) -> bool:
 def _add(graph: Graph, state: FloatArray, weights: FloatArray, tolerance: float) -> int:
     """Add a node joined to its nearest neighbors, or find the one that is there already; return it."""
     n, size = state.size, graph.counters[NODES]
-    near, squares, room = np.empty(_MOST_NEIGHBORS, np.int64), np.empty(_MOST_NEIGHBORS), np.empty(8)
+    near, squares, capacity = np.empty(_MOST_NEIGHBORS, np.int64), np.empty(_MOST_NEIGHBORS), np.empty(8)
     count = 0
     if size > 0:
         for i in range(n):
             graph.rows[2, i] = state[i] * weights[i]
         wanted = neighbor_count(n, size, _MOST_NEIGHBORS)
-        count = k_nearest(graph.lanes, size, graph.rows[2], wanted, near, squares, room)
+        count = k_nearest(graph.lanes, size, graph.rows[2], wanted, near, squares, capacity)
         if squares[0] <= tolerance:
             return near[0]
     graph.counters[NODES] += 1

@@ -122,16 +122,16 @@ class SmoothPath:
         """
         if not spacing > 0.0:
             raise InvalidValueError("spacing", spacing, "a number above 0")
-        pieces = [
+        segments = [
             np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False)
             for a, b in zip(self.breaks[:-1], self.breaks[1:], strict=True)
         ]
-        return self(np.concatenate((*pieces, self.breaks[-1:])))
+        return self(np.concatenate((*segments, self.breaks[-1:])))
 
     def _evaluate(self, s: FloatArray, derivative: int) -> FloatArray:
-        piece = np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.coefficients) - 1)
-        local = (s - self.breaks[piece])[..., None]
-        chosen = self.coefficients[piece]
+        segment = np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.coefficients) - 1)
+        local = (s - self.breaks[segment])[..., None]
+        chosen = self.coefficients[segment]
         value = np.zeros(chosen.shape[:-2] + chosen.shape[-1:])
         for power in range(3, derivative - 1, -1):  # Horner
             value = value * local + _FACTORS[derivative][power - derivative] * chosen[..., power, :]
@@ -190,8 +190,8 @@ def smooth(
     validator = problem.validator(resolution=resolution)
     if spacing is None:
         spacing = _COARSE * problem.validator().resolution
-    pieces = max(_FEWEST, int(np.ceil(polyline.length / positive_number("spacing", spacing))))
-    breaks = np.linspace(0.0, polyline.length, pieces + 1)
+    segments = max(_FEWEST, int(np.ceil(polyline.length / positive_number("spacing", spacing))))
+    breaks = np.linspace(0.0, polyline.length, segments + 1)
     return _refine_until_valid(validator, polyline, breaks)
 
 
@@ -201,7 +201,7 @@ def _refine_until_valid(validator: MotionValidator, polyline: Path, breaks: Floa
     for _ in range(_ROUNDS):
         curve, abscissae = _spline(polyline, breaks)
         # A piece depends on the three breaks to either side of it at most; only those can have changed it.
-        invalid = _invalid_pieces(validator, curve, _dilated(is_new, 3)[:-1])
+        invalid = _invalid_segments(validator, curve, _dilated(is_new, 3)[:-1])
         if not invalid.any():
             return curve
         _refuse_straight(polyline, abscissae, curve, invalid)
@@ -210,28 +210,28 @@ def _refine_until_valid(validator: MotionValidator, polyline: Path, breaks: Floa
     raise InfeasibleError("smooth path", f"the path has no room to turn near {_show(worst)}", _ADVICE)
 
 
-def rounded_waypoints(path: Path, pieces: int) -> FloatArray:
+def rounded_waypoints(path: Path, segments: int) -> FloatArray:
     """Return the values at its breaks of the Schoenberg spline of a path, with breaks equally spaced.
 
     See `smooth` for the curve; nothing is checked here.
 
     Args:
         path: Two way-points or more, of some length.
-        pieces: Number of pieces.
+        segments: Number of pieces.
 
     Returns:
         Shape (pieces + 1, n); the first and the last row are the path's ends.
     """
-    breaks = np.linspace(0.0, path.length, pieces + 1)
-    coefficients = np.empty((pieces, 4, path.n))
-    schoenberg_spline(path.points, path.arc_lengths, breaks, np.empty(pieces + 3), coefficients)
+    breaks = np.linspace(0.0, path.length, segments + 1)
+    coefficients = np.empty((segments, 4, path.n))
+    schoenberg_spline(path.points, path.arc_lengths, breaks, np.empty(segments + 3), coefficients)
     return np.concatenate((coefficients[:, 0], path.points[-1:]))
 
 
 def _spline(polyline: Path, breaks: FloatArray) -> tuple[SmoothPath, FloatArray]:
     """Return the Schoenberg spline of a polyline, and the arc lengths of its control points."""
-    pieces = breaks.size - 1
-    coefficients, abscissae = np.empty((pieces, 4, polyline.n)), np.empty(pieces + 3)
+    segments = breaks.size - 1
+    coefficients, abscissae = np.empty((segments, 4, polyline.n)), np.empty(segments + 3)
     schoenberg_spline(polyline.points, polyline.arc_lengths, breaks, abscissae, coefficients)
     return SmoothPath(breaks, coefficients, polyline.points[-1]), abscissae
 
@@ -263,13 +263,13 @@ def schoenberg_spline(
         abscissae: Written: arc lengths of the control points, shape (k + 3,).
         coefficients: Written: constant term first, shape (k, 4, n).
     """
-    pieces = breaks.size - 1
-    knots, control = np.empty(pieces + 7), np.empty((pieces + 3, points.shape[1]))
+    segments = breaks.size - 1
+    knots, control = np.empty(segments + 7), np.empty((segments + 3, points.shape[1]))
     for j in range(knots.size):
-        knots[j] = breaks[min(max(j - 3, 0), pieces)]
-    for i in range(pieces + 3):
+        knots[j] = breaks[min(max(j - 3, 0), segments)]
+    for i in range(segments + 3):
         abscissae[i] = min((knots[i + 1] + knots[i + 2] + knots[i + 3]) / 3.0, lengths[-1])
-        if i == pieces + 2:
+        if i == segments + 2:
             abscissae[i] = lengths[-1]
         _on_polyline(points, lengths, abscissae[i], control[i])
     power_basis(knots, control, coefficients)
@@ -311,7 +311,7 @@ def power_basis(knots: Floats1, control: Floats2, coefficients: Floats3) -> None
             coefficients[j, 3, i] = ((third - second) / width - bend) / width
 
 
-def _invalid_pieces(validator: MotionValidator, curve: SmoothPath, asked: BoolArray) -> BoolArray:
+def _invalid_segments(validator: MotionValidator, curve: SmoothPath, asked: BoolArray) -> BoolArray:
     """Return which of the pieces asked about hold an invalid state, shape (k,)."""
     widths = np.diff(curve.breaks)
     counts = np.maximum(2, np.ceil(widths / validator.resolution).astype(int))

@@ -56,7 +56,7 @@ class Forest(NamedTuple):
         prices: Of the nodes, shape (2, m).
         heat: Temperature, least and greatest price met, shape (3,).
         rows: Room, shape (4, n).
-        room: Eight numbers.
+        spare: Eight numbers.
         counters: See the places above.
     """
 
@@ -66,7 +66,7 @@ class Forest(NamedTuple):
     prices: Floats2
     heat: Floats1
     rows: Floats2
-    room: Floats1
+    spare: Floats1
     counters: Ints1
 
 
@@ -125,7 +125,7 @@ def transition_rrt(
             forest = _planted(space, price, problem, ends[1], counters)
             ended, key = _FULL, stream_key(seed, _STREAM)
             while ended == _FULL or (ended == _TIME_UP and not (deadline.expired or counters[STOP])):
-                forest = _with_room(forest) if ended == _FULL else forest
+                forest = _with_capacity(forest) if ended == _FULL else forest
                 ended = grow(space, price, forest, deadline.time_slice, key, max_iterations)
             status = {_FOUND: Status.SOLVED, _GOING_ON: Status.OUT_OF_ITERATIONS}.get(
                 ended, Status.NO_PATH_IN_TIME
@@ -176,7 +176,7 @@ def _planted(
     return forest
 
 
-def _with_room(forest: Forest) -> Forest:
+def _with_capacity(forest: Forest) -> Forest:
     """Return the trees with twice the room."""
     capacity = whole_blocks(2 * forest.states.shape[1])
     return forest._replace(
@@ -218,7 +218,7 @@ def _nearest(space: SearchSpace, forest: Forest, side: int, state: FloatArray) -
     scaled = forest.rows[_SCALED]
     for i in range(state.size):
         scaled[i] = state[i] * space.weights[i]
-    return nearest(forest.lanes[side], forest.counters[_SIZE + side], scaled, forest.room)
+    return nearest(forest.lanes[side], forest.counters[_SIZE + side], scaled, forest.spare)
 
 
 @compiled

@@ -26,28 +26,28 @@ def set_lane(lanes: Floats3, node: int, state: Floats1, weights: Floats1) -> Non
 
 
 @compiled("int64(float64[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)
-def nearest(lanes: Floats3, size: int, query: Floats1, room: Floats1) -> int:
+def nearest(lanes: Floats3, size: int, query: Floats1, spare: Floats1) -> int:
     """Return the node nearest to a scaled state; the first of equally near ones.
 
     Args:
         lanes: Scaled states, shape (blocks, n, 8); those of the last block that are no nodes are infinite.
         size: Number of nodes.
         query: Scaled state, shape (n,).
-        room: Eight numbers.
+        spare: Eight numbers.
     """
     best, found, n = math.inf, 0, query.size
-    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, room.ctypes.data
+    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, spare.ctypes.data
     for block in range((size + LANES - 1) // LANES):
         if eight_square_distances(base + block * stride, asked, n, place) < best:
             for lane in range(LANES):
-                if room[lane] < best:
-                    best, found = room[lane], block * LANES + lane
+                if spare[lane] < best:
+                    best, found = spare[lane], block * LANES + lane
     return found
 
 
 @compiled("int64(float64[:, :, ::1], float64[::1], int64, float64[::1], float64, float64[::1])", lean=True)
 def nearest_within(
-    lanes: Floats3, costs: Floats1, size: int, query: Floats1, bound: float, room: Floats1
+    lanes: Floats3, costs: Floats1, size: int, query: Floats1, bound: float, spare: Floats1
 ) -> int:
     """Return the node nearest to a scaled state of those through which it is reached at a bounded cost.
 
@@ -57,18 +57,18 @@ def nearest_within(
         size: Number of nodes.
         query: Scaled state, shape (n,).
         bound: Greatest sum of a node's cost and its distance.
-        room: Eight numbers.
+        spare: Eight numbers.
 
     Returns:
         The node, the first of equally near ones; -1 if there is none.
     """
     best, found, n = math.inf, -1, query.size
-    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, room.ctypes.data
+    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, spare.ctypes.data
     for block in range((size + LANES - 1) // LANES):
         if eight_square_distances(base + block * stride, asked, n, place) < best:
             for lane in range(LANES):
-                if room[lane] < best and costs[block * LANES + lane] + math.sqrt(room[lane]) <= bound:
-                    best, found = room[lane], block * LANES + lane
+                if spare[lane] < best and costs[block * LANES + lane] + math.sqrt(spare[lane]) <= bound:
+                    best, found = spare[lane], block * LANES + lane
     return found
 
 
@@ -76,7 +76,7 @@ def nearest_within(
     "int64(float64[:, :, ::1], int64, float64[::1], int64, int64[::1], float64[::1], float64[::1])", lean=True
 )
 def k_nearest(
-    lanes: Floats3, size: int, query: Floats1, wanted: int, found: Ints1, squares: Floats1, room: Floats1
+    lanes: Floats3, size: int, query: Floats1, wanted: int, found: Ints1, squares: Floats1, spare: Floats1
 ) -> int:
     """Write the nodes nearest to a scaled state and the squares of their distances, nearest first.
 
@@ -87,18 +87,18 @@ def k_nearest(
         wanted: How many are wanted, 1 or more.
         found: Room for them.
         squares: Room for the squares of their distances.
-        room: Eight numbers.
+        spare: Eight numbers.
 
     Returns:
         How many were found: `wanted`, or all.
     """
     n, count, limit = query.size, 0, math.inf
-    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, room.ctypes.data
+    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, spare.ctypes.data
     for block in range((size + LANES - 1) // LANES):
         if eight_square_distances(base + block * stride, asked, n, place) >= limit:
             continue
         for lane in range(LANES):
-            square = room[lane]
+            square = spare[lane]
             if square >= limit or block * LANES + lane >= size:
                 continue
             k = count if count < wanted else wanted - 1

@@ -69,13 +69,13 @@ def enums_with_advice():
             if "__main__" in info.name or ".urdf" in info.name:
                 continue
             for value in vars(importlib.import_module(info.name)).values():
-                if isinstance(value, enum.EnumMeta) and hasattr(value, "advice"):
+                if isinstance(value, enum.EnumMeta) and hasattr(value, "advice") and len(value):
                     found.add(value)
     return sorted(found, key=lambda kind: (kind.__module__, kind.__name__))
 
 
 FUNCTIONS = {
-    "pepper_kin.base_placement.result": pk.ik.place_base,
+    "pepper_kin.base_placement.result": pk.base_placement.place_base,
     "pepper_kin.ik.result": pk.ik.solve,
     "pepper_kin.motion.cartesian": pk.motion.cartesian_path,
     "pepper_kin.motion.optimization.minimum_torque": pk.motion.minimum_torque_trajectory,
@@ -86,6 +86,8 @@ FUNCTIONS = {
     "pepper_kin.planners.optimization.effort": planners.optimization.minimum_effort,
     "pepper_kin.planners.result": planners.rrt_connect,
     "pepper_kin.servo.state": pk.servo.Servo,
+    "pepper_kin.twin.base.tipping": pk.twin.base.simulate_tipping,
+    "pepper_kin.twin.run": pk.twin.Twin.execute,
 }
 """The function whose results carry a status, by the module of the status."""
 

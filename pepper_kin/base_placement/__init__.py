@@ -2,7 +2,7 @@
 
 place_base, PlacementResult, PlacementStatus, Placement   the best places and what was tried
 PlacementWeights, PlacementTerms          what makes a place good
-floor_map, FloorMap                       the score of every cell of the floor
+placement_map, PlacementMap               the score of every cell of the floor
 """
 
 from pepper_kin.base_placement.place_base import place_base

@@ -60,7 +60,7 @@ def save_floor_picture(found: PlacementMap, path: str | Path, targets: ArrayLike
         axes.legend(loc="upper right")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-    axes.set_title(f"places that serve: {found.area:.2f} m²")
+    axes.set_title(f"suitable places: {found.area:.2f} m²")
     figure.colorbar(image, ax=axes, label="best score")
     content = io.BytesIO()
     canvas.print_png(content)

@@ -1,4 +1,4 @@
-"""Mesh files read by trimesh in a process of its own, within limits of time and memory.
+"""Mesh files read by trimesh in a separate process, within limits of time and memory.
 
 COLLADA, PLY, glTF and other formats hold references, repetitions and compressed parts: a small file can
 ask for endless work or for all memory.  A process that is ended when it takes too much keeps that from the
@@ -45,7 +45,7 @@ def mesh_of_other_format(file: Path) -> tuple[NDArray[np.float64], NDArray[np.in
     descriptions are made for programs that leave it out (TIAGo's parts would lie on their sides).
 
     Args:
-        file: The file; its suffix tells the format.
+        file: The file; its suffix is the format.
 
     Returns:
         Vertices, shape (k, 3) [m]; faces, shape (f, 3), indices of vertices; and the faces' colors, shape

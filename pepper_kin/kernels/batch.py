@@ -15,7 +15,7 @@ No read or write goes beyond an array.  In the last block the lanes left over re
 and writing the same row.  The last square of a row is moved back to end with it, overlapping the one before;
 rows shorter than W go element by element.
 
-The result tells which inputs held NaN or an infinity: bit min(i, 62) for input i.  The test costs one fused
+The result names the inputs that held NaN or an infinity: bit min(i, 62) for input i.  It costs one fused
 instruction per load: 0 x is 0 for every finite x, else NaN.
 """
 
@@ -96,7 +96,7 @@ def _load_rows(w: Writer, name: str, rows: list[str], size: int, scratch: str, c
     lanes = w.lanes
 
     def add_to_check(vectors: list[str]) -> None:
-        found = "zeroinitializer"  # a chain of its own for every square: squares need not wait for each other
+        found = "zeroinitializer"  # a separate chain for every square: squares need not wait for each other
         for vector in vectors:
             found = w.multiply_add(vector, "zeroinitializer", found)
         w.store(w.binary("fadd", w.load(check), found), check)

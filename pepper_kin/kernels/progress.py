@@ -19,7 +19,7 @@ _WIDTH = 30
 _lock = threading.Lock()
 _made: list[str] = []
 _spent = 0.0
-_told = False
+_reported = False
 _expected = 0
 
 
@@ -52,15 +52,15 @@ def making(name: str) -> Iterator[None]:
         with _lock:
             _spent += time.perf_counter() - begin
             _made.append(name)
-            if _told:
+            if _reported:
                 _draw("")
 
 
 def _tell(name: str) -> None:
-    global _told
+    global _reported
     with _lock:
-        if not _told:
-            _told = True
+        if not _reported:
+            _reported = True
             _logger.warning(
                 "machine code for this processor is made, once; the next run finds it on disk "
                 "(`pepper-kin warm-up` makes all of it, on all cores)"

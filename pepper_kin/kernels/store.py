@@ -1,4 +1,4 @@
-"""Where machine code is kept: in the file that comes with the package, and in a cache folder.
+"""Store of machine code: the file that comes with the package, and a cache folder.
 
 A part is found by a key: the hash of all that its code is made from.  What was made from something else has
 another key, so stale code is never read; it is just not found.  Three places are asked in turn:

@@ -31,25 +31,25 @@ def run_in_pieces(count: int, threads: int, multiple: int, run: Callable[[int, i
     """
     length = max(_SMALLEST_PIECE, -(-count // (threads * _PIECES_PER_THREAD)))
     length = -(-length // multiple) * multiple
-    pieces = deque((start, min(start + length, count)) for start in range(0, count, length))
-    helpers = min(threads, len(pieces)) - 1
+    chunks = deque((start, min(start + length, count)) for start in range(0, count, length))
+    helpers = min(threads, len(chunks)) - 1
     if helpers <= 0:
         run(0, count)
         return
 
     def work() -> None:
-        while pieces:
+        while chunks:
             try:
-                piece = pieces.popleft()
+                chunk = chunks.popleft()
             except IndexError:  # another thread took the last one
                 return
-            run(*piece)
+            run(*chunk)
 
     futures = [_executor(helpers).submit(work) for _ in range(helpers)]
     try:
         work()
     finally:
-        pieces.clear()  # after an exception the others need not go on
+        chunks.clear()  # after an exception the others need not go on
         for future in futures:
             future.exception()  # wait: they use arrays of the caller
     for future in futures:

@@ -54,28 +54,28 @@ def _packages() -> list[tuple[str, Path]]:
     return [("pepper_kin", folder), ("pepper_kin.planners", place)]
 
 
-def make_all(modules: Sequence[str], told: Callable[[int], None] | None = None) -> None:
+def make_all(modules: Sequence[str], report: Callable[[int], None] | None = None) -> None:
     """Make the code of modules for this processor on all cores, where it is not kept already.
 
     Args:
         modules: Their names.
-        told: Called with the number of modules done, again and again.
+        report: Called with the number of modules done, again and again.
 
     Raises:
         RuntimeError: A process failed; with the last line that it printed.
     """
     keys = {name: unit_of(name).key() for name in modules if importlib.import_module(name)}
-    workers = _start_workers([name for name, key in keys.items() if not is_kept(key)], quiet=False)
+    workers = _start_workers([name for name, key in keys.items() if not is_kept(key)], silent=False)
     while workers:
-        if told:
-            told(sum(map(is_kept, keys.values())))
+        if report:
+            report(sum(map(is_kept, keys.values())))
         time.sleep(_POLL)
         for worker in [one for one in workers if one.poll() is not None]:
             workers.remove(worker)
             if worker.returncode and worker.stderr is not None:
                 raise RuntimeError(worker.stderr.read().strip().rpartition("\n")[2])
-    if told:
-        told(len(keys))
+    if report:
+        report(len(keys))
 
 
 def wait_for(unit: Unit) -> None:
@@ -105,7 +105,7 @@ def _helpers() -> list[subprocess.Popen]:
     """The processes that work ahead of this one; they end with it."""
     modules = compiled_modules()
     expect(len(modules))
-    workers = _start_workers(modules, quiet=True)
+    workers = _start_workers(modules, silent=True)
     atexit.register(_end, workers)
     return workers
 
@@ -116,14 +116,14 @@ def _end(workers: Sequence[subprocess.Popen]) -> None:
             worker.terminate()
 
 
-def _start_workers(modules: Sequence[str], *, quiet: bool) -> list[subprocess.Popen]:
+def _start_workers(modules: Sequence[str], *, silent: bool) -> list[subprocess.Popen]:
     """Start one process for each core; they share the work among themselves."""
     count = min(os.cpu_count() or 1, len(modules))
     return [
         subprocess.Popen(
             [sys.executable, "-m", "pepper_kin.kernels.warm_up", *modules],
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL if quiet else subprocess.PIPE,
+            stderr=subprocess.DEVNULL if silent else subprocess.PIPE,
             env={**os.environ, _WORKER: "1"},
             text=True,
         )

@@ -69,17 +69,17 @@ def _kept(problem: TimingProblem, x: Array, stretch: float, limit: Array, begin:
     grid, n = problem.grid, problem.grid.at.shape[2]
     duration = profile_duration(grid, x)
     while np.isfinite(stretch):
-        instants = _room_for(duration, stretch)
-        count = instants_near_limits(grid, problem.rows, limit, begin, x, stretch, CHECK_STEP, instants)
+        sample_times = _room_for(duration, stretch)
+        count = instants_near_limits(grid, problem.rows, limit, begin, x, stretch, CHECK_STEP, sample_times)
         if not count:
             break
         state, none = np.empty((3, count, n)), np.empty((count, 0))
-        evaluate_motion(grid, x, instants, stretch, state)
+        evaluate_motion(grid, x, sample_times, stretch, state)
         if limit[0]:
             asked, bound = StateEffects(problem.quantities.torque(*state), none, none), limit
         else:
             asked, bound = StateEffects(none, problem.quantities.moments(*state), none), np.empty(0)
-        interval = instants.interval[:count]
+        interval = sample_times.interval[:count]
         more = tighten_states(grid, bound, problem.rows, n + begin, interval, asked, False)
         if more <= 1.0 + _TOLERANCE:
             break
@@ -137,9 +137,9 @@ def _swing(problem: TimingProblem, margin: float) -> tuple[Trajectory | None, in
 def _tightened_by_states(problem: TimingProblem, x: Array, stretch: float, tighten: bool) -> float:
     """Return how much slower torques, balance and frames at every multiple of 1 ms ask to be."""
     grid, n = problem.grid, problem.grid.at.shape[2]
-    instants = _room_for(profile_duration(grid, x), stretch)
-    count = all_instants(grid, x, stretch, CHECK_STEP, instants)
+    sample_times = _room_for(profile_duration(grid, x), stretch)
+    count = all_instants(grid, x, stretch, CHECK_STEP, sample_times)
     state = np.empty((3, count, n))
-    evaluate_motion(grid, x, instants, stretch, state)
+    evaluate_motion(grid, x, sample_times, stretch, state)
     asked, limit = problem.quantities.of(*state), problem.limits.torque
-    return float(tighten_states(grid, limit, problem.rows, n, instants.interval, asked, tighten))
+    return float(tighten_states(grid, limit, problem.rows, n, sample_times.interval, asked, tighten))

@@ -1,7 +1,7 @@
 """The twin: the robot's dynamics with its servos, stepped through time.
 
     Twin, TwinState, Run, RunStatus, load_run         one robot; what a run logged
-    TwinBatch, BatchRun                       thousands, each with parameters of its own
+    TwinBatch, BatchRun                       thousands, each with separate parameters
     Push, ActuatorParameters, actuator_parameters
     run_real_time, Timing                     steps against the wall clock
     Recorder, Recording, load_recording       everything on disk, resumable
@@ -56,4 +56,4 @@ __all__ = [
     "run_real_time",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {room: room for room in ("base", "sensors", "world")})
+__getattr__, __dir__ = lazily(__name__, {package: package for package in ("base", "sensors", "world")})

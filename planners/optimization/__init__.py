@@ -8,10 +8,10 @@ found = descend(objective, spline.fit(states), duration)
 from .assembly import Bounds, Objective
 from .banded import add_row
 from .compiled_term import FAILED, KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, CompiledTerm
-from .descend import Descent, OptimizationStatus, descend
+from .descend import LocalResult, OptimizationStatus, descend
 from .effort import EffortMotion, EffortStatus, minimum_effort
 from .general import FATROP, check_no_timeout, descend_by
-from .rows import Rows, Term, Wall, Weights
+from .rows import BarrierBound, Rows, Term, Weights
 from .spline import RestSpline
 
 __all__ = [
@@ -23,17 +23,17 @@ __all__ = [
     "START",
     "TIGHTEN",
     "VALUES",
+    "BarrierBound",
     "Bounds",
     "CompiledTerm",
-    "Descent",
     "EffortMotion",
     "EffortStatus",
+    "LocalResult",
     "Objective",
     "OptimizationStatus",
     "RestSpline",
     "Rows",
     "Term",
-    "Wall",
     "Weights",
     "add_row",
     "check_no_timeout",

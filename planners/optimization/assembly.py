@@ -14,7 +14,7 @@ from ..vectors import FloatArray
 from .banded import PADDING
 from .compiled_term import CalledBack, CompiledTerm
 from .newton import fill_equations, measure_cost, measure_motion, solve_equations
-from .rows import Term, Wall, Weights
+from .rows import BarrierBound, Term, Weights
 from .spline import RestSpline, basis_at, differences
 from .tables import (
     ABOVE_ZERO,
@@ -259,9 +259,9 @@ class Objective:
         rows, first = [], 0
         for term in terms:
             place = kinds.index(term.per_interval)
-            wall = WITHIN_ONE if term.wall is Wall.WITHIN_ONE else ABOVE_ZERO
+            bound = WITHIN_ONE if term.barrier_bound is BarrierBound.WITHIN_ONE else ABOVE_ZERO
             rows.append(
-                (term.address, term.memory.ctypes.data, place, term.rows_count, term.parts, wall, first,
+                (term.address, term.memory.ctypes.data, place, term.rows_count, term.parts, bound, first,
                  int(term.has_floors))
             )  # fmt: skip
             first += counts[place][0] * term.rows_count * (1 + term.parts * spline.n)

@@ -12,7 +12,7 @@ from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Floats1, Floats3
 
 from ..vectors import FloatArray
-from .rows import Rows, Term, Wall
+from .rows import BarrierBound, Rows, Term
 
 VALUES, ROWS, START, TIGHTEN = range(4)
 """What a term is asked for: values; values and derivatives; to lower its floors under a motion that breaks
@@ -47,16 +47,16 @@ class CompiledTerm:
         rows_count: R.
         parts: 1 where values depend on positions only, else 3.
         per_interval: Samples in each interval of the spline.
-        wall: Which values are allowed.
+        barrier_bound: Which values are allowed.
         has_floors: Whether START and TIGHTEN mean anything to it.
     """
 
     def __init__(
-        self, address: int, memory: FloatArray, rows_count: int, parts: int, per_interval: int, wall: Wall,
-        *, has_floors: bool = False, keep_alive: object = None,
+        self, address: int, memory: FloatArray, rows_count: int, parts: int, per_interval: int,
+        barrier_bound: BarrierBound, *, has_floors: bool = False, keep_alive: object = None,
     ) -> None:  # fmt: skip
         self.address, self.memory, self.rows_count, self.parts = address, memory, rows_count, parts
-        self.per_interval, self.wall, self.has_floors = per_interval, wall, has_floors
+        self.per_interval, self.barrier_bound, self.has_floors = per_interval, barrier_bound, has_floors
         self._keep_alive = keep_alive
 
     def values(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
@@ -100,7 +100,7 @@ def ask(address: int, states: Floats3, result: Floats1, what: int, memory: Float
 class CalledBack:
     """A term in Python behind the address of a C function.
 
-    An exception cannot pass through machine code: the search is told that the term failed, and `check` raises
+    An exception cannot pass through machine code: the search ends as the term failed, and `check` raises
     it.
 
     Args:
@@ -121,7 +121,7 @@ class CalledBack:
         function = _Signature(self._answer)
         address = ctypes.cast(function, ctypes.c_void_p).value or 0
         self.compiled = CompiledTerm(
-            address, np.zeros(1), self._count, self._parts, term.per_interval, term.wall,
+            address, np.zeros(1), self._count, self._parts, term.per_interval, term.barrier_bound,
             has_floors=hasattr(term, "tighten"), keep_alive=function,
         )  # fmt: skip
 

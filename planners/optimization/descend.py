@@ -50,7 +50,7 @@ _STATUSES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Descent:
+class LocalResult:
     """The outcome of `descend`.
 
     Attributes:
@@ -84,7 +84,7 @@ def descend(
     timeout: float = float("inf"),
     tolerance: float = LAST_MU,
     stop_below: float = 0.0,
-) -> Descent:
+) -> LocalResult:
     """Lower the cost of a motion by Newton steps on cost + mu * barrier, with mu falling.
 
     The start must keep all limits with room to spare, and so does every iterate: the search along a step
@@ -145,7 +145,7 @@ def descend(
             status = _STATUSES[ended]
             break
     control, t = work.control.copy(), float(work.numbers[DURATION])
-    return Descent(
+    return LocalResult(
         status, read_only(control[FIXED:-FIXED]), t, objective.cost(control, t), first_cost, iterations,
         float(work.numbers[MU]), time.perf_counter() - begin,
     )  # fmt: skip

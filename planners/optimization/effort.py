@@ -199,8 +199,8 @@ class _Transcription:
         spent = time.perf_counter() - begin
         report = solve.stats()
         x, g = np.array(found["x"]).ravel(), np.array(found["g"]).ravel()
-        excess = [low - g, g - high, self._low - x, x - self._high]
-        violation = float(max(part.max(initial=0.0) for part in excess))
+        violations = [low - g, g - high, self._low - x, x - self._high]
+        violation = float(max(part.max(initial=0.0) for part in violations))
         n, count = self._n, self._intervals
         rows = np.concatenate([x, np.zeros(n)]).reshape(count + 1, 4 * n)
         times = np.linspace(0.0, count * self._h, count + 1)

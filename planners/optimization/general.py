@@ -11,9 +11,9 @@ from pepper_kin.exceptions import InvalidValueError
 
 from ..vectors import FloatArray, finite_points, positive_number, read_only
 from .assembly import Objective
-from .descend import Descent, OptimizationStatus
+from .descend import LocalResult, OptimizationStatus
 from .linearized import Linearized
-from .rows import Term, Wall
+from .rows import BarrierBound, Term
 from .stages import Stages
 
 FATROP = "fatrop"
@@ -32,7 +32,7 @@ def descend_by(
     free_duration: bool = True,
     max_iterations: int = 400,
     timeout: float = float("inf"),
-) -> Descent:
+) -> LocalResult:
     """Lower the cost of a motion by a solver of CasADi's.
 
     A cubic spline is, interval by interval, p + s d + s^2 e / 2 + s^3 j / 6, 0 <= s <= 1, with the states
@@ -77,10 +77,10 @@ def descend_by(
     walk = _Walk(objective, x, t, free_duration)
     report = walk.run(solver, max_iterations, begin + timeout)
     status = _status(report)
-    if not walk.excess() <= _BROKEN:
+    if not walk.violation() <= _BROKEN:
         status, walk.x, walk.t = OptimizationStatus.START_INFEASIBLE, x, float(duration)
     cost, spent = objective.cost(spline.control_points(walk.x), walk.t), time.perf_counter() - begin
-    return Descent(status, read_only(walk.x), walk.t, cost, first_cost, walk.steps, float("nan"), spent)
+    return LocalResult(status, read_only(walk.x), walk.t, cost, first_cost, walk.steps, float("nan"), spent)
 
 
 def check_no_timeout(timeout: float | None) -> None:
@@ -117,21 +117,21 @@ class _Walk:
             if not np.isfinite(x).all() or not t > 0:
                 return report
             before, length = self._cost(), self._length(x, t)
-            shut = self.excess() > _BROKEN
+            shut = self.violation() > _BROKEN
             self.x, self.t = self.x + length * (x - self.x), self.t + length * (t - self.t)
             reach *= 0.5 if length < 1.0 else 1.5
             if not shut and length == 1.0 and before - self._cost() < _ENOUGH * before:
                 break
         return report
 
-    def excess(self) -> float:
+    def violation(self) -> float:
         """Return by how much of a limit the motion breaks one, at most; 0 or less where it breaks none."""
         objective, control = self._objective, self._objective.spline.control_points(self.x)
         found = [-objective.least_slack(control, self.t)]
         for term in objective.constraints:
             values = term.values(*objective.states(term, control, self.t))
-            room = 1.0 - np.abs(values) if term.wall is Wall.WITHIN_ONE else values
-            found.append(-float(room.min(initial=1.0)))
+            workspace = 1.0 - np.abs(values) if term.barrier_bound is BarrierBound.WITHIN_ONE else values
+            found.append(-float(workspace.min(initial=1.0)))
         return max(found)
 
     def _cost(self) -> float:

@@ -20,7 +20,7 @@ class Linearized:
     """
 
     def __init__(self, term: Term, q: FloatArray) -> None:
-        self.per_interval, self.wall = term.per_interval, term.wall
+        self.per_interval, self.barrier_bound = term.per_interval, term.barrier_bound
         still = np.zeros_like(q)
         self._q, self._rows = q, term.rows(q, still, still)
 

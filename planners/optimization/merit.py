@@ -100,14 +100,14 @@ def box_barrier(work: Workspace) -> float:
 
 
 @compiled(lean=True)
-def wall_barrier(values: Floats1, wall: int) -> float:
-    """Return the sum of -log(distance to the wall) of a term's values; see `Wall`."""
+def barrier_value(values: Floats1, barrier_bound: int) -> float:
+    """Return the sum of -log(distance to the wall) of a term's values; see `BarrierBound`."""
     total, product = 0.0, 1.0
     for k in range(values.size):
-        room = 1.0 - values[k] * values[k] if wall == WITHIN_ONE else min(values[k], 1.0)
-        if not room > 0.0:
+        workspace = 1.0 - values[k] * values[k] if barrier_bound == WITHIN_ONE else min(values[k], 1.0)
+        if not workspace > 0.0:
             return math.inf
-        product *= room
+        product *= workspace
         if product < _TINY:
             total -= math.log(product)
             product = 1.0
@@ -134,7 +134,7 @@ def term_barrier(tables: Tables, work: Workspace, t: int) -> float:
     """Return the barrier of a constraint that was asked."""
     term = tables.terms[t]
     count = tables.counts[term[SAMPLING], 0] * term[ROWS_COUNT]
-    return wall_barrier(work.results[term[FIRST] : term[FIRST] + count], term[WALL])
+    return barrier_value(work.results[term[FIRST] : term[FIRST] + count], term[WALL])
 
 
 @compiled(lean=True)

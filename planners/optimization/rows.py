@@ -1,4 +1,4 @@
-"""What a robot, or anything else that moves, tells the optimizer about sampled states."""
+"""Interface of the optimizer to sampled states: values and derivatives."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Rows:
     by_acceleration: FloatArray | None = None
 
 
-class Wall(Enum):
+class BarrierBound(Enum):
     """Which values of a constraint's rows are allowed.
 
     ABOVE_ZERO: above 0; from 1 on they are far from the wall and no longer matter.
@@ -40,14 +40,14 @@ class Wall(Enum):
 
     def barrier(self, values: FloatArray) -> float:
         """Return the sum of -log(distance to the wall); inf where a value is not allowed."""
-        room = 1.0 - values**2 if self is Wall.WITHIN_ONE else np.minimum(values, 1.0)
-        if room.size and not room.min() > 0.0:
+        workspace = 1.0 - values**2 if self is BarrierBound.WITHIN_ONE else np.minimum(values, 1.0)
+        if workspace.size and not workspace.min() > 0.0:
             return float("inf")
-        return -float(np.log(room).sum())
+        return -float(np.log(workspace).sum())
 
     def slopes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return first and second derivatives of the barrier by each value."""
-        if self is Wall.WITHIN_ONE:
+        if self is BarrierBound.WITHIN_ONE:
             up, down = 1.0 / (1.0 - values), 1.0 / (1.0 + values)
             return up - down, up**2 + down**2
         slope = np.where(values < 1.0, -1.0 / values, 0.0)
@@ -66,7 +66,7 @@ class Term(Protocol):
         """Number of samples in each of the spline's intervals, the first at the interval's start."""
 
     @property
-    def wall(self) -> Wall:
+    def barrier_bound(self) -> BarrierBound:
         """Which values are allowed; costs do not look at it."""
 
     def values(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:

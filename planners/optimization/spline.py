@@ -120,7 +120,7 @@ class RestSpline:
         ends = self.control_points(np.zeros((self.size, self.n)))
         return np.asarray(inverse @ (points - weights @ ends) - pull @ ends)
 
-    def pieces(self, unknowns: ArrayLike, duration: float) -> tuple[FloatArray, FloatArray]:
+    def segments(self, unknowns: ArrayLike, duration: float) -> tuple[FloatArray, FloatArray]:
         """Return the motion over time as piecewise polynomials.
 
         Args:

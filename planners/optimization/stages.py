@@ -8,7 +8,7 @@ import numpy as np
 
 from ..vectors import FloatArray
 from .assembly import Objective
-from .rows import Term, Wall
+from .rows import BarrierBound, Term
 
 if TYPE_CHECKING:
     from .term_callback import TermCallback
@@ -62,8 +62,8 @@ class Stages:
                     self._require(self.states[0][-1], np.array([duration]), np.array([duration]))
             self._bound(k)
             for term, rows in zip(constraints, values, strict=True):
-                low = -1.0 if term.wall is Wall.WITHIN_ONE else 0.0
-                high = 1.0 if term.wall is Wall.WITHIN_ONE else np.inf
+                low = -1.0 if term.barrier_bound is BarrierBound.WITHIN_ONE else 0.0
+                high = 1.0 if term.barrier_bound is BarrierBound.WITHIN_ONE else np.inf
                 size = rows[k].numel()
                 self._require(casadi.vec(rows[k]), np.full(size, low), np.full(size, high))
         goal = np.concatenate([objective.spline.goal, np.zeros(2 * n)])
@@ -92,11 +92,11 @@ class Stages:
             options |= {"structure_detection": "auto", "equality": self._equality}
         low, high = (np.concatenate([row[i] for row in self._constraints]) for i in (1, 2))
         parts = [part for pair in zip(self.states, self.jerks, strict=False) for part in pair]
-        given = casadi.vertcat(*parts, self.states[-1])
+        inputs = casadi.vertcat(*parts, self.states[-1])
         g = casadi.vertcat(*(row[0] for row in self._constraints))
-        run = casadi.nlpsol("motion", solver, {"x": given, "f": self._cost, "g": g}, options)
+        run = casadi.nlpsol("motion", solver, {"x": inputs, "f": self._cost, "g": g}, options)
         guess = self._guess()
-        near = np.full(given.numel(), np.inf)
+        near = np.full(inputs.numel(), np.inf)
         for i in range(self._n):
             near[i :: 4 * self._n + 1] = reach
         least = guess - near
@@ -154,10 +154,12 @@ class Stages:
     def _guess(self) -> FloatArray:
         unknowns, t = self._guess_of
         h, spline = t / self._count, self._objective.spline
-        pieces = spline.pieces(unknowns, t)[1] * (h ** np.arange(4) * np.array([1, 1, 2, 6]))[None, :, None]
+        segments = (
+            spline.segments(unknowns, t)[1] * (h ** np.arange(4) * np.array([1, 1, 2, 6]))[None, :, None]
+        )
         rows = np.zeros((self._count + 1, 4 * self._n + 1))
-        rows[:-1, : 3 * self._n] = pieces[:, :3].reshape(self._count, -1)
-        rows[:-1, 3 * self._n + 1 :] = pieces[:, 3]
+        rows[:-1, : 3 * self._n] = segments[:, :3].reshape(self._count, -1)
+        rows[:-1, 3 * self._n + 1 :] = segments[:, 3]
         rows[-1, : self._n], rows[:, 3 * self._n] = spline.goal, t
         return np.asarray(rows.ravel()[: -self._n])
 

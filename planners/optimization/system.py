@@ -39,9 +39,9 @@ _SMALL = 1e-12
 
 
 @compiled(lean=True)
-def _slopes(value: float, wall: int) -> tuple[float, float]:
+def _slopes(value: float, barrier_bound: int) -> tuple[float, float]:
     """Return first and second derivative of the barrier by a value."""
-    if wall == WITHIN_ONE:
+    if barrier_bound == WITHIN_ONE:
         up, down = 1.0 / (1.0 - value), 1.0 / (1.0 + value)
         return up - down, up * up + down * down
     if value >= 1.0:

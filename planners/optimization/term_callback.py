@@ -53,13 +53,13 @@ class TermCallback(casadi.Callback):
         """Return the values."""
         return [casadi.DM(self._term.values(*_states(arguments)).T)]
 
-    def has_jac_sparsity(self, out: int, given: int) -> bool:
+    def has_jac_sparsity(self, out: int, inputs: int) -> bool:
         """What depends on what is known."""
         return True
 
-    def get_jac_sparsity(self, out: int, given: int, symmetric: bool) -> Any:
+    def get_jac_sparsity(self, out: int, inputs: int, symmetric: bool) -> Any:
         """Return which values depend on which numbers: those of the same sample."""
-        return self._sparsity[given]
+        return self._sparsity[inputs]
 
     def has_jacobian(self) -> bool:
         """Derivatives are known."""
@@ -111,13 +111,13 @@ class _Slopes(casadi.Callback):
             answers.append(casadi.DM(sparsity, numbers))
         return answers
 
-    def has_jac_sparsity(self, out: int, given: int) -> bool:
+    def has_jac_sparsity(self, out: int, inputs: int) -> bool:
         """What depends on what is known."""
         return True
 
-    def get_jac_sparsity(self, out: int, given: int, symmetric: bool) -> Any:
+    def get_jac_sparsity(self, out: int, inputs: int, symmetric: bool) -> Any:
         """Return that nothing counts as depending on anything."""
-        return casadi.Sparsity(self.sparsity_out(out).numel(), self.sparsity_in(given).numel())
+        return casadi.Sparsity(self.sparsity_out(out).numel(), self.sparsity_in(inputs).numel())
 
     def has_jacobian(self) -> bool:
         """Second derivatives count as zero."""
@@ -127,9 +127,9 @@ class _Slopes(casadi.Callback):
         """Return the function of the second derivatives, which are zero."""
         shapes = [self.sparsity_in(i) for i in range(4)]
         outputs = [self.sparsity_out(i) for i in range(3)]
-        given = [casadi.MX.sym(f"i{k}", shape) for k, shape in enumerate([*shapes, *outputs])]
+        inputs = [casadi.MX.sym(f"i{k}", shape) for k, shape in enumerate([*shapes, *outputs])]
         zeros = [casadi.MX(out.numel(), shape.numel()) for out in outputs for shape in shapes]
-        self._flat = casadi.Function(name, given, zeros, inames, onames, options)
+        self._flat = casadi.Function(name, inputs, zeros, inames, onames, options)
         return self._flat
 
 

@@ -8,7 +8,10 @@ import pepper_kin as pk
 from pepper_kin.twin.world import World
 
 DOCS = Path(__file__).parents[2] / "docs"
-ROOMS = [pk, *(getattr(pk, room) for room in ("ik", "kinematics", "dynamics", "collision", "motion", "twin"))]
+ROOMS = [
+    pk,
+    *(getattr(pk, package) for package in ("ik", "kinematics", "dynamics", "collision", "motion", "twin")),
+]
 ROOMS += [pk.planners]
 VALUES = {"pepper": pk.PepperModel, "scene": pk.Scene, "trajectory": pk.Trajectory, "World": World}
 VALUES["plan"] = pk.motion.Plan
@@ -35,7 +38,7 @@ def _there(names):
     first, *rest = names
     if first in VALUES and rest and _has(VALUES[first], rest):
         return True
-    return any(_has(room, names) for room in ROOMS)
+    return any(_has(package, names) for package in ROOMS)
 
 
 def _has(place, names):

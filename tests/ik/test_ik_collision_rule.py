@@ -86,7 +86,7 @@ def test_placements_and_certificates():
         lambda **k: pk.servo.Servo(PEPPER, STAND, **k),
         lambda **k: pk.servo.differential_step(PEPPER, STAND, 0 * STAND, 0.01, ACROSS, **k),
         lambda **k: pk.base_placement.place_base(PEPPER, ACROSS, **k),
-        lambda **k: pk.base_placement.floor_map(PEPPER, ACROSS, center=(0, 0), **k),
+        lambda **k: pk.base_placement.placement_map(PEPPER, ACROSS, center=(0, 0), **k),
         lambda **k: pk.trajectory.check(PEPPER, pk.motion.gesture(PEPPER, "nod"), **k),
     ],
 )

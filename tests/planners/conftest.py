@@ -28,7 +28,7 @@ class World:
     def padded(self, margin: float | np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         lower, upper, radii = self.box_lower - margin, self.box_upper + margin, self.radii + np.max(margin)
 
-        def oracle(states: np.ndarray) -> np.ndarray:
+        def checker(states: np.ndarray) -> np.ndarray:
             free = np.ones(len(states), dtype=bool)
             for low, high in zip(lower, upper, strict=True):
                 free &= ~np.all((states > low) & (states < high), axis=1)
@@ -36,7 +36,7 @@ class World:
                 free &= np.linalg.norm(states - center, axis=1) > radius
             return free
 
-        return oracle
+        return checker
 
     def edge_free(self, a: np.ndarray, b: np.ndarray) -> bool:
         """Exact test of a whole segment: clipping against each box, distance to each center."""

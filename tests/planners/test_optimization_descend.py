@@ -5,12 +5,12 @@ import pytest
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.planners.optimization import (
+    BarrierBound,
     Bounds,
     Objective,
     OptimizationStatus,
     RestSpline,
     Rows,
-    Wall,
     Weights,
     descend,
 )
@@ -23,7 +23,7 @@ NO_BOUNDS = Bounds(-FREE, FREE, FREE, FREE)
 class Disc:
     """Distance of a point to a disc, as a slack."""
 
-    per_interval, wall = 4, Wall.ABOVE_ZERO
+    per_interval, barrier_bound = 4, BarrierBound.ABOVE_ZERO
 
     def __init__(self, center, radius):
         self.center, self.radius = np.array(center), radius
@@ -41,12 +41,14 @@ class Pull:
 
     per_interval = 2
 
-    def __init__(self, wall):
-        self.wall = wall
+    def __init__(self, barrier_bound):
+        self.barrier_bound = barrier_bound
 
     def values(self, q, v, a):
         wave = np.sin(q[:, :1]) * v[:, 1:] * 0.05 + 0.02 * a[:, :1] * q[:, 1:]
-        return np.hstack([wave, 0.01 * a[:, 1:]]) + (0.5 if self.wall is Wall.ABOVE_ZERO else 0.0)
+        return np.hstack([wave, 0.01 * a[:, 1:]]) + (
+            0.5 if self.barrier_bound is BarrierBound.ABOVE_ZERO else 0.0
+        )
 
     def rows(self, q, v, a):
         by_q, by_v, by_a = np.zeros((3, len(q), 2, 2))
@@ -79,13 +81,13 @@ def test_least_jerk_is_the_polynomial_of_degree_five():
 
 
 def test_cubic_splines_approach_the_least_jerk_with_the_square_of_their_spacing():
-    excess = []
+    violation = []
     for intervals in (8, 16, 32):
         spline = RestSpline([0.0], [1.0], intervals)
         bounds = Bounds(*(s * np.full(1, np.inf) for s in (-1, 1, 1, 1)))
         objective = Objective(spline, bounds, Weights(0.0, 1.0, np.ones(1)))
-        excess.append(descend(objective, straight(spline), 1.0, free_duration=False).cost / 720 - 1)
-    order = np.log2(np.divide(excess[:-1], excess[1:]))
+        violation.append(descend(objective, straight(spline), 1.0, free_duration=False).cost / 720 - 1)
+    order = np.log2(np.divide(violation[:-1], violation[1:]))
     assert np.all(np.abs(order - 2) < 0.3), order
 
 
@@ -97,14 +99,14 @@ def test_best_duration_balances_time_and_jerk():
     assert found.duration == pytest.approx((3600 * 1e-3) ** (1 / 6), rel=2e-3)
 
 
-@pytest.mark.parametrize(("intervals", "excess"), [(20, 0.08), (40, 0.045)])
-def test_shortest_motion_approaches_full_acceleration_and_braking(intervals, excess):
+@pytest.mark.parametrize(("intervals", "violation"), [(20, 0.08), (40, 0.045)])
+def test_shortest_motion_approaches_full_acceleration_and_braking(intervals, violation):
     """With |a| <= 1 a way of 2 takes 2 sqrt(2) s; ramps of the acceleration cost about one interval."""
     spline = RestSpline([0.0, 0.0], [1.0, 2.0], intervals)
     objective = Objective(spline, Bounds(-FREE, FREE, FREE, ONE), Weights(1.0, 1e-9, ONE))
     found = descend(objective, straight(spline), 12.0, max_iterations=300, tolerance=1e-6)
     best = 2 * np.sqrt(2)
-    assert best < found.duration < best * (1 + excess)
+    assert best < found.duration < best * (1 + violation)
 
 
 def test_limits_hold_at_every_time():
@@ -127,7 +129,7 @@ def test_goes_round_a_disc_on_the_shortest_way():
     class Speed:
         """|v|^2 <= 1, as a share."""
 
-        per_interval, wall = 2, Wall.WITHIN_ONE
+        per_interval, barrier_bound = 2, BarrierBound.WITHIN_ONE
 
         def values(self, q, v, a):
             return (v**2).sum(axis=1, keepdims=True)
@@ -148,12 +150,12 @@ def test_goes_round_a_disc_on_the_shortest_way():
     assert found.duration < 1.25 * best  # speeding up and braking included
 
 
-@pytest.mark.parametrize("wall", list(Wall))
-def test_gradient_agrees_with_finite_differences(wall):
+@pytest.mark.parametrize("barrier_bound", list(BarrierBound))
+def test_gradient_agrees_with_finite_differences(barrier_bound):
     spline = RestSpline([0.0, 0.3], [1.0, -0.2], 7)
     bounds = Bounds(-3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE)
     weights = Weights(1.3, 1e-4, np.array([1.0, 2.0]))
-    objective = Objective(spline, bounds, weights, [Pull(wall)], [(0.7, Pull(wall))])
+    objective = Objective(spline, bounds, weights, [Pull(barrier_bound)], [(0.7, Pull(barrier_bound))])
     rng = np.random.default_rng(3)
     control = spline.control_points(straight(spline) + 0.02 * rng.normal(size=(spline.size, 2)))
     mu, t, step = 0.3, 1.7, 1e-6
@@ -176,7 +178,7 @@ def test_gradient_agrees_with_finite_differences(wall):
 def test_banded_solution_agrees_with_a_dense_one():
     spline = RestSpline([0.0, 0.3], [1.0, -0.2], 9)
     bounds = Bounds(-3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE)
-    objective = Objective(spline, bounds, Weights(1.0, 1e-4, ONE), [Pull(Wall.WITHIN_ONE)])
+    objective = Objective(spline, bounds, Weights(1.0, 1e-4, ONE), [Pull(BarrierBound.WITHIN_ONE)])
     system = objective.system(spline.control_points(straight(spline)), 1.7, 0.1)
     size, width = len(system.band), 8
     assert size == 2 * spline.size
@@ -198,7 +200,7 @@ def test_matrix_agrees_with_finite_differences_of_the_gradient():
     spline = RestSpline([0.0, 0.3], [1.0, -0.2], 7)
 
     class Linear:
-        per_interval, wall = 2, Wall.WITHIN_ONE
+        per_interval, barrier_bound = 2, BarrierBound.WITHIN_ONE
 
         def values(self, q, v, a):
             return 0.1 * q[:, :1] - 0.05 * v[:, 1:] + 0.02 * a[:, :1] + 0.01 * a[:, 1:]
@@ -253,9 +255,9 @@ def test_limits_of_time_and_iterations_are_statuses():
     assert few.cost < few.first_cost
     late = descend(objective, straight(spline), 20.0, timeout=0.0)
     assert late.status is OptimizationStatus.OUT_OF_TIME
-    told = descend(objective, straight(spline), 20.0, stop_below=10.0)
-    assert told.status is OptimizationStatus.STOPPED
-    assert told.duration < 10
+    reported = descend(objective, straight(spline), 20.0, stop_below=10.0)
+    assert reported.status is OptimizationStatus.STOPPED
+    assert reported.duration < 10
 
 
 def test_what_a_term_raises_is_raised():

@@ -5,12 +5,12 @@ import pytest
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.planners.optimization import (
+    BarrierBound,
     Bounds,
     Objective,
     OptimizationStatus,
     RestSpline,
     Rows,
-    Wall,
     Weights,
     descend,
     descend_by,
@@ -23,7 +23,7 @@ BOUNDS = Bounds(-2 * ONE, 2 * ONE, 1.5 * ONE, 4 * ONE)
 class Disc:
     """Distance of a point to a disc, as a slack; without `kinked` its curvature counts."""
 
-    per_interval, wall = 4, Wall.ABOVE_ZERO
+    per_interval, barrier_bound = 4, BarrierBound.ABOVE_ZERO
 
     def __init__(self, kinked):
         self.kinked = kinked
@@ -39,7 +39,7 @@ class Disc:
 class Push:
     """A force of position, velocity and acceleration, between -1 and 1."""
 
-    per_interval, wall = 2, Wall.WITHIN_ONE
+    per_interval, barrier_bound = 2, BarrierBound.WITHIN_ONE
 
     def values(self, q, v, a):
         return 0.4 * a + 0.1 * np.sin(q) + 0.05 * v
@@ -71,8 +71,8 @@ def test_both_find_the_motion_that_the_feasible_method_finds(solver, kinked):
     assert objective.least_slack(control, found.duration) > -1e-5
     for term in objective.constraints:
         values = term.values(*objective.states(term, control, found.duration))
-        room = 1 - np.abs(values) if term.wall is Wall.WITHIN_ONE else values
-        assert -1e-4 < room.min() < 0.02  # each acts
+        space = 1 - np.abs(values) if term.barrier_bound is BarrierBound.WITHIN_ONE else values
+        assert -1e-4 < space.min() < 0.02  # each acts
 
 
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])

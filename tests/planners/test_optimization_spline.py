@@ -52,12 +52,12 @@ def test_accelerations_of_cubics_are_extreme_at_knots():
 
 def test_pieces_are_the_spline_over_time():
     spline, unknowns = made(5)
-    breaks, coefficients = spline.pieces(unknowns, 2.5)
+    breaks, coefficients = spline.segments(unknowns, 2.5)
     reference = BSpline(spline.knots, spline.control_points(unknowns), 5)
     for t in (0.0, 0.4, 1.3, 2.4999):
-        piece = np.searchsorted(breaks, t, side="right") - 1
-        local = t - breaks[piece]
-        value = sum(coefficients[piece, p] * local**p for p in range(6))
+        segment = np.searchsorted(breaks, t, side="right") - 1
+        local = t - breaks[segment]
+        value = sum(coefficients[segment, p] * local**p for p in range(6))
         np.testing.assert_allclose(value, reference(t / 2.5), atol=1e-9)
 
 

@@ -13,15 +13,15 @@ LEFT = [0.1, 0.1]
 
 
 @pytest.fixture(params=["machine code", "callable"])
-def oracle_of(request: pytest.FixtureRequest, machine_code):  # type: ignore[no-untyped-def]
+def checker_of(request: pytest.FixtureRequest, machine_code):  # type: ignore[no-untyped-def]
     return machine_code if request.param == "machine code" else lambda world, margin: world.padded(margin)
 
 
-def problem_of(oracle, sampler) -> Problem:  # type: ignore[no-untyped-def]
-    return Problem([0, 0], [1, 1], LEFT, sampler, oracle, resolution=0.014)
+def problem_of(checker, sampler) -> Problem:  # type: ignore[no-untyped-def]
+    return Problem([0, 0], [1, 1], LEFT, sampler, checker, resolution=0.014)
 
 
-def test_goals_are_drawn_until_one_is_reached(wall, oracle_of) -> None:  # type: ignore[no-untyped-def]
+def test_goals_are_drawn_until_one_is_reached(wall, checker_of) -> None:  # type: ignore[no-untyped-def]
     """The first draws fail, lie in the wall, or are cut off by the box; a later one can be reached."""
     drawn: list[np.ndarray] = []
 
@@ -31,7 +31,7 @@ def test_goals_are_drawn_until_one_is_reached(wall, oracle_of) -> None:  # type:
         drawn.append(np.array([0.5, 0.2]) if len(drawn) < 3 else rng.uniform([0.8, 0.0], [1.0, 0.3]))
         return drawn[-1]
 
-    problem = problem_of(oracle_of(wall, 0.007), sampler)
+    problem = problem_of(checker_of(wall, 0.007), sampler)
     assert problem.goals.shape == (0, 2)
     assert problem.goal_sampler is sampler
     for seed in range(5):
@@ -44,7 +44,7 @@ def test_goals_are_drawn_until_one_is_reached(wall, oracle_of) -> None:  # type:
         assert certify(problem, result.path).success
 
 
-def test_later_goals_count_too(closed_wall, oracle_of) -> None:  # type: ignore[no-untyped-def]
+def test_later_goals_count_too(closed_wall, checker_of) -> None:  # type: ignore[no-untyped-def]
     """The first goal is behind a closed wall; only a goal drawn later can be reached."""
     calls = []
 
@@ -52,23 +52,23 @@ def test_later_goals_count_too(closed_wall, oracle_of) -> None:  # type: ignore[
         calls.append(1)
         return [0.9, 0.5] if len(calls) < 4 else [0.2, 0.9]
 
-    result = rrt_connect(problem_of(oracle_of(closed_wall, 0.007), sampler), timeout=60.0)
+    result = rrt_connect(problem_of(checker_of(closed_wall, 0.007), sampler), timeout=60.0)
     assert result.success
     assert result.goal_index == 3
     assert result.iterations == 32 + 64 + 128
     assert len(calls) == 4
 
 
-def test_same_seed_same_draws(discs, oracle_of) -> None:  # type: ignore[no-untyped-def]
-    problem = problem_of(oracle_of(discs, 0.007), lambda rng: rng.uniform(0.8, 1.0, 2))
+def test_same_seed_same_draws(discs, checker_of) -> None:  # type: ignore[no-untyped-def]
+    problem = problem_of(checker_of(discs, 0.007), lambda rng: rng.uniform(0.8, 1.0, 2))
     first, again, other = (rrt_connect(problem, seed=s, timeout=60.0) for s in (1, 1, 2))
     assert np.array_equal(first.path.points, again.path.points)
     assert not np.array_equal(first.path.points[-1], other.path.points[-1])
 
 
 @pytest.mark.parametrize("goal", [None, [0.5, 0.5]])
-def test_without_a_valid_goal(goal, closed_wall, oracle_of) -> None:  # type: ignore[no-untyped-def]
-    problem = problem_of(oracle_of(closed_wall, 0.007), lambda rng: goal)
+def test_without_a_valid_goal(goal, closed_wall, checker_of) -> None:  # type: ignore[no-untyped-def]
+    problem = problem_of(checker_of(closed_wall, 0.007), lambda rng: goal)
     rrt_connect(problem, max_iterations=1)
     begun = time.perf_counter()
     result = rrt_connect(problem, timeout=0.1)
@@ -80,13 +80,13 @@ def test_without_a_valid_goal(goal, closed_wall, oracle_of) -> None:  # type: ig
     assert tired.status is Status.NO_GOAL
 
 
-def test_start_is_judged_first(wall, oracle_of) -> None:  # type: ignore[no-untyped-def]
-    problem = Problem([0, 0], [1, 1], [0.5, 0.2], lambda rng: LEFT, oracle_of(wall, 0.0))
+def test_start_is_judged_first(wall, checker_of) -> None:  # type: ignore[no-untyped-def]
+    problem = Problem([0, 0], [1, 1], [0.5, 0.2], lambda rng: LEFT, checker_of(wall, 0.0))
     assert rrt_connect(problem).status is Status.START_INVALID
 
 
-def test_no_path_to_drawn_goals_ends_in_time_or_by_iterations(closed_wall, oracle_of) -> None:  # type: ignore[no-untyped-def]
-    problem = problem_of(oracle_of(closed_wall, 0.007), lambda rng: rng.uniform([0.8, 0], [1, 1]))
+def test_no_path_to_drawn_goals_ends_in_time_or_by_iterations(closed_wall, checker_of) -> None:  # type: ignore[no-untyped-def]
+    problem = problem_of(checker_of(closed_wall, 0.007), lambda rng: rng.uniform([0.8, 0], [1, 1]))
     assert rrt_connect(problem, timeout=0.1).status is Status.NO_PATH_IN_TIME
     result = rrt_connect(problem, timeout=60.0, max_iterations=300)
     assert result.status is Status.OUT_OF_ITERATIONS
@@ -115,7 +115,7 @@ def test_a_path_to_a_drawn_goal_is_improved(discs, machine_code) -> None:  # typ
         ("goal", "goal drawn: got goal"),
     ],
 )
-def test_misuse_is_named(drawn, message: str, wall, oracle_of) -> None:  # type: ignore[no-untyped-def]
-    problem = Problem([0, 0], [1, 1], LEFT, lambda rng: drawn, oracle_of(wall, 0.0), labels=("x", "y"))
+def test_misuse_is_named(drawn, message: str, wall, checker_of) -> None:  # type: ignore[no-untyped-def]
+    problem = Problem([0, 0], [1, 1], LEFT, lambda rng: drawn, checker_of(wall, 0.0), labels=("x", "y"))
     with pytest.raises(InvalidValueError, match=re.escape(message)):
         rrt_connect(problem)

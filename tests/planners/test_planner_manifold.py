@@ -290,9 +290,9 @@ def test_machine_code_for_constraints_and_validity_gives_what_python_gives():
     box = [-1.2, -1.2, -2.2], [1.2, 1.2, 2.2]
     ends = [-0.6, 0.0, 1.6], [-0.6, 0.0, -1.6]
     paths = []
-    for function, oracle in ((code, CompiledMotionValidator(valid_steps.address, 3)), (python, valid)):
+    for function, checker in ((code, CompiledMotionValidator(valid_steps.address, 3)), (python, valid)):
         manifold = ConstraintManifold(function, 3, 1, 1e-3)
-        found = cbirrt(Problem(*box, *ends, oracle, resolution=0.03), manifold, seed=2, timeout=60.0)
+        found = cbirrt(Problem(*box, *ends, checker, resolution=0.03), manifold, seed=2, timeout=60.0)
         assert found.success
         paths.append(found.path.points)
     assert np.abs(python(paths[0])[0]).max() <= 1e-3

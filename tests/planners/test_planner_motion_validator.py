@@ -23,7 +23,7 @@ class Recorder:
         return ~((states[:, 0] > self.low) & (states[:, 0] < self.high))
 
     @property
-    def seen(self) -> np.ndarray:
+    def visited(self) -> np.ndarray:
         return np.concatenate(self.batches)
 
 

@@ -124,12 +124,12 @@ def test_callable_gives_the_same_as_machine_code(maze_problem) -> None:  # type:
 def test_callable_that_fails_leaves_no_wrong_findings(maze) -> None:  # type: ignore[no-untyped-def]
     broken = [False]
 
-    def oracle(states: np.ndarray) -> np.ndarray:
+    def checker(states: np.ndarray) -> np.ndarray:
         if broken[0] and len(states) > 2:
             raise ZeroDivisionError("in the oracle")
         return maze.padded(0.007)(states)
 
-    problem = Problem([0, 0], [1, 1], [0.05, 0.05], [0.95, 0.95], oracle, resolution=0.014)
+    problem = Problem([0, 0], [1, 1], [0.05, 0.05], [0.95, 0.95], checker, resolution=0.014)
     roadmap = Roadmap(problem)
     roadmap.grow(400, timeout=60.0)
     broken[0] = True

@@ -32,8 +32,8 @@ LEFT, RIGHT = [0.1, 0.1], [0.9, 0.15]
 def padded(world, start, goals, code, resolution=0.014, **options) -> Problem:  # type: ignore[no-untyped-def]
     """With obstacles grown by half the resolution, a checked edge is valid at every point."""
     n = len(start)
-    oracle = code(world, resolution / 2.0)
-    return Problem(np.zeros(n), np.ones(n), start, goals, oracle, resolution=resolution, **options)
+    checker = code(world, resolution / 2.0)
+    return Problem(np.zeros(n), np.ones(n), start, goals, checker, resolution=resolution, **options)
 
 
 def callable_of(world, margin):  # type: ignore[no-untyped-def]
@@ -68,9 +68,9 @@ def test_balls_in_many_dimensions(n: int, balls, machine_code) -> None:  # type:
 
 def test_weights_scale_the_metric(boxes_6d, machine_code) -> None:  # type: ignore[no-untyped-def]
     weights, resolution = np.array([1.0, 2.0, 1.0, 0.5, 1.0, 1.5]), 0.02
-    oracle = machine_code(boxes_6d, resolution / 2.0 / weights)
+    checker = machine_code(boxes_6d, resolution / 2.0 / weights)
     problem = Problem(
-        np.zeros(6), np.ones(6), np.full(6, 0.05), np.full(6, 0.95), oracle, weights, resolution
+        np.zeros(6), np.ones(6), np.full(6, 0.05), np.full(6, 0.95), checker, weights, resolution
     )
     for seed in range(5):
         result = rrt_connect(problem, seed=seed, timeout=60.0)
@@ -328,21 +328,21 @@ for points in (path.points, short.points, better.points, found.points, curve):
 @pytest.mark.parametrize(("shut", "side"), [("start", Status.START_SHUT_IN), ("goal", Status.GOAL_SHUT_IN)])
 def test_an_enclosed_end_is_named(shut: str, side: Status, toy) -> None:  # type: ignore[no-untyped-def]
     """A small room around one end: its tree is small, and its walls are what is met."""
-    room = np.array([0.2, 0.3])
+    space = np.array([0.2, 0.3])
     low = [[0.13, 0.23], [0.25, 0.23], [0.13, 0.23], [0.13, 0.35]]
     high = [[0.15, 0.37], [0.27, 0.37], [0.27, 0.25], [0.27, 0.37]]
     world = toy.world(low, high)
-    ends = (room, [0.9, 0.9]) if shut == "start" else ([0.9, 0.9], room)
+    ends = (space, [0.9, 0.9]) if shut == "start" else ([0.9, 0.9], space)
     problem = Problem([0, 0], [1, 1], *ends, toy.code(world, 0.004), resolution=0.008)
     result = rrt_connect(problem, max_iterations=20_000, timeout=60.0)
     assert result.status is side
     small, large = result.tree_sizes if shut == "start" else result.tree_sizes[::-1]
     assert 1 <= small < large
     assert "surrounds it" in result.status.advice
-    assert np.all(np.abs(result.frontier - room) < 0.05)
+    assert np.all(np.abs(result.frontier - space) < 0.05)
     met = first_invalid_states(problem, result.frontier, 40)
     assert len(met) > 30
-    assert np.all((np.abs(met - room) < 0.08) & ~problem.validity(met)[:, None])
+    assert np.all((np.abs(met - space) < 0.08) & ~problem.validity(met)[:, None])
 
 
 def test_a_wall_between_two_halves_shuts_nobody_in(closed_wall, machine_code) -> None:  # type: ignore[no-untyped-def]

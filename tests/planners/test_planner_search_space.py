@@ -42,10 +42,10 @@ class Interval:
     """Invalid inside an open interval of the first coordinate; remembers all states it was asked about."""
 
     def __init__(self, low: float, high: float) -> None:
-        self.low, self.high, self.seen = low, high, []
+        self.low, self.high, self.visited = low, high, []
 
     def __call__(self, states: np.ndarray) -> np.ndarray:
-        self.seen += states[:, 0].tolist()
+        self.visited += states[:, 0].tolist()
         return ~((states[:, 0] > self.low) & (states[:, 0] < self.high))
 
 
@@ -65,7 +65,7 @@ def test_the_start_of_an_edge_is_looked_at_where_it_is_asked_for(steps: int) -> 
         with Callback(MotionValidator(valid, Metric(np.ones(1)), 1.0), 1) as code:
             for with_start in (False, True):
                 verdicts.append(edge_valid(space_of(code), a, b, steps, rows, counters, with_start))
-        assert min(abs(x) for x in valid.seen) < 1e-12
+        assert min(abs(x) for x in valid.visited) < 1e-12
     assert verdicts == [True, False, True, True]
 
 
@@ -74,11 +74,11 @@ def test_the_start_of_an_edge_is_looked_at_where_it_is_asked_for(steps: int) -> 
 def test_halving_sees_every_step_of_a_free_edge_once(steps: int) -> None:
     free = Interval(9.0, 9.0)
     assert whole_edge(free, 0.0, 1.0, steps)
-    seen = np.sort(free.seen)
-    assert np.max(np.diff(seen, prepend=0.0)) <= 1.0 / steps + 1e-12
-    assert np.min(np.diff(seen)) > 0.5 / len(seen) if len(seen) > 1 else seen == [1.0]
-    assert seen[-1] == 1.0
-    assert len(seen) <= steps + steps // 4 + 1
+    visited = np.sort(free.visited)
+    assert np.max(np.diff(visited, prepend=0.0)) <= 1.0 / steps + 1e-12
+    assert np.min(np.diff(visited)) > 0.5 / len(visited) if len(visited) > 1 else visited == [1.0]
+    assert visited[-1] == 1.0
+    assert len(visited) <= steps + steps // 4 + 1
 
 
 @settings(deadline=None, max_examples=50)
@@ -91,7 +91,7 @@ def test_no_obstacle_wider_than_a_step_is_missed(low: float, width: float, backw
 def test_obstacle_is_seen_early() -> None:
     middle = Interval(0.45, 0.6)
     assert not whole_edge(middle, 0.0, 1.0, 1024)
-    assert len(middle.seen) <= 32
+    assert len(middle.visited) <= 32
 
 
 def test_a_callable_is_followed_as_far_as_machine_code(discs, machine_code) -> None:  # type: ignore[no-untyped-def]
@@ -101,8 +101,8 @@ def test_a_callable_is_followed_as_far_as_machine_code(discs, machine_code) -> N
         for a, b in rng.random((100, 2, 2)):
             steps = max(1, int(np.ceil(np.linalg.norm(b - a) / 0.013)))
             found = [
-                last_valid_step(space_of(oracle), a, b, steps, counts)
-                for oracle, counts in zip((code, called), counted, strict=True)
+                last_valid_step(space_of(checker), a, b, steps, counts)
+                for checker, counts in zip((code, called), counted, strict=True)
             ]
             assert found[0] == found[1]
             if found[0] < steps:
@@ -114,16 +114,16 @@ def test_what_a_callable_raises_comes_out_at_the_end() -> None:
     def broken(states: np.ndarray) -> np.ndarray:
         raise ZeroDivisionError("in the oracle")
 
-    oracle = MotionValidator(broken, Metric(np.ones(1)), 0.1)
-    with pytest.raises(ZeroDivisionError, match="in the oracle"), Callback(oracle, 1) as code:
+    checker = MotionValidator(broken, Metric(np.ones(1)), 0.1)
+    with pytest.raises(ZeroDivisionError, match="in the oracle"), Callback(checker, 1) as code:
         assert last_valid_step(space_of(code), np.zeros(1), np.ones(1), 5, np.zeros(3, np.int64)) == 0
 
 
 def test_wrong_answers_of_a_callable_are_named() -> None:
-    oracle = MotionValidator(lambda x: np.ones(len(x)), Metric(np.ones(1)), 0.1)
+    checker = MotionValidator(lambda x: np.ones(len(x)), Metric(np.ones(1)), 0.1)
     with (
         pytest.raises(InvalidValueError, match="answer of the checker: got float64"),
-        Callback(oracle, 1) as code,
+        Callback(checker, 1) as code,
     ):
         last_valid_step(space_of(code), np.zeros(1), np.ones(1), 5, np.zeros(3, np.int64))
 
@@ -172,7 +172,7 @@ def test_random_numbers_are_even_and_streams_differ() -> None:
 def test_nearest_nodes_against_brute_force(n: int) -> None:
     rng = np.random.default_rng(n)
     states, weights = rng.random((333, n)), rng.uniform(0.2, 3.0, n)
-    lanes, room = np.full((42, n, LANES), np.nan), np.empty(8)
+    lanes, space = np.full((42, n, LANES), np.nan), np.empty(8)
     found, squares = np.empty(50, dtype=np.int64), np.empty(50)
     filled = 0
     for size in (1, 2, 8, 9, 333):
@@ -182,9 +182,9 @@ def test_nearest_nodes_against_brute_force(n: int) -> None:
         for query in rng.random((20, n)):
             apart = Metric(weights).distance(states[:size], query)
             order = np.argsort(apart)
-            assert nearest(lanes, size, query * weights, room) == order[0]
+            assert nearest(lanes, size, query * weights, space) == order[0]
             wanted = min(size, 17)
-            count = k_nearest(lanes, size, query * weights, wanted, found, squares, room)
+            count = k_nearest(lanes, size, query * weights, wanted, found, squares, space)
             assert count == wanted
             assert np.array_equal(found[:wanted], order[:wanted])
             assert np.sqrt(squares[:wanted]) == pytest.approx(apart[order[:wanted]])

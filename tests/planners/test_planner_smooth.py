@@ -108,19 +108,19 @@ def test_planned_paths_stay_free_between_the_checked_states(
         assert curve.breaks.size < 400
 
 
-def tight_corner(room: float) -> tuple[Problem, Path]:
+def tight_corner(space: float) -> tuple[Problem, Path]:
     """An obstacle fills the inside of a right-angled turn, up to a distance from the path."""
 
-    def oracle(q: np.ndarray) -> np.ndarray:
-        return ~((q[:, 0] < 0.9 - room) & (q[:, 1] > 0.1 + room))
+    def checker(q: np.ndarray) -> np.ndarray:
+        return ~((q[:, 0] < 0.9 - space) & (q[:, 1] > 0.1 + space))
 
-    problem = Problem(np.zeros(2), np.ones(2), [0.1, 0.1], [0.9, 0.9], oracle, resolution=0.01)
+    problem = Problem(np.zeros(2), np.ones(2), [0.1, 0.1], [0.9, 0.9], checker, resolution=0.01)
     return problem, Path([[0.1, 0.1], [0.9, 0.1], [0.9, 0.9]])
 
 
-@pytest.mark.parametrize("room", [0.1, 0.01, 0.001, 0.0001])
-def test_knots_are_refined_at_a_tight_corner_only(room: float) -> None:
-    problem, path = tight_corner(room)
+@pytest.mark.parametrize("space", [0.1, 0.01, 0.001, 0.0001])
+def test_knots_are_refined_at_a_tight_corner_only(space: float) -> None:
+    problem, path = tight_corner(space)
     curve = smooth(problem, path)
     s = np.linspace(0, curve.length, 100001)
     assert np.all(problem.validity(curve(s[np.abs(s - 0.8) < 0.05])))
@@ -128,7 +128,7 @@ def test_knots_are_refined_at_a_tight_corner_only(room: float) -> None:
     assert widths.max() > 0.05  # far from the corner the pieces stay long
     assert curve.breaks.size < 150
     corner = np.searchsorted(curve.breaks, 0.8) - 1
-    assert room > 0.05 or widths[corner] < 20 * room
+    assert space > 0.05 or widths[corner] < 20 * space
 
 
 def test_without_space_the_corner_is_named() -> None:
@@ -141,10 +141,10 @@ def test_without_space_the_corner_is_named() -> None:
 
 
 def test_invalid_path_is_named() -> None:
-    def oracle(q: np.ndarray) -> np.ndarray:
+    def checker(q: np.ndarray) -> np.ndarray:
         return np.abs(q[:, 0] - 0.5) > 0.1
 
-    problem = Problem(np.zeros(2), np.ones(2), [0, 0], [1, 0], oracle)
+    problem = Problem(np.zeros(2), np.ones(2), [0, 0], [1, 0], checker)
     with pytest.raises(InfeasibleError, match=r"the path itself is not valid near \[0\.[3-6]"):
         smooth(problem, Path([[0, 0], [1, 0]]))
 
@@ -194,14 +194,14 @@ def test_shapes_follow_the_parameter() -> None:
 
 @settings(deadline=None, max_examples=40)
 @given(st.integers(1, 12), st.integers(0, 10_000))
-def test_pieces_are_those_of_the_b_spline(pieces: int, seed: int) -> None:
+def test_pieces_are_those_of_the_b_spline(segments: int, seed: int) -> None:
     """Against scipy's B-splines, values and derivatives, on uneven knots."""
     rng = np.random.default_rng(seed)
-    breaks = np.concatenate(([0.0], np.cumsum(rng.uniform(0.05, 1.0, pieces))))
+    breaks = np.concatenate(([0.0], np.cumsum(rng.uniform(0.05, 1.0, segments))))
     knots = np.concatenate((breaks[:1].repeat(3), breaks, breaks[-1:].repeat(3)))
-    control = rng.normal(size=(pieces + 3, 2))
+    control = rng.normal(size=(segments + 3, 2))
     spline = BSpline(knots, control, 3)
-    coefficients = np.empty((pieces, 4, 2))
+    coefficients = np.empty((segments, 4, 2))
     power_basis(knots, control, coefficients)
     assert np.array_equal(coefficients[0, 0], control[0])
     for power, factorial in enumerate((1.0, 1.0, 2.0, 6.0)):

@@ -54,7 +54,7 @@ OBJECT_SINGLES = 19
 the ball around all of it."""
 NODE_SINGLES, ROOT_WORDS = 9, 2
 """Numbers of a node of a tree of boxes, its branches behind it: least and greatest corner, the node behind
-all its branches, first and end of its own objects.  Of a tree: its first node and the end of its nodes."""
+all its branches, first and end of its objects.  Of a tree: its first node and the end of its nodes."""
 LINK_WORDS, LINK_PART_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 5, 3, 2
 """Numbers of a pair of bodies: the one with balls, its coarse ball, the one with cores, its coarse ball, the
 distance at which these touch (a float32), class, first and end of its rows in LINK_PARTS; of a row there, a
@@ -90,7 +90,7 @@ class Tables(NamedTuple):
     boxes: int
     objects: int
     clouds: int
-    cloud_room: int
+    cloud_scratch: int
     links: int
     link_parts: int
     sides: int
@@ -356,14 +356,18 @@ def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
 
     Returns those in contact, and those in doubt 8 bits higher.
     """
-    c, item, room = cloud_at(word_at(t.clouds + 8 * k)), t.objects + 4 * OBJECT_SINGLES * k, t.cloud_room
+    c, item, scratch = (
+        cloud_at(word_at(t.clouds + 8 * k)),
+        t.objects + 4 * OBJECT_SINGLES * k,
+        t.cloud_scratch,
+    )
     part, pose = t.parts + 8 * PART_WORDS * p, t.poses + POSE_BYTES * (b + 1)
     coarse = t.balls + 4 * BALL_SINGLES * word_at(part)
     x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
     x, y, z = to_frame(item, x, y, z)
     outside, inside = single_at(item + 4) + t.margin, single_at(item + 8) + t.margin
     wide = single_at(coarse + 12) + outside
-    near = lanes_below(field_squared(c, x, y, z, room), spread(wide * wide)) & lanes
+    near = lanes_below(field_squared(c, x, y, z, scratch), spread(wide * wide)) & lanes
     if near == 0:
         return 0
     _center_balls(t, b, p)
@@ -373,16 +377,16 @@ def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
         x, y, z = load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
         x, y, z = to_frame(item, x, y, z)
         outer, inner = single_at(ball + 12) + outside, single_at(ball + 16) + inside
-        found = lanes_below(field_squared(c, x, y, z, room), spread(outer * outer)) & near & ~contact
+        found = lanes_below(field_squared(c, x, y, z, scratch), spread(outer * outer)) & near & ~contact
         if found == 0:
             continue
-        store_lanes(room, x)
-        store_lanes(room + LANE_BYTES, y)
-        store_lanes(room + 2 * LANE_BYTES, z)
+        store_lanes(scratch, x)
+        store_lanes(scratch + LANE_BYTES, y)
+        store_lanes(scratch + 2 * LANE_BYTES, z)
         square = inner * inner if inner > 0.0 else 0.0
         for lane in range(LANES):
             if (found >> lane) & 1:
-                place = room + 4 * lane
+                place = scratch + 4 * lane
                 at_x, at_y, at_z = single_at(place), single_at(place + 32), single_at(place + 64)
                 nearest = nearest_squared(c, at_x, at_y, at_z, outer, square)
                 if nearest < square:
@@ -427,7 +431,7 @@ def _check_balls(t: Tables, b: int, p: int, item: int, outside: Any, inside: Any
 
 
 @compiled(inline=True, lean=True)
-def _check_part(t: Tables, g: int, b: int, p: int, settled: int, first_contact: bool) -> int:
+def _check_part(t: Tables, g: int, b: int, p: int, decided: int, first_contact: bool) -> int:
     """Compare a part of a group with the objects of its trees.
 
     Objects that the box around the part's coarse ball in all lanes does not meet are left out, eight at a
@@ -443,7 +447,7 @@ def _check_part(t: Tables, g: int, b: int, p: int, settled: int, first_contact: 
     high = spread(greatest_lane(x)), spread(greatest_lane(y)), spread(greatest_lane(z))
     low = low[0] - reach, low[1] - reach, low[2] - reach
     high = high[0] + reach, high[1] + reach, high[2] + reach
-    contact, doubt = settled, 0
+    contact, doubt = decided, 0
     for r in range(word_at(t.lists + 8 * g), word_at(t.lists + 8 * g + 8)):
         n, end = word_at(t.roots + 8 * ROOT_WORDS * r), word_at(t.roots + 8 * ROOT_WORDS * r + 8)
         alone = n + 1 == end  # a tree of one node is not worth a look at its box
@@ -480,15 +484,15 @@ def _check_part(t: Tables, g: int, b: int, p: int, settled: int, first_contact: 
 
 
 @compiled(inline=True, lean=True)
-def _check_group(t: Tables, g: int, settled: int, first_contact: bool) -> int:
+def _check_group(t: Tables, g: int, decided: int, first_contact: bool) -> int:
     """Compare a group with the objects of its trees, part by part; return the lanes in contact.
 
     Lanes in doubt are written to `group_doubts` and noted in `doubtful`.
     """
     words = t.groups + 8 * GROUP_WORDS * g
-    contact, doubt = settled, 0
+    contact, doubt = decided, 0
     if word_at(words + 32) == 0:
-        return settled
+        return decided
     for p in range(word_at(words + 40), word_at(words + 48)):
         part = t.parts + 8 * PART_WORDS * p
         found = _check_part(t, g, word_at(words), p, contact, first_contact)
@@ -540,17 +544,17 @@ def _within(t: Tables, first: int, second: int, reach: Any) -> int:
 
 
 @compiled(inline=True, lean=True)
-def _check_side(t: Tables, side: int, a: int, p: int, settled: int) -> int:
+def _check_side(t: Tables, side: int, a: int, p: int, decided: int) -> int:
     """Compare balls of part p of body a with a core, which is placed; return as `_check_balls` does."""
     e, coarse = word_at(side), word_at(t.parts + 8 * PART_WORDS * p)
-    core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
+    core, scratch = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
     outside, zero = spread(t.self_margin * ROUNDED_UP) + single_at(core + 4), spread(0.0)
     place, reach = (
         t.centers + 3 * LANE_BYTES * coarse,
         outside + single_at(t.balls + 4 * BALL_SINGLES * coarse + 12),
     )
-    squared = core_distance(core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64))
-    if (lanes_below(squared, reach * reach) & ~settled) == 0:
+    squared = core_distance(core, scratch, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64))
+    if (lanes_below(squared, reach * reach) & ~decided) == 0:
         return 0
     _center_balls(t, a, p)
     inside = spread(t.self_margin * ROUNDED_DOWN) + single_at(core + 8)
@@ -560,7 +564,7 @@ def _check_side(t: Tables, side: int, a: int, p: int, settled: int) -> int:
         for i in range(word_at(pair), word_at(pair + 8)):
             ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
             squared = core_distance(
-                core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+                core, scratch, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
             )
             outer, inner = outside + single_at(ball + 12), lane_maximum(inside + single_at(ball + 16), zero)
             doubt |= lanes_below(squared, outer * outer)
@@ -569,14 +573,14 @@ def _check_side(t: Tables, side: int, a: int, p: int, settled: int) -> int:
 
 
 @compiled(inline=True, lean=True)
-def _check_link(t: Tables, k: int, settled: int, first_contact: bool) -> int:
+def _check_link(t: Tables, k: int, decided: int, first_contact: bool) -> int:
     """Compare the balls of one body with the cores of another, part by part; return the lanes in contact."""
     words, margin = t.links + 8 * LINK_WORDS * k, spread(t.self_margin * ROUNDED_UP)
     reach = margin + single_at(words + 32)
-    if (_within(t, word_at(words + 8), word_at(words + 24), reach) & ~settled) == 0:
-        return settled
+    if (_within(t, word_at(words + 8), word_at(words + 24), reach) & ~decided) == 0:
+        return decided
     a, b = word_at(words), word_at(words + 16)
-    contact, doubt = settled, 0
+    contact, doubt = decided, 0
     _center_parts(t, a)
     _center_parts(t, b)
     for p in range(word_at(words + 48), word_at(words + 56)):
@@ -640,7 +644,7 @@ def check_block(t: Tables, first_contact: bool) -> int:
     """Check the configurations in `coordinates`; return the lanes that are surely in contact.
 
     Lanes in doubt, which may be in contact too, are written to `group_doubts` and `class_doubts`, and
-    `doubtful` tells whether there are any.
+    `doubtful` shows whether there are any.
 
     Args:
         t: The tables.

@@ -25,7 +25,7 @@ from pepper_kin.core.collision.layout import (
     section_bits,
     section_single,
 )
-from pepper_kin.core.collision.narrow_phase import settle
+from pepper_kin.core.collision.narrow_phase import decide_pairs
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel, floats_at, words_at
 from pepper_kin.kernels.lanes import (
@@ -138,7 +138,7 @@ def check_rows(memory: Array, rows: Array, count: int) -> int:
             status[queue[first + i]] = CONTACT if (contact >> i) & 1 else FREE
     if doubts == 0:
         return 0
-    return int(settle(memory, rows, count, False))
+    return int(decide_pairs(memory, rows, count, False))
 
 
 @compiled("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)")
@@ -180,12 +180,12 @@ def _within_ranges(memory: Array, a: Array, b: Array) -> bool:
 
 
 @compiled
-def _settled_free(memory: Array, count: int) -> bool:
+def _decided_free(memory: Array, count: int) -> bool:
     """Whether the exact check finds the first configurations in ROWS, all in doubt, free."""
     status = section_bits(memory, at.STATUS)
     for i in range(count):
         status[i] = FREE
-    settle(memory, section(memory, at.ROWS), count, True)
+    decide_pairs(memory, section(memory, at.ROWS), count, True)
     worst = FREE
     for i in range(count):
         worst = max(worst, status[i])
@@ -223,29 +223,33 @@ def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
         b: The same at the end.
         count: Number of states, a multiple of eight.
     """
-    numbers, rows, room = section(memory, at.NUMBERS), section(memory, at.ROWS), section(memory, at.GRAVITY)
+    numbers, rows, scratch = (
+        section(memory, at.NUMBERS),
+        section(memory, at.ROWS),
+        section(memory, at.GRAVITY),
+    )
     effort, loads = section(memory, at.EFFORT), section(memory, at.LOADS)
     edges, moving, frozen = section(memory, at.EDGES), section(memory, at.FREE), section(memory, at.FROZEN)
     n, wide, held = int(numbers[at.N]), int(numbers[at.GRAVITY_LANES]), True
     for i in range(n + loads.size):
         for lane in range(wide):
             rows[wide * i + lane] = frozen[i] if i < n else loads[i - n]
-    work = room[(n + EDGE_NUMBERS) * wide :]
+    work = scratch[(n + EDGE_NUMBERS) * wide :]
     for first in range(0, count, wide):
         for lane in range(wide):
             share = (first + lane + 1) / count
             for k in range(moving.size):
                 value = b[k] if share == 1.0 else a[k] + (b[k] - a[k]) * share
                 rows[wide * int(moving[k]) + lane] = value
-        call_kernel(int(numbers[at.GRAVITY_KERNEL]), rows.ctypes.data, room.ctypes.data, work.ctypes.data)
+        call_kernel(int(numbers[at.GRAVITY_KERNEL]), rows.ctypes.data, scratch.ctypes.data, work.ctypes.data)
         for i in range(n):
             for lane in range(wide):
-                held = held and abs(room[wide * i + lane]) <= effort[i]
+                held = held and abs(scratch[wide * i + lane]) <= effort[i]
         for k in range(0, edges.size, EDGE_NUMBERS):
             for lane in range(wide):
                 moment = 0.0
                 for i in range(EDGE_NUMBERS):
-                    moment += edges[k + i] * room[wide * (n + i) + lane]
+                    moment += edges[k + i] * scratch[wide * (n + i) + lane]
                 held = held and moment >= 0.0
         if not held:
             return False
@@ -261,7 +265,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
     balls leave in doubt waits until all of the edge has been looked at.
 
     Args:
-        memory: The block; its section FREE tells which joints a and b are, FROZEN where the others stand.
+        memory: The block; its section FREE lists the joints of a and b, FROZEN where the others stand.
         a: Values of the free joints, shape (k,) [rad or m].
         b: The same at the end.
         steps: Number of states, which is rounded up to a multiple of eight.
@@ -287,11 +291,11 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
         if word_at(t.doubtful) == 0:
             continue
         if waiting + LANES > ROOM:
-            if not _settled_free(memory, waiting):
+            if not _decided_free(memory, waiting):
                 return False
             waiting = 0
         waiting = _queue_doubts(memory, t, a, b, waiting, k, blocks)
-    if waiting > 0 and not _settled_free(memory, waiting):
+    if waiting > 0 and not _decided_free(memory, waiting):
         return False
     return numbers[at.GRAVITY_KERNEL] == 0 or _held(memory, a, b, LANES * blocks)
 

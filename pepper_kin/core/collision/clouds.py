@@ -37,7 +37,7 @@ from pepper_kin.kernels.lanes import (
 
 HEAD = 16
 """Numbers at the head of a cloud's block: least corner of the grid, edge of a cell, cells of a row (a
-multiple of eight), rows of a layer, layers, points, how many cells the field tells apart at most, then places
+multiple of eight), rows of a layer, layers, points, how many cells the field resolves at most, then places
 in the block, in doubles, of the field, the firsts of the bins, x, y and z of the points in single precision,
 their coordinates in double precision, and of room."""
 BEYOND = 1e-5
@@ -118,7 +118,7 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
     c, count = cloud_at(block.ctypes.data), points.shape[0]
     cells, bins, rate = c.row * c.rows * c.layers, c.bins * c.bin_rows * c.bin_layers, 1.0 / c.edge
     widest = block[8]
-    room = block.ctypes.data + 8 * int(block[15])  # of each point its bin, then lines of lanes
+    scratch = block.ctypes.data + 8 * int(block[15])  # of each point its bin, then lines of lanes
     for k in range(0, cells, LANES):
         store_lanes(c.field + 4 * k, spread(widest * widest))
     for k in range(bins + 1):
@@ -132,13 +132,13 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
         )
         store_single(c.field + 4 * (i + c.row * (j + c.rows * k)), 0.0)
         cell = i // 2 + c.bins * (j // 2 + c.bin_rows * (k // 2))
-        store_single(room + 4 * p, cell)
+        store_single(scratch + 4 * p, cell)
         store_single(c.first + 4 * cell + 4, single_at(c.first + 4 * cell + 4) + 1.0)
     for k in range(bins):
         store_single(c.first + 4 * k + 4, single_at(c.first + 4 * k) + single_at(c.first + 4 * k + 4))
     places = floats_at(c.points, 3 * count)
     for p in range(count):  # each cell's first moves to its end, which is put right below
-        cell = int(single_at(room + 4 * p))
+        cell = int(single_at(scratch + 4 * p))
         place = int(single_at(c.first + 4 * cell))
         store_single(c.first + 4 * cell, place + 1.0)
         for i in range(3):
@@ -153,19 +153,19 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
         store_single(c.xs + 4 * (count + i), 1e9)
         store_single(c.ys + 4 * (count + i), 1e9)
         store_single(c.zs + 4 * (count + i), 1e9)
-    _fill_field(c, int(widest), room)
+    _fill_field(c, int(widest), scratch)
 
 
 @compiled
-def _fill_field(c: Cloud, widest: int, room: int) -> None:
+def _fill_field(c: Cloud, widest: int, scratch: int) -> None:
     """Write the field: squared distances along rows, then across them, then across layers.
 
     A point somewhere in a cell that is e cells away along an axis is (e - 1/2) edges away at least.
 
     Args:
         c: The cloud, its field zero where points are and not zero elsewhere.
-        widest: Distances above this many cells are not told apart.
-        room: Address of room for as many singles as a layer has cells, or `layers` times a row.
+        widest: Distances above this many cells are not distinguished.
+        scratch: Address of room for as many singles as a layer has cells, or `layers` times a row.
     """
     most = (widest - 0.5) ** 2
     for r in range(c.rows * c.layers):
@@ -179,15 +179,15 @@ def _fill_field(c: Cloud, widest: int, room: int) -> None:
             store_single(field + 4 * i, min(max(gap - 0.5, 0.0) ** 2, single_at(field + 4 * i)))
     for k in range(c.layers):
         layer = c.field + 4 * c.row * c.rows * k
-        _spread_across(layer, 4 * c.row, c.rows, c.row, widest, room)
+        _spread_across(layer, 4 * c.row, c.rows, c.row, widest, scratch)
     for j in range(c.rows):
-        _spread_across(c.field + 4 * c.row * j, 4 * c.row * c.rows, c.layers, c.row, widest, room)
+        _spread_across(c.field + 4 * c.row * j, 4 * c.row * c.rows, c.layers, c.row, widest, scratch)
     for k in range(c.row * c.rows * c.layers):
         store_single(c.field + 4 * k, math.sqrt(single_at(c.field + 4 * k)) * c.edge - ROUNDED)
 
 
 @compiled
-def _spread_across(begin: int, stride: int, count: int, width: int, widest: int, room: int) -> None:
+def _spread_across(begin: int, stride: int, count: int, width: int, widest: int, scratch: int) -> None:
     """Take of f(j) and all f(j + e) + (|e| - 1/2)^2 the least, for lines of singles.
 
     Args:
@@ -195,8 +195,8 @@ def _spread_across(begin: int, stride: int, count: int, width: int, widest: int,
         stride: Bytes from one line to the next.
         count: Lines.
         width: Singles of a line.
-        widest: Distances above this many lines are not told apart.
-        room: Address of room for `count` lanes.
+        widest: Distances above this many lines are not distinguished.
+        scratch: Address of room for `count` lanes.
     """
     for i in range(0, 4 * width, 4 * LANES):
         for j in range(count):
@@ -209,9 +209,9 @@ def _spread_across(begin: int, stride: int, count: int, width: int, widest: int,
                     least = lane_minimum(least, load_lanes(begin + i + stride * (j - e)) + square)
                 if j + e < count:
                     least = lane_minimum(least, load_lanes(begin + i + stride * (j + e)) + square)
-            store_lanes(room + 4 * LANES * j, least)
+            store_lanes(scratch + 4 * LANES * j, least)
         for j in range(count):
-            store_lanes(begin + i + stride * j, load_lanes(room + 4 * LANES * j))
+            store_lanes(begin + i + stride * j, load_lanes(scratch + 4 * LANES * j))
 
 
 @compiled(inline=True, lean=True)
@@ -220,7 +220,7 @@ def _clamped(x: Any, low: float, high: float) -> Any:
 
 
 @compiled(lean=True)
-def field_squared(c: Cloud, x: Any, y: Any, z: Any, room: int) -> Any:
+def field_squared(c: Cloud, x: Any, y: Any, z: Any, scratch: int) -> Any:
     """Return in lanes a lower bound of the squared distance of points to a cloud's points [m^2].
 
     The field is off by at most how far a point is from its cell's center.  A point outside the grid is at
@@ -232,7 +232,7 @@ def field_squared(c: Cloud, x: Any, y: Any, z: Any, room: int) -> Any:
         x: Coordinates in its frame [m].
         y: The same.
         z: The same.
-        room: Address of room for eight singles.
+        scratch: Address of room for eight singles.
     """
     edge, rate = c.edge, 1.0 / c.edge
     u = _clamped(x, c.x, c.x + c.row * edge)
@@ -241,15 +241,15 @@ def field_squared(c: Cloud, x: Any, y: Any, z: Any, room: int) -> Any:
     i = _clamped(lane_round((u - c.x) * rate - 0.5), 0.0, c.row - 1.0)
     j = _clamped(lane_round((v - c.y) * rate - 0.5), 0.0, c.rows - 1.0)
     k = _clamped(lane_round((w - c.z) * rate - 0.5), 0.0, c.layers - 1.0)
-    store_lanes(room, i + c.row * (j + c.rows * k))
+    store_lanes(scratch, i + c.row * (j + c.rows * k))
     for lane in range(LANES):
-        store_single(room + 4 * lane, single_at(c.field + 4 * int(single_at(room + 4 * lane))))
+        store_single(scratch + 4 * lane, single_at(c.field + 4 * int(single_at(scratch + 4 * lane))))
     dx, dy, dz = (
         u - i * edge - (c.x + 0.5 * edge),
         v - j * edge - (c.y + 0.5 * edge),
         w - k * edge - (c.z + 0.5 * edge),
     )
-    bound = load_lanes(room) - lane_sqrt(dx * dx + dy * dy + dz * dz) - BEYOND
+    bound = load_lanes(scratch) - lane_sqrt(dx * dx + dy * dy + dz * dz) - BEYOND
     bound = lane_maximum(bound, spread(0.0))
     x, y, z = x - u, y - v, z - w
     return bound * bound + (x * x + y * y + z * z)
@@ -337,7 +337,7 @@ def point_to_core(core: ConvexCore, x: float, y: float, z: float) -> float:
 
 
 @compiled(lean=True)
-def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, axis: int, room: int) -> int:
+def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, axis: int, scratch: int) -> int:
     """Return whether a point is nearer to a core than a threshold [m]: FREE, CONTACT or TIE.
 
     Args:
@@ -346,19 +346,19 @@ def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, ax
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
         axis: Address of the direction that parted the two last, changed.
-        room: Address of room for POINT_ROOM doubles, zeros at first.
+        scratch: Address of room for POINT_ROOM doubles, zeros at first.
     """
     x, y, z = double_at(place), double_at(place + 8), double_at(place + 16)
     distance = point_to_core(core, x, y, z)
     if distance > threshold + tie:
         return FREE
     if core.kind == HULL:
-        half = room + 8 * GJK_ROOM
+        half = scratch + 8 * GJK_ROOM
         store_double(half + 24, x)
         store_double(half + 32, y)
         store_double(half + 40, z)
         single = ConvexCore(BOX, half, half + 24, 0, 0, 0, 0.0)
-        return int(nearer_than(core, single, threshold, tie, axis, room))
+        return int(nearer_than(core, single, threshold, tie, axis, scratch))
     return CONTACT if distance < threshold - tie else TIE
 
 
@@ -466,7 +466,7 @@ def point_in_cloud(place: int, pose: int, address: int, threshold: float, tie: f
 
 @compiled(lean=True)
 def clouds_verdict(
-    pose: int, address: int, other: int, addressed: int, threshold: float, tie: float, room: int
+    pose: int, address: int, other: int, addressed: int, threshold: float, tie: float, scratch: int
 ) -> int:
     """Return the verdict on two clouds: whether points of both are nearer than a threshold.
 
@@ -477,9 +477,9 @@ def clouds_verdict(
         addressed: Of its block.
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
-        room: Address of room for POINT_ROOM doubles.
+        scratch: Address of room for POINT_ROOM doubles.
     """
-    c, worst, place = cloud_at(address), FREE, room + 8 * (GJK_ROOM + 15)
+    c, worst, place = cloud_at(address), FREE, scratch + 8 * (GJK_ROOM + 15)
     for p in range(int(double_at(address + 56))):
         at = c.points + 24 * p
         for i in range(3):

@@ -1,4 +1,4 @@
-"""Whether two convex cores are nearer than a distance, with proven bounds at every step."""
+"""Distance test of two convex cores, with proven bounds at every step."""
 
 from __future__ import annotations
 
@@ -170,17 +170,17 @@ def _affine_minimum(points: Array, count: int, weights: Array, squares: Array) -
 
 
 @compiled(lean=True)
-def _nearest_in_hull(room: Array, count: int) -> int:
+def _nearest_in_hull(scratch: Array, count: int) -> int:
     """Move to the point of least norm in some points' convex hull, dropping points that it does not need.
 
     Args:
-        room: Corners, three numbers each, and weights of the present point, written; and room.
+        scratch: Corners, three numbers each, and weights of the present point, written; and room.
         count: How many corners there are; those kept are moved to the front.
 
     Returns:
         How many points are left; -1 where they are dependent.
     """
-    points, now, new, squares = room, room[_NOW:], room[_NEW:], room[_SQUARES:]
+    points, now, new, squares = scratch, scratch[_NOW:], scratch[_NEW:], scratch[_SQUARES:]
     for _ in range(8):
         if not _affine_minimum(points, count, new, squares):
             return -1
@@ -227,7 +227,7 @@ def separation(a: ConvexCore, b: ConvexCore, axis: int) -> float:
 
 
 @compiled(lean=True)
-def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis: int, room: int) -> int:
+def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis: int, scratch: int) -> int:
     """Tell whether two convex cores are nearer than a threshold.
 
     Gilbert, Johnson and Keerthi (1988) with the point of least norm by Wolfe (1976): v, a point of the
@@ -241,11 +241,11 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis
         tie: Distances within this of the threshold are ties [m].
         axis: Address of the direction that parted the cores when they were last asked about, a unit vector
             in the frame of the first, or zero; it is tried first.  Written where they are parted.
-        room: Address of room for GJK_ROOM doubles.
+        scratch: Address of room for GJK_ROOM doubles.
     """
     if separation(a, b, axis) > threshold + tie:
         return FREE
-    points = floats_at(room, GJK_ROOM)
+    points = floats_at(scratch, GJK_ROOM)
     now, pose, other = points[_NOW:], a.pose, b.pose
     apart_x, apart_y = double_at(pose) - double_at(other), double_at(pose + 8) - double_at(other + 8)
     apart_z = double_at(pose + 16) - double_at(other + 16)

@@ -79,8 +79,8 @@ def _link_bound(t: Tables, k: int, least: Any) -> Any:
     for s in range(word_at(parts + 24), word_at(last + 32)):
         side = t.sides + 8 * SIDE_WORDS * s
         e = word_at(side)
-        core, room = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
-        apart = lane_sqrt(core_distance(core, room, x, y, z)) - wide - single_at(core + 4)
+        core, scratch = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
+        apart = lane_sqrt(core_distance(core, scratch, x, y, z)) - wide - single_at(core + 4)
         if lanes_below(apart, least) == 0:
             continue
         for r in range(word_at(side + 8), word_at(side + 16)):
@@ -88,7 +88,7 @@ def _link_bound(t: Tables, k: int, least: Any) -> Any:
             for i in range(word_at(pair), word_at(pair + 8)):
                 ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
                 squared = core_distance(
-                    core, room, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
+                    core, scratch, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
                 )
                 least = lane_minimum(least, _less_reach(squared, single_at(ball + 12) + single_at(core + 4)))
     return least
@@ -97,26 +97,26 @@ def _link_bound(t: Tables, k: int, least: Any) -> Any:
 @compiled
 def _cloud_bound(t: Tables, k: int, i: int, least: Any) -> Any:
     """Return a bound in lanes, or that of the distance of ball i from a cloud, object k, where less."""
-    item, room = t.objects + 4 * OBJECT_SINGLES * k, t.cloud_room
+    item, scratch = t.objects + 4 * OBJECT_SINGLES * k, t.cloud_scratch
     c, place = cloud_at(word_at(t.clouds + 8 * k)), t.centers + 3 * LANE_BYTES * i
     x, y, z = load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
     x, y, z = to_frame(item, x, y, z)
     reach = single_at(t.balls + 4 * BALL_SINGLES * i + 12) + single_at(item + 4)
-    bound = lane_sqrt(field_squared(c, x, y, z, room))
+    bound = lane_sqrt(field_squared(c, x, y, z, scratch))
     near = lanes_below(bound, spread(reach + NEAR)) & lanes_below(bound - reach, least)
     if near == 0:
         return lane_minimum(least, bound - reach)
-    store_lanes(room, x)
-    store_lanes(room + LANE_BYTES, y)
-    store_lanes(room + 2 * LANE_BYTES, z)
-    store_lanes(room + 3 * LANE_BYTES, bound)
+    store_lanes(scratch, x)
+    store_lanes(scratch + LANE_BYTES, y)
+    store_lanes(scratch + 2 * LANE_BYTES, z)
+    store_lanes(scratch + 3 * LANE_BYTES, bound)
     for j in range(LANES):
-        own = room + 4 * j
+        own = scratch + 4 * j
         if (near >> j) & 1:
             at_x, at_y, at_z = single_at(own), single_at(own + 32), single_at(own + 64)
             nearest = nearest_squared(c, at_x, at_y, at_z, reach + NEAR, reach * reach)
             store_single(own + 3 * LANE_BYTES, math.sqrt(nearest))
-    return lane_minimum(least, load_lanes(room + 3 * LANE_BYTES) - reach)
+    return lane_minimum(least, load_lanes(scratch + 3 * LANE_BYTES) - reach)
 
 
 @compiled(lean=True)
@@ -157,10 +157,10 @@ def _group_bound(t: Tables, g: int) -> Any:
 @compiled
 def _write(memory: Array, least: Any, bounds: Array, first: int, count: int, part: int) -> None:
     """Write the bounds of a part of the robot in all lanes."""
-    room = section_single(memory, at.QUEUE)
-    store_lanes(room.ctypes.data, least)
+    scratch = section_single(memory, at.QUEUE)
+    store_lanes(scratch.ctypes.data, least)
     for i in range(count):
-        value = float(room[i])
+        value = float(scratch[i])
         bounds[first + i, part] = math.inf if value >= FAR else (value if value > 0.0 else -math.inf)
 
 

@@ -149,21 +149,21 @@ def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int)
     if one.kind == OTHER or two.kind == OTHER:
         return TIE
     threshold, axis = pad_a + pad_b + margin, _axis_of(memory, slot)
-    verdict, room = TIE, address_of(memory, PAIR_ROOM)
+    verdict, scratch = TIE, address_of(memory, PAIR_ROOM)
     if one.kind == CLOUD or two.kind == CLOUD:
         first, second = section_bits(memory, CLOUDS), section_bits(other, CLOUDS)
         if one.kind == CLOUD and two.kind == CLOUD:
-            verdict = clouds_verdict(one.pose, first[a], two.pose, second[b], threshold, TIE_WIDTH, room)
+            verdict = clouds_verdict(one.pose, first[a], two.pose, second[b], threshold, TIE_WIDTH, scratch)
         elif one.kind == CLOUD:
-            verdict = cloud_verdict(two, first[a], one.pose, reach_b, threshold, TIE_WIDTH, room)
+            verdict = cloud_verdict(two, first[a], one.pose, reach_b, threshold, TIE_WIDTH, scratch)
         else:
-            verdict = cloud_verdict(one, second[b], two.pose, reach_a, threshold, TIE_WIDTH, room)
+            verdict = cloud_verdict(one, second[b], two.pose, reach_a, threshold, TIE_WIDTH, scratch)
     elif (_thin(one) and two.kind == BOX) or (_thin(two) and one.kind == BOX):
         distance = _segment_distance(one, two)
         if abs(distance - threshold) > TIE_WIDTH:
             verdict = CONTACT if distance < threshold else FREE
     else:
-        verdict = nearer_than(one, two, threshold, TIE_WIDTH, axis, room)
+        verdict = nearer_than(one, two, threshold, TIE_WIDTH, axis, scratch)
     if verdict == CONTACT and (double_at(row_a + 24) == 0.0 or double_at(row_b + 24) == 0.0):
         return TIE
     return verdict
@@ -264,11 +264,11 @@ def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -
 @compiled
 def _stays_apart(memory: Array, c: int, q: Array, least: float) -> bool:
     """Whether the pairs of a class were so far apart lately that they are still farther than a distance."""
-    levers, states = section(memory, LEVERS), section(memory, GAP_STATES)
+    motion_bounds, states = section(memory, LEVERS), section(memory, GAP_STATES)
     gap = section(memory, GAPS)[c]
     for j in range(q.size):
         if q[j] != states[q.size * c + j]:
-            gap -= levers[q.size * c + j] * abs(q[j] - states[q.size * c + j])
+            gap -= motion_bounds[q.size * c + j] * abs(q[j] - states[q.size * c + j])
     return bool(gap > least)
 
 
@@ -319,7 +319,7 @@ def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
 
 
 @compiled
-def settle(memory: Array, rows: Array, count: int, all_free: bool) -> int:
+def decide_pairs(memory: Array, rows: Array, count: int, all_free: bool) -> int:
     """Settle those of some configurations that balls leave in doubt.
 
     How far the pairs of a class are apart is kept, and with it the configuration: at others nearby, the
@@ -381,8 +381,8 @@ def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDAr
         How many are marked.
     """
     solids, poses, count = section(memory, SOLIDS), section(memory, SOLID_POSES), 0
-    room = address_of(memory, PAIR_ROOM)
-    axis = room + 8 * (POINT_ROOM - 3)
+    scratch = address_of(memory, PAIR_ROOM)
+    axis = scratch + 8 * (POINT_ROOM - 3)
     near[:] = 0
     place_solids(memory, q)
     for a in range(solids.size // SOLID_SIZE):
@@ -397,7 +397,7 @@ def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDAr
                     address = section_bits(memory, CLOUDS)[a]
                     verdict = point_in_cloud(place, core.pose, address, threshold, TIE_WIDTH)
                 else:
-                    verdict = point_verdict(core, place, threshold, TIE_WIDTH, axis, room)
+                    verdict = point_verdict(core, place, threshold, TIE_WIDTH, axis, scratch)
                 if verdict != FREE:
                     near[p] = 1
                     count += 1

@@ -374,7 +374,7 @@ def _linearize(
 
 @compiled(lean=True, inline=True)
 def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bool:
-    """Write the configuration to try; the result tells whether there is one."""
+    """Write the configuration to try; return whether there is one."""
     matrix, gradient, step = workspace.matrix, workspace.gradient, workspace.step
     least, most, state, factor = workspace.least, workspace.most, workspace.state, workspace.factor
     if cautious:

@@ -1,4 +1,4 @@
-"""What is near at a configuration: distances of shapes and how the joints change them, for descents.
+"""Distances of near shapes at a configuration, and their gradients, for the local solver.
 
 Shapes are convex cores grown by a radius: boxes, of which segments and points are the flat ones, cylinders,
 and hulls of points.  Distances are signed: where two overlap, they tell how far these have to part.  They
@@ -191,7 +191,7 @@ def _part(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats1) -
 
 
 @compiled(lean=True)
-def _approach(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats1, room: Floats2) -> float:
+def _approach(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats1, scratch: Floats2) -> float:
     """Write nearly the nearest points of two cores; return their distance, 0 where they seem to meet [m].
 
     By steps towards the origin in the difference of the two (Gilbert, An iterative procedure for computing
@@ -204,17 +204,17 @@ def _approach(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats
         square = x * x + y * y + z * z
         if square < MEETING:  # a millimeter, squared
             return 0.0
-        _farthest(s, a, -x, -y, -z, room[0])
-        _farthest(s, b, x, y, z, room[1])
-        u, v, w = room[0, 0] - room[1, 0], room[0, 1] - room[1, 1], room[0, 2] - room[1, 2]
+        _farthest(s, a, -x, -y, -z, scratch[0])
+        _farthest(s, b, x, y, z, scratch[1])
+        u, v, w = scratch[0, 0] - scratch[1, 0], scratch[0, 1] - scratch[1, 1], scratch[0, 2] - scratch[1, 2]
         left = square - (x * u + y * v + z * w)
         if left <= ENOUGH * square:
             break
         u, v, w = x - u, y - v, z - w
         step = min(left / (u * u + v * v + w * w), 1.0)
         for i in range(3):
-            p[i] += step * (room[0, i] - p[i])
-            q[i] += step * (room[1, i] - q[i])
+            p[i] += step * (scratch[0, i] - p[i])
+            q[i] += step * (scratch[1, i] - q[i])
     x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
     gap = math.sqrt(x * x + y * y + z * z)
     if gap < 1e-3:
@@ -229,7 +229,7 @@ def _is_segment(shape: Floats1) -> bool:
 
 
 @compiled(lean=True)
-def _measure(s: Surroundings, i: int, j: int, p: Floats1, q: Floats1, n: Floats1, room: Floats2) -> float:
+def _measure(s: Surroundings, i: int, j: int, p: Floats1, q: Floats1, n: Floats1, scratch: Floats2) -> float:
     """Write the nearest points of two shapes' cores and the direction from the second to the first.
 
     Returns:
@@ -259,7 +259,7 @@ def _measure(s: Surroundings, i: int, j: int, p: Floats1, q: Floats1, n: Floats1
             n[0], n[1], n[2] = x / gap, y / gap, z / gap
             return gap - radii
     elif first[0] != BOX or second[0] != BOX:
-        gap = _approach(s, i, j, p, q, n, room)
+        gap = _approach(s, i, j, p, q, n, scratch)
         if gap > 0.0:
             return gap - radii
     return _part(s, i, j, p, q, n) - radii
@@ -349,7 +349,7 @@ def near_rows(configuration: int, result: int, count: int, memory: int) -> int:
                 pose[i] + shape[2] * pose[3 + i] + shape[3] * pose[6 + i] + shape[4] * pose[9 + i]
             )
     turned = np.zeros(s.shapes.shape[0])
-    first, second, normal, room, found = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), 0
+    first, second, normal, scratch, found = np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3)), 0
     for k in range(s.pairs.shape[0]):
         a, b = int(s.pairs[k, 0]), int(s.pairs[k, 1])
         x, y, z = (
@@ -361,7 +361,7 @@ def near_rows(configuration: int, result: int, count: int, memory: int) -> int:
             continue
         _turn(s, a, turned)
         _turn(s, b, turned)
-        distance = _measure(s, a, b, first, second, normal, room)
+        distance = _measure(s, a, b, first, second, normal, scratch)
         shortage = s.pairs[k, 2] - distance
         if shortage <= 0.0 or found == count:
             continue

@@ -109,7 +109,7 @@ def instant_count(duration: float, stretch: float, dt: float) -> int:
 
 
 @compiled("int64(PathGrid, float64[::1], float64, float64, Instants)", lean=True)
-def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, instants: Instants) -> int:
+def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, sample_times: Instants) -> int:
     """Find interval and local time of every multiple of dt, and of the end, of a motion made slower.
 
     Args:
@@ -117,7 +117,7 @@ def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, instants: 
         x: Squared speed at the grid points, shape (N + 1,).
         stretch: How much slower the motion is.
         dt: [s].
-        instants: Receives the result, with room for `instant_count`.
+        sample_times: Receives the result, with room for `instant_count`.
 
     Returns:
         Their number.
@@ -130,7 +130,7 @@ def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, instants: 
         while i < size - 1 and time >= after:
             i += 1
             begin, after = after, after + _interval_time(grid, x, i)
-        instants.interval[k], instants.local[k] = i, time - begin
+        sample_times.interval[k], sample_times.local[k] = i, time - begin
     return count
 
 
@@ -139,7 +139,7 @@ def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, instants: 
 )
 def instants_near_limits(
     grid: PathGrid, rows: PathRows, limit: Array, begin: int, x: Array, stretch: float, dt: float,
-    instants: Instants,
+    sample_times: Instants,
 ) -> int:  # fmt: skip
     """Find those multiples of dt where some torques or edge moments may leave their limits.
 
@@ -154,7 +154,7 @@ def instants_near_limits(
         x: Squared speed at the grid points, shape (N + 1,).
         stretch: How much slower the motion is.
         dt: [s].
-        instants: Receives the result, with room for `instant_count`.
+        sample_times: Receives the result, with room for `instant_count`.
 
     Returns:
         Their number.
@@ -175,7 +175,7 @@ def instants_near_limits(
             if time >= end:
                 break
             if near:
-                instants.interval[kept], instants.local[kept] = i, time - start
+                sample_times.interval[kept], sample_times.local[kept] = i, time - start
                 kept += 1
             k += 1
         start = after
@@ -205,19 +205,19 @@ def _is_near(
 
 
 @compiled("void(PathGrid, float64[::1], Instants, float64, float64[:, :, ::1])", lean=True)
-def evaluate_motion(grid: PathGrid, x: Array, instants: Instants, stretch: float, state: Array) -> None:
+def evaluate_motion(grid: PathGrid, x: Array, sample_times: Instants, stretch: float, state: Array) -> None:
     """Write position, velocity and acceleration of a motion made slower.
 
     Args:
         grid: The path.
         x: Squared speed at the grid points, shape (N + 1,).
-        instants: When; the first T are used.
+        sample_times: When; the first T are used.
         stretch: How much slower the motion is.
         state: Receives q, v and a, shape (3, T, n).
     """
     taylor, n = grid.taylor, grid.taylor.shape[2]
     for k in range(state.shape[1]):
-        i, time = instants.interval[k], instants.local[k]
+        i, time = sample_times.interval[k], sample_times.local[k]
         u = (x[i + 1] - x[i]) / (2 * grid.step[i])
         w = np.sqrt(x[i])
         d = time * (w + u * time / 2)

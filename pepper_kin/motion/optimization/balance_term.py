@@ -15,7 +15,7 @@ from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.kernel_term import KernelTerm
 from pepper_kin.motion.optimization.moving import Moving
-from pepper_kin.planners.optimization import Wall
+from pepper_kin.planners.optimization import BarrierBound
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.trajectory.payload import AtFrames
 
@@ -67,7 +67,7 @@ class BalanceTerm(KernelTerm):
         else:
             kernels = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
         shares = np.hstack([shares, *(mass * shares for _, mass in payload)])  # wrenches are linear in masses
-        super().__init__(moving, kernels, shares, per_interval, Wall.ABOVE_ZERO)
+        super().__init__(moving, kernels, shares, per_interval, BarrierBound.ABOVE_ZERO)
 
 
 def _wrench_derivatives(pepper: PepperModel) -> Kernel:

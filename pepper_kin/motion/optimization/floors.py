@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1
 from pepper_kin.motion.optimization.term_memory import set_array
-from pepper_kin.planners.optimization import CompiledTerm, Wall
+from pepper_kin.planners.optimization import BarrierBound, CompiledTerm
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class FlooredTerm(CompiledTerm):
         per_sample: int = 1, keep_alive: object = None,
     ) -> None:  # fmt: skip
         super().__init__(
-            address, memory, rows_count, 1, per_interval, Wall.ABOVE_ZERO, has_floors=True,
+            address, memory, rows_count, 1, per_interval, BarrierBound.ABOVE_ZERO, has_floors=True,
             keep_alive=keep_alive,
         )  # fmt: skip
         self._place, self._per_sample, self.floor = place, per_sample, np.zeros(0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pepper_kin.ik import Task
 from pepper_kin.motion.constraints import manifold_of, residuals_of
 from pepper_kin.motion.optimization.moving import Moving
-from pepper_kin.planners.optimization import Rows, Wall
+from pepper_kin.planners.optimization import BarrierBound, Rows
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class HeldTerm:
     """
 
     def __init__(self, moving: Moving, tasks: Sequence[Task], per_interval: int) -> None:
-        self.per_interval, self.wall = per_interval, Wall.ABOVE_ZERO
+        self.per_interval, self.barrier_bound = per_interval, BarrierBound.ABOVE_ZERO
         self._count, self._floor = 0, np.zeros((1, 1))
         if not tasks:
             return

@@ -19,7 +19,7 @@ from pepper_kin.motion.optimization.term_memory import (
     take,
     words_of,
 )
-from pepper_kin.planners.optimization import KINDS, ROWS, CompiledTerm, Wall
+from pepper_kin.planners.optimization import KINDS, ROWS, BarrierBound, CompiledTerm
 
 Array = NDArray[np.float64]
 
@@ -35,11 +35,16 @@ class KernelTerm(CompiledTerm):
         kernels: f, and its derivatives by q, v and a, shape (outputs, n) each.
         matrix: L, shape (R, outputs).
         per_interval: Samples in each interval of the spline.
-        wall: Which values are allowed.
+        barrier_bound: Which values are allowed.
     """
 
     def __init__(
-        self, moving: Moving, kernels: tuple[Kernel, Kernel], matrix: Array, per_interval: int, wall: Wall
+        self,
+        moving: Moving,
+        kernels: tuple[Kernel, Kernel],
+        matrix: Array,
+        per_interval: int,
+        barrier_bound: BarrierBound,
     ) -> None:
         values, slopes = kernels
         row, column = np.nonzero(matrix)
@@ -54,7 +59,13 @@ class KernelTerm(CompiledTerm):
         self._workspace_size = 3 * n + outputs * (1 + 3 * n), 32 + max(values.work_size, slopes.work_size)
         self._workspace = np.zeros(0)
         super().__init__(
-            kernel_rows.address, memory, len(matrix), 3, per_interval, wall, keep_alive=(kernels, kept)
+            kernel_rows.address,
+            memory,
+            len(matrix),
+            3,
+            per_interval,
+            barrier_bound,
+            keep_alive=(kernels, kept),
         )
 
     def reserve(self, count: int) -> None:

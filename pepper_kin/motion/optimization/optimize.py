@@ -23,7 +23,7 @@ from pepper_kin.motion.optimization.cost import Cost, figures_of
 from pepper_kin.motion.optimization.examined import is_clear_along
 from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.plan_result import Plan
-from pepper_kin.planners.optimization import FATROP, Descent, OptimizationStatus, check_no_timeout
+from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
@@ -153,14 +153,14 @@ class _Search(NamedTuple):
     end: float
     solver: str
 
-    def __call__(self, problems: Sequence[SplineProblem]) -> list[Descent]:
+    def __call__(self, problems: Sequence[SplineProblem]) -> list[LocalResult]:
         """Return the outcomes; several searches leave threads their turn."""
         if len(problems) == 1 or self.solver != SOLVERS[0]:
             return [self._of(problem) for problem in problems]
         with ThreadPoolExecutor(min(len(problems), os.cpu_count() or 1)) as threads:
             return list(threads.map(self._of, problems))
 
-    def _of(self, problem: SplineProblem) -> Descent:
+    def _of(self, problem: SplineProblem) -> LocalResult:
         left = max(self.end - time.perf_counter(), _LEAST_TIME)
         return problem.descend(self.wanted, self.steps, left, self.solver)
 
@@ -185,7 +185,7 @@ def _cheapest(
     return found if found.success else refused[0]
 
 
-def _cost_of(descent: Descent) -> float:
+def _cost_of(descent: LocalResult) -> float:
     """Return the cost that a search ended with; inf where it had no start."""
     return float("inf") if descent.status is OptimizationStatus.START_INFEASIBLE else descent.cost
 
@@ -305,7 +305,7 @@ class _Judge:
     tasks: tuple[Task, ...]
     jerk: Array | None
 
-    def __call__(self, problem: SplineProblem, descent: Descent) -> Optimized:
+    def __call__(self, problem: SplineProblem, descent: LocalResult) -> Optimized:
         """Return the outcome of a descent on a problem, that of the motion before or another."""
         old = figures_of(self.pepper, self.before, self.limits.payload)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pepper_kin.motion.optimization.cost import Cost, Figures
-from pepper_kin.planners.optimization import Descent
+from pepper_kin.planners.optimization import LocalResult
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 
@@ -49,7 +49,7 @@ class Optimized:
     figures_before: Figures
     cost: Cost
     clearance: float
-    descent: Descent | None
+    descent: LocalResult | None
     time: float
     constraint_errors: tuple[float, ...] = ()
 

@@ -24,7 +24,7 @@ from pepper_kin.motion.optimization.torque_term import TorqueTerm
 from pepper_kin.planners.deadline import load_code
 from pepper_kin.planners.optimization import (
     Bounds,
-    Descent,
+    LocalResult,
     Objective,
     RestSpline,
     Term,
@@ -164,7 +164,7 @@ class SplineProblem:
 
     def descend(
         self, wanted: float | None, max_iterations: int, timeout: float, solver: str = "newton"
-    ) -> Descent:
+    ) -> LocalResult:
         """Search from the first motion, made slow enough to keep all limits.
 
         Args:
@@ -205,10 +205,10 @@ class SplineProblem:
             objective, x, wanted, free_duration=False, max_iterations=max_iterations, timeout=timeout
         )
 
-    def trajectory(self, descent: Descent) -> Trajectory:
+    def trajectory(self, descent: LocalResult) -> Trajectory:
         """Return the motion of all joints that a descent found."""
         pepper, moving = self._moving.pepper, self._moving
-        breaks, segments = self._spline.pieces(descent.unknowns, descent.duration)
+        breaks, segments = self._spline.segments(descent.unknowns, descent.duration)
         coefficients = np.zeros((len(segments), segments.shape[1], pepper.n))
         coefficients[:, 0] = moving.rest
         coefficients[:, :, moving.joints] = segments
@@ -223,7 +223,7 @@ class SplineProblem:
             duration *= _STRETCH
         return _SPARE_TIME * duration
 
-    def broken(self, descent: Descent) -> str:
+    def broken(self, descent: LocalResult) -> str:
         """Say which limit or constraint the motion of a descent breaks most, and where."""
         objective = self._objective
         control = self._spline.control_points(descent.unknowns)
@@ -233,7 +233,7 @@ class SplineProblem:
             return f"It breaks the {_LIMITS[order]} limit of {name} by {-share:.1%}."
         for term in objective.constraints:
             values = term.values(*objective.states(term, control, descent.duration))
-            if not np.isfinite(term.wall.barrier(values)):
+            if not np.isfinite(term.barrier_bound.barrier(values)):
                 sample, row = np.unravel_index(np.argmax(np.abs(values)), values.shape)
                 if isinstance(term, TorqueTerm):
                     return (

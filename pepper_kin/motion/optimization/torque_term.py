@@ -9,7 +9,7 @@ from pepper_kin.batch import kernel
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.kernel_term import KernelTerm
 from pepper_kin.motion.optimization.moving import Moving
-from pepper_kin.planners.optimization import Wall
+from pepper_kin.planners.optimization import BarrierBound
 from pepper_kin.trajectory.payload import AtFrames
 
 Array = NDArray[np.float64]
@@ -35,4 +35,4 @@ class TorqueTerm(KernelTerm):
         finite = np.flatnonzero(np.isfinite(limits))
         self.joint_names = tuple(moving.pepper.joint_names[j] for j in finite)
         shares = np.hstack([shares, *(mass * shares for _, mass in payload)])  # torques are linear in masses
-        super().__init__(moving, kernels, shares, per_interval, Wall.WITHIN_ONE)
+        super().__init__(moving, kernels, shares, per_interval, BarrierBound.WITHIN_ONE)
