@@ -24,10 +24,10 @@ def main() -> None:
 def tables() -> str:
     """Return one table for each public enumeration of statuses."""
     parts = []
-    for room, status in statuses():
+    for place, status in statuses():
         rows = [f"| `{member.name}` | {member.advice} |" for member in status]
         first = (status.__doc__ or "").strip().splitlines()[0]
-        parts.append(f"\n### `{room}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n")
+        parts.append(f"\n### `{place}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n")
         parts.append("\n".join(rows) + "\n")
     return "".join(parts) + "\n"
 
@@ -35,13 +35,13 @@ def tables() -> str:
 def statuses() -> list[tuple[str, type[ResultStatus]]]:
     """Return the public enumerations whose members give advice, with their rooms."""
     found: dict[type[ResultStatus], str] = {}
-    for room in ROOMS:
-        module = importlib.import_module(f"pepper_kin.{room}")
+    for place in ROOMS:
+        module = importlib.import_module(f"pepper_kin.{place}")
         for name in module.__all__:
             value = getattr(module, name)
             if isinstance(value, type) and issubclass(value, ResultStatus):
-                found[value] = room
-    return [(room, status) for status, room in found.items()]
+                found[value] = place
+    return [(place, status) for status, place in found.items()]
 
 
 if __name__ == "__main__":

@@ -21,15 +21,15 @@ SHORT = [name for name in pk.__all__ if not inspect.ismodule(getattr(pk, name))]
 """Names that can be had from the package itself, too."""
 
 
-def room(name):
+def module_of(name):
     return importlib.import_module(f"pepper_kin.{name}")
 
 
 def public():
     """Every public symbol: room, name, value."""
     for place in ROOMS:
-        for name in room(place).__all__:
-            yield place, name, getattr(room(place), name)
+        for name in module_of(place).__all__:
+            yield place, name, getattr(module_of(place), name)
 
 
 def callables():
@@ -67,7 +67,7 @@ def test_a_symbol_is_found_in_no_other_room():
         if inspect.isclass(value) or inspect.isfunction(value)
     }
     for place in ROOMS:
-        module = room(place)
+        module = module_of(place)
         for name in dir(module):
             value = getattr(module, name)
             if not name.startswith("_") and homes.get(id(value), place) != place:
@@ -89,7 +89,7 @@ def test_short_names_are_those_of_the_rooms():
 
 @pytest.mark.parametrize("place", ["", *ROOMS])
 def test_help_begins_with_a_list_of_all_names_that_fits_on_a_screen(place):
-    module = room(place) if place else pk
+    module = module_of(place) if place else pk
     lines = module.__doc__.splitlines()
     assert len(lines) <= 50
     assert max(map(len, lines)) <= 112

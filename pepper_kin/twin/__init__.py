@@ -56,4 +56,4 @@ __all__ = [
     "run_real_time",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {room: room for room in ("base", "sensors", "world")})
+__getattr__, __dir__ = lazily(__name__, {name: name for name in ("base", "sensors", "world")})
