@@ -79,7 +79,7 @@ class Viewer:
         self._port = port
         self._layers = tuple(_LAYERS[name] for name in (looks, over) if name in _LAYERS)
         shapes = _shapes(pepper, looks)
-        drawn = [Drawable.from_shape(shape) for shape in shapes]
+        drawn = [drawable for shape in shapes for drawable in Drawable.all_of_shape(shape)]
         if over is not None:
             on_top = _shapes(pepper, over)
             drawn += [
