@@ -60,7 +60,7 @@ def drives(count: int) -> None:
         solved += 1
         trajectory = pk.retime(robot, plan)
         timed = time.process_time()
-        assert trajectory.check(robot, scene=scene).ok
+        assert trajectory.check(robot, scene=scene).success
         state = trajectory.sample(0.005)
         yaw, (vx, vy, _) = state.position[:, 2], state.velocity[:, :3].T
         slip = np.abs(vy * np.cos(yaw) - vx * np.sin(yaw)).max()

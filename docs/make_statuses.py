@@ -5,13 +5,14 @@ python docs/make_statuses.py
 
 from __future__ import annotations
 
-import enum
 import importlib
 import re
 from pathlib import Path
 
+from pepper_kin.status import ResultStatus
+
 PAGE = Path(__file__).parent / "concepts" / "results.md"
-ROOMS = ("ik", "base_placement", "servo", "motion", "planners", "trajectory", "twin")
+ROOMS = ("ik", "base_placement", "servo", "motion", "planners", "trajectory", "twin", "twin.base")
 SECTION = re.compile(r"(?<=<!-- statuses -->\n).*(?=<!-- end of statuses -->)", re.DOTALL)
 
 
@@ -24,27 +25,22 @@ def tables() -> str:
     """Return one table for each public enumeration of statuses."""
     parts = []
     for room, status in statuses():
-        rows = [f"| `{member.name}` | {getattr(member, 'advice')} |" for member in status]  # noqa: B009
+        rows = [f"| `{member.name}` | {member.advice} |" for member in status]
         first = (status.__doc__ or "").strip().splitlines()[0]
         parts.append(f"\n### `{room}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n")
         parts.append("\n".join(rows) + "\n")
     return "".join(parts) + "\n"
 
 
-def statuses() -> list[tuple[str, type[enum.Enum]]]:
+def statuses() -> list[tuple[str, type[ResultStatus]]]:
     """Return the public enumerations whose members give advice, with their rooms."""
-    found: dict[type[enum.Enum], str] = {}
+    found: dict[type[ResultStatus], str] = {}
     for room in ROOMS:
         module = importlib.import_module(f"pepper_kin.{room}")
         for name in module.__all__:
             value = getattr(module, name)
-            if (
-                isinstance(value, type)
-                and issubclass(value, enum.Enum)
-                and len(value)
-                and hasattr(value, "advice")
-            ):
-                found.setdefault(value, room)
+            if isinstance(value, type) and issubclass(value, ResultStatus):
+                found[value] = room
     return [(room, status) for status, room in found.items()]
 
 

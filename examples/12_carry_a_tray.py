@@ -13,7 +13,7 @@ level = pk.ik.AxisAlignment("LArm_effector", up, axis=(0, 0, 1), tolerance=tilt,
 # Left of the post, with the palm level to begin with.
 stand = pepper.posture("Stand")
 tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level]
-start = pk.ik.solve(pepper, tasks, q0=stand, scene=scene, joints="left_arm")
+start = pk.ik.solve(pepper, tasks, start=stand, scene=scene, joints="left_arm")
 print(start.report())
 
 # To the right of it; the constraint is a task of the goal too.

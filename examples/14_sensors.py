@@ -16,7 +16,7 @@ scene = (
 
 # Drive forward for two seconds, then let the commands cease: the base ramps, and stops by itself.
 base = OmniBase(pepper)
-controller = BaseController(base, timeout=0.5)
+controller = BaseController(base, command_timeout=0.5)
 suite = SensorSuite(pepper, seed=1, scene=scene)
 posture = pepper.joint_vector({"HeadPitch": 0.0})
 readings = {}
@@ -61,4 +61,4 @@ assert len(readings["joint_encoders"]) == 200
 assert np.abs(readings["wheel_odometry"][-1].error[:2]).max() < 0.02
 assert np.allclose(controller.twist, 0.0)
 assert report.balanced
-assert run.status == "fallen"
+assert run.status.value == "fallen"

@@ -38,7 +38,7 @@ def dynamics(
     with progress("checking dynamics") as told:
         found = check_dynamics(pepper, states=states, seed=seed, progress=told)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
-    if not found.ok:
+    if not found.success:
         raise typer.Exit(FAILED)
 
 
@@ -93,7 +93,7 @@ def paper(
 
     Example: pepper-kin check paper -o validation
     """
-    from pepper_kin.jobs import check_paper, write_paper_check
+    from pepper_kin.jobs import check_paper, save_paper_check
 
     if output is not None:
         check_folder(output)
@@ -101,9 +101,9 @@ def paper(
         found = check_paper(seed=seed, progress=told)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if output is not None:
-        for path in write_paper_check(found, output).values():
+        for path in save_paper_check(found, output).values():
             print(f"wrote {path}", file=sys.stderr)
-    if not found.ok:
+    if not found.success:
         raise typer.Exit(FAILED)
 
 
@@ -129,5 +129,5 @@ def physics(
         make_folder(output)
         for name, text in (("physics.txt", found.report()), ("physics.json", numbers)):
             print(f"wrote {write_text(output / name, text + chr(10))}", file=sys.stderr)
-    if not found.ok:
+    if not found.success:
         raise typer.Exit(FAILED)

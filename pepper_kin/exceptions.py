@@ -3,12 +3,30 @@
 Every child of `PepperKinError` carries what was wrong as attributes, so that a program can react to it, and
 says it in one sentence that also lists what would have been right.  "Not found" (no IK solution, no path) is
 never raised: it is a status in a result.
+
+    PepperKinError                            the base of all errors
+    InvalidValueError, UnknownNameError, LimitError   a value that is not allowed
+    ModelError, FileFormatError, InfeasibleError, MissingDependencyError
+    ModelWarning, OvershootWarning
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
+
+__all__ = [
+    "FileFormatError",
+    "InfeasibleError",
+    "InvalidValueError",
+    "LimitError",
+    "MissingDependencyError",
+    "ModelError",
+    "ModelWarning",
+    "OvershootWarning",
+    "PepperKinError",
+    "UnknownNameError",
+]
 
 
 class PepperKinError(Exception):

@@ -14,7 +14,9 @@ ROOT = Path(__file__).parents[1]
 TOWER = (
     "lazy_names",
     "exceptions",
+    "status",
     "atomic_file",
+    "numpy_archive",
     "model",
     "symbolic",
     "kernels",
@@ -42,11 +44,13 @@ APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planne
 ONLY = {
     "kernels": {"exceptions", "atomic_file"},
     "core": {"exceptions", "kernels"},
-    "planners": {"exceptions", "kernels", "core"},
+    "planners": {"exceptions", "status", "kernels", "core"},
     "urdf": {"exceptions"},
     "exceptions": set(),
+    "status": set(),
     "lazy_names": set(),
     "atomic_file": {"exceptions"},
+    "numpy_archive": {"exceptions", "atomic_file"},
 }
 """Rooms that know nothing of the robot."""
 

@@ -21,7 +21,7 @@ from pepper_kin.model import Box, PepperModel
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.viewer import JointMotion, find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
-from pepper_kin.viewer.video import write_video
+from pepper_kin.viewer.video import save_video
 
 from .album import gesture_album
 from .camera import framing
@@ -61,7 +61,7 @@ def draw_film() -> None:
     with tempfile.TemporaryDirectory() as folder:
         page = viewer.save_html(Path(folder) / "film.html", motion, series={})
         aim(page, framing([*BODY, *TABLE], size, 42, 12, margin=0.98))
-        write_video(page, FOLDER / "demo.gif", fps=16.0, size=size, timeout=600.0)
+        save_video(page, FOLDER / "demo.gif", fps=16.0, size=size, timeout=600.0)
 
 
 def draw_looks() -> None:

@@ -117,14 +117,14 @@ def draw_07_data_set() -> None:
     for shade in range(8):
         color = (*colormaps["viridis"]((shade + 0.5) / 8)[:3], 1.0)
         stage.points(far[shades == shade], color, 0.008)
-    front = np.flatnonzero(found.solved & (targets[:, 0] > 0.25) & (targets[:, 1] > 0.0))
+    front = np.flatnonzero(found.success & (targets[:, 0] > 0.25) & (targets[:, 1] > 0.0))
     rows = front[np.argsort(targets[front, 2])][np.linspace(20, len(front) - 20, 5).astype(int)]
     for k, row in enumerate(rows):
         stage.robot(pepper, found.q[row], opacity=1.0 if k == 2 else 0.25)
         stage.ball(targets[row], ORANGE, 0.028)
     camera = framing([*BODY, *targets[front]], SIZE, 64, 8, shift=(0.0, -0.03))
     sheet = Sheet().image(stage.picture(camera))
-    sheet.text(20, 20, f"{found.solved.mean():.2%} of {len(targets)} targets solved", fontsize=12)
+    sheet.text(20, 20, f"{found.success.mean():.2%} of {len(targets)} targets solved", fontsize=12)
     sheet.text(20, 44, "five of them, and the postures\nthat reach them")
     sheet.save("example_07.png")
 

@@ -87,11 +87,12 @@ def map_of(places: Array, scores: Array, resolution: float) -> FloorMap:
 def floor_map(
     pepper: PepperModel,
     tasks: Given,
-    q0: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     *,
     center: ArrayLike,
     stand: ArrayLike | None = None,
     scene: Scene | None = None,
+    collisions: bool = True,
     joints: str | Sequence[str] | None = None,
     size: float = 2.0,
     resolution: float = 0.1,
@@ -103,15 +104,16 @@ def floor_map(
 ) -> FloorMap:
     """Try every cell of a square of the floor, with several headings each, and keep the best score.
 
-    Scores are those of `place_base` without clearance; with a scene, places that touch it do not serve.
+    Scores are those of `place_base` without clearance; places where something touches do not serve.
 
     Args:
         pepper: The robot.
         tasks: As for `place_base`.
-        q0: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
+        start: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
         center: Middle of the square [m], shape (2,).
         stand: The current place: x, y [m], yaw [rad], shape (3,).
-        scene: What to keep clear of; None for nothing.
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        collisions: Whether collisions are examined; False leaves them out.
         joints: Joints that may move, by names of joints and groups; None for all.
         size: Edge of the square [m].
         resolution: Edge of a cell [m].
@@ -127,9 +129,11 @@ def floor_map(
     Raises:
         InvalidValueError: as `place_base`, and for a size, resolution or number of headings out of range.
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        LimitError: for a q0 outside the joint limits.
+        LimitError: for a start outside the joint limits.
     """
-    job = make_job(pepper, tasks, q0, stand, scene, joints, weights, seed=seed, threads=threads)
+    job = make_job(
+        pepper, tasks, start, stand, scene, collisions, joints, weights, seed=seed, threads=threads
+    )
     middle = as_finite(center, "center", (2,))
     edge, length = check_positive("resolution", resolution, "m"), check_positive("size", size, "m")
     turns = whole_number("headings", headings, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from pepper_kin.base_placement.score import PlacementTerms, PlacementWeights
 from pepper_kin.base_placement.task_sets import Given
 from pepper_kin.base_placement.trial import Trials
 from pepper_kin.ik.certificate import CertificateInputs
-from pepper_kin.ik.result import IKResult, Status
+from pepper_kin.ik.result import IKResult, IKStatus
 from pepper_kin.ik.solve import solve, whole_number
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
@@ -45,10 +45,11 @@ APART = (0.10, 0.25)
 def place_base(
     pepper: PepperModel,
     tasks: Given,
-    q0: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     *,
     stand: ArrayLike | None = None,
     scene: Scene | None = None,
+    collisions: bool = True,
     joints: str | Sequence[str] | None = None,
     candidates: int | ArrayLike = 192,
     keep: int = 5,
@@ -68,9 +69,11 @@ def place_base(
             `stand`, and the base is moved all the same.
         tasks: One task; a list of tasks that one configuration has to meet; or a list of such lists, each met
             by a configuration of its own from the same place.  Tasks with N targets stand for N such lists.
-        q0: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
-        stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in q0, or the origin.
-        scene: What to keep clear of, itself included; None for nothing.  The way there is not looked at.
+        start: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
+        stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in `start`, or the origin.
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+            The way to the place is not examined.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
         joints: Joints that may move, by names of joints and groups, the base's apart; None for all.
         candidates: Number of places to try at first, or the places themselves, shape (N, 3); in that case no
             other is tried but the current one.
@@ -85,10 +88,12 @@ def place_base(
     Raises:
         InvalidValueError: for no task, or numbers that are none, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        LimitError: for a q0 outside the joint limits.
+        LimitError: for a start outside the joint limits.
     """
     begin = time.perf_counter()
-    job = make_job(pepper, tasks, q0, stand, scene, joints, weights, seed=seed, threads=threads)
+    job = make_job(
+        pepper, tasks, start, stand, scene, collisions, joints, weights, seed=seed, threads=threads
+    )
     whole_number("keep", keep, 1)
     trials = _tried(job, candidates)
     placements = _finalists(job, trials, keep)
@@ -116,7 +121,14 @@ def _tried(job: Job, candidates: int | ArrayLike) -> Trials:
         return trier(np.concatenate([job.stand[None], given]))
     count = whole_number("candidates", candidates, 1)  # type: ignore[arg-type]
     places = propose(
-        trier.moving, trier.sets, trier.q0, job.stand, job.movable, count, trier.seed, trier.scene
+        trier.moving,
+        trier.sets,
+        trier.q0,
+        job.stand,
+        job.movable,
+        count,
+        trier.seed,
+        trier.scene if trier.obstacles else None,
     )
     return _look_around(job, trier(places))
 
@@ -161,10 +173,10 @@ def _order(job: Job, trials: Trials) -> list[int]:
     order = trials.order()
     good = order[trials.good[order]][:MEASURED]
     trier = job.trier
-    if trier.scene is None or not good.size:
+    if not trier.obstacles or not good.size:
         return [int(row) for row in order]
     q = trials.q[:, good]
-    distances = obstacle_clearance(trier.moving.robot, q, trier.scene)
+    distances = obstacle_clearance(trier.moving.robot, q, cast("Scene", trier.scene))
     margin, _ = trier.scorer.limit_margins(q)
     travels = trier.scorer.travels(trials.places[good])
     scores = trier.scorer.scores(margin, trier.scorer.manipulabilities(q), distances, *travels)
@@ -183,13 +195,13 @@ def _placement(job: Job, trials: Trials, row: int) -> Placement:
             q = read_only(trials.q[k, row])
             evidence = CertificateInputs(moving.robot, tasks, start, job.movable, scene, q).certificate
             counts = int(trials.iterations[row, k]), int(trials.restarts[row, k])
-            result = IKResult(Status.SOLVED, q, *counts, 0.0, "fast", seed=trier.seed, evidence=evidence)
+            result = IKResult(IKStatus.SOLVED, q, *counts, 0.0, "fast", seed=trier.seed, evidence=evidence)
             results.append(result)
         else:
             results.append(
                 solve(
-                    moving.robot, tasks, start, scene=scene, joints=trier.names, seed=trier.seed,
-                    restarts=RESTARTS,
+                    moving.robot, tasks, start, scene=scene, collisions=scene is not None, joints=trier.names,
+                    seed=trier.seed, restarts=RESTARTS,
                 )
             )  # fmt: skip
     found = np.array([result.q for result in results])
@@ -205,8 +217,9 @@ def _terms(job: Job, q: Array, place: Array) -> tuple[PlacementTerms, float]:
     scorer, states = job.trier.scorer, q[:, None]
     margin, joint = scorer.limit_margins(states)
     skill, (distance, turn) = scorer.manipulabilities(states), scorer.travels(place[None])
-    scene = job.trier.scene
-    near = np.full(1, np.inf) if scene is None else obstacle_clearance(job.trier.moving.robot, states, scene)
+    near, trier = np.full(1, np.inf), job.trier
+    if trier.obstacles:
+        near = obstacle_clearance(trier.moving.robot, states, cast("Scene", trier.scene))
     score = scorer.scores(margin, skill, near, distance, turn)
     terms = PlacementTerms(
         limit_margin=None if joint[0] < 0 else float(margin[0]),

@@ -101,13 +101,15 @@ class PlanBatch:
     time: float
 
     @property
-    def solved(self) -> NDArray[np.bool_]:
+    def success(self) -> NDArray[np.bool_]:
         """Which problems have a path, shape (N,)."""
         return np.array([plan is not None and plan.success for plan in self.plans], dtype=bool)
 
     def report(self) -> str:
         """Say in plain words how many have a path, and why the others have none."""
-        lines = [f"{int(self.solved.sum())} of {len(self.plans)} problems have a path, in {self.time:.2f} s."]
+        lines = [
+            f"{int(self.success.sum())} of {len(self.plans)} problems have a path, in {self.time:.2f} s."
+        ]
         for number, (found, error) in enumerate(zip(self.plans, self.errors, strict=True)):
             if error is not None:
                 lines.append(f"Problem {number} was refused: {error}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import cast
 
 import numpy as np
@@ -18,8 +17,9 @@ from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.model.shapes import read_only
-from pepper_kin.motion.curves import Curve, Route
+from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
+from pepper_kin.status import ResultStatus
 
 Array = NDArray[np.float64]
 
@@ -39,32 +39,16 @@ STAY_WEIGHT = 0.02
 """Of the posture before: of all ways to move the hand on, the one that moves the joints least."""
 
 
-class CartesianStatus(Enum):
+class CartesianStatus(ResultStatus):
     """How following ended."""
 
-    DONE = "done"
-    START_INVALID = "start_invalid"
-    OUT_OF_REACH = "out_of_reach"
-    BLOCKED_BY_LIMITS = "blocked_by_limits"
-    IN_COLLISION = "in_collision"
-    TOO_HEAVY = "too_heavy"
-    JUMP = "jump"
-
-    @property
-    def advice(self) -> str:
-        """What to try, in a sentence."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    CartesianStatus.DONE: "Time the path with retime().",
-    CartesianStatus.START_INVALID: "Start from a posture that is free and that the joints can hold.",
-    CartesianStatus.OUT_OF_REACH: "Shorten the way, let more joints move, or move the base.",
-    CartesianStatus.BLOCKED_BY_LIMITS: "Start from another posture, or let more joints move.",
-    CartesianStatus.IN_COLLISION: "Move the way or the obstacle, or plan with plan(), which goes round it.",
-    CartesianStatus.TOO_HEAVY: "Start from another posture, or keep the hand nearer to the body.",
-    CartesianStatus.JUMP: "Start from another posture: from this one the arm has to turn over on the way.",
-}
+    DONE = "done", "Time the path with retime()."
+    START_INVALID = "start_invalid", "Start from a posture that is free and that the joints can hold."
+    OUT_OF_REACH = "out_of_reach", "Shorten the way, let more joints move, or move the base."
+    BLOCKED_BY_LIMITS = "blocked_by_limits", "Start from another posture, or let more joints move."
+    IN_COLLISION = "in_collision", "Move the way or the obstacle, or plan with plan(), which goes round it."
+    TOO_HEAVY = "too_heavy", "Start from another posture, or keep the hand nearer to the body."
+    JUMP = "jump", "Start from another posture: from this one the arm has to turn over on the way."
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +106,7 @@ def cartesian_path(
     pepper: PepperModel,
     start: ArrayLike,
     hand: str,
-    curves: Curve | Sequence[Curve],
+    curves: HandCurve | Sequence[HandCurve],
     scene: Scene | None = None,
     *,
     direction: ArrayLike | None = None,
@@ -189,9 +173,9 @@ def cartesian_path(
     )
 
 
-def _as_curves(curves: Curve | Sequence[Curve]) -> tuple[Curve, ...]:
-    given = (curves,) if isinstance(curves, Curve) else tuple(curves)
-    if not given or not all(isinstance(curve, Curve) for curve in given):
+def _as_curves(curves: HandCurve | Sequence[HandCurve]) -> tuple[HandCurve, ...]:
+    given = (curves,) if isinstance(curves, HandCurve) else tuple(curves)
+    if not given or not all(isinstance(curve, HandCurve) for curve in given):
         raise InvalidValueError("curves", repr(curves)[:80], "one Line or Arc or more")
     return given
 
@@ -267,7 +251,10 @@ class _Follower:
             tasks.append(ik.Point(self.hand, self._turned(before), weight=DIRECTION_WEIGHT, tolerance=np.pi))
         reasons = []
         for joints, scene in self.ways:
-            result = ik.solve(self.pepper, tasks, q0=before, joints=joints, scene=scene, restarts=0)
+            result = ik.solve(
+                self.pepper, tasks, start=before, joints=joints, scene=scene,
+                collisions=scene is not None, restarts=0,
+            )  # fmt: skip
             fault = self._fault(result, before)
             if fault is None:
                 return result.q
@@ -290,7 +277,7 @@ class _Follower:
 
     def _fault(self, result: ik.IKResult, before: Array) -> tuple[CartesianStatus, str] | None:
         if not result.hard_met:
-            limited = result.status is ik.Status.CLOSEST_LIMITS
+            limited = result.status is ik.IKStatus.CLOSEST_LIMITS
             status = CartesianStatus.BLOCKED_BY_LIMITS if limited else CartesianStatus.OUT_OF_REACH
             limits = result.blocking_limits
             return status, result.errors[0].shortfall + (

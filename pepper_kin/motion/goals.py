@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import IKResult, Status, Task, TaskGroup, solve
+from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.precedence import balanced
@@ -223,7 +223,7 @@ def _goals_of_tasks(
                 break
     for scene in (checker.scene,) if fast else (checker.scene.padded(margin), checker.scene):
         ik = solve(
-            pepper, tasks, q0=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
+            pepper, tasks, start=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
             joints=joints, timeout=timeout / 3,
         )  # fmt: skip
         if ik.success and fault_of(checker, ik.q, "goal", checks.statics) is None:
@@ -432,7 +432,7 @@ class _Search:
         tasks = balanced(self.parts)
         found = search_compiled(pepper, tasks, self.start, self.movable, budget, collisions)
         self.spent += found.restarts
-        if found.status is not Status.SOLVED:
+        if found.status is not IKStatus.SOLVED:
             return self.spare
         good = self.look(found.q[None])
         return good if len(good) else self.spare

@@ -77,7 +77,7 @@ def simplify_path(
     checks, given = Checks(pepper, scene, static_limits(pepper, balance, payload)), given_path(pepper, path)
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
     found = validate(pepper, path, scene, balance=balance, payload=payload)
-    if not found.valid:
+    if not found.success:
         return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)
     points = given if isinstance(given, np.ndarray) else _followed(given)
     points = np.clip(points, pepper.lower_limits, pepper.upper_limits)

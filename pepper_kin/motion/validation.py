@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from pepper_kin.motion.dense_states import AnyPath, DenseStates, dense_states, g
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
+from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.payload import payload_torque
@@ -31,36 +31,20 @@ TOLERANCE = 1e-7
 _BLOCK = 2048
 
 
-class ValidationStatus(Enum):
+class ValidationStatus(ResultStatus):
     """What the first invalid state breaks; `advice` says what to try."""
 
-    VALID = "valid"
-    JOINT_LIMIT = "joint_limit"
-    COLLISION = "collision"
-    TOO_HEAVY = "too_heavy"
-    TIPS_OVER = "tips_over"
-    VELOCITY_LIMIT = "velocity_limit"
-    ACCELERATION_LIMIT = "acceleration_limit"
-    TORQUE_LIMIT = "torque_limit"
-
-    @property
-    def advice(self) -> str:
-        """One sentence: what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    ValidationStatus.VALID: "Time a path with retime(), or make it shorter with simplify_path().",
-    ValidationStatus.JOINT_LIMIT: "Keep the path within the joint limits, or check the order of the joints.",
-    ValidationStatus.COLLISION: "Plan between the states before and after it with plan().",
-    ValidationStatus.TOO_HEAVY: "Lead the path through postures that the joints can hold against gravity.",
-    ValidationStatus.TIPS_OVER: (
-        "Keep the center of mass nearer to the middle of the wheels' triangle, or use retime(balance=)."
-    ),
-    ValidationStatus.VELOCITY_LIMIT: "Time its path anew with retime().",
-    ValidationStatus.ACCELERATION_LIMIT: "Time its path anew with retime().",
-    ValidationStatus.TORQUE_LIMIT: "Time its path anew with retime().",
-}
+    VALID = "valid", "Time a path with retime(), or make it shorter with simplify_path()."
+    JOINT_LIMIT = "joint_limit", "Keep the path within the joint limits, or check the order of the joints."
+    COLLISION = "collision", "Plan between the states before and after it with plan()."
+    TOO_HEAVY = "too_heavy", "Lead the path through postures that the joints can hold against gravity."
+    TIPS_OVER = (
+        "tips_over",
+        "Keep the center of mass nearer to the middle of the wheels' triangle, or use retime(balance=).",
+    )
+    VELOCITY_LIMIT = "velocity_limit", "Time its path anew with retime()."
+    ACCELERATION_LIMIT = "acceleration_limit", "Time its path anew with retime()."
+    TORQUE_LIMIT = "torque_limit", "Time its path anew with retime()."
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +72,7 @@ class Validation:
     states_checked: int = 0
 
     @property
-    def valid(self) -> bool:
+    def success(self) -> bool:
         """Whether the whole path is valid."""
         return self.status is ValidationStatus.VALID
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.collision import Scene
+from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
@@ -57,7 +58,8 @@ def differential_step(
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
     *,
     scene: Scene | None = None,
-    clearance: float = 0.005,
+    collisions: bool = True,
+    margin: float = 0.005,
     gain: float | None = None,
     locked: str | Iterable[str] = (),
     balance: float | None = None,
@@ -70,7 +72,7 @@ def differential_step(
 
         min  sum_i w_i^2 |J_i v' + s_i r_i|^2 + small terms
         |v'| <= v_max,  |v' - v| <= a_max dt,  and v' so low that every joint can brake before its limit
-        dd/dt >= -approach (d - clearance) for all near pairs;  balance.
+        dd/dt >= -approach (d - margin) for all near pairs;  balance.
 
     The hardest brake always keeps the first line; rows of the second that it breaks give way and are named.
     `Servo` does the same from tick to tick, with the solver kept warm; use it for loops.
@@ -81,8 +83,9 @@ def differential_step(
         v: Velocity of the last tick, from which q can still brake [rad/s or m/s], shape (n,).
         dt: Length of the tick [s].
         tasks: What to move towards.
-        scene: The world; `Scene()` for the robot itself only, None checks no collisions.
-        clearance: Distance kept [m].
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
+        margin: Distance kept [m].
         gain: Greatest share of an error removed per second [1/s]; None: 30, or less for a long dt.
         locked: Joints and groups that keep still.
         balance: Distance that zero-moment and capture point keep inside the wheels' triangle [m]; None for
@@ -103,8 +106,9 @@ def differential_step(
     limits, dearness = motion_limits(pepper, locked), motion_scale(pepper, state)
     _check_can_brake(pepper, state, last, limits, dt)
     pace = Pace(min(gain, 1 / dt), check_positive("singularity", singularity, "[m]"), dt, limits, dearness)
-    free, rate = check_positive("clearance", clearance, "[m]"), check_positive("approach", approach, "[1/s]")
-    guard = None if scene is None else ClearanceGuard(pepper, scene, free, rate)
+    free, rate = check_positive("margin", margin, "[m]"), check_positive("approach", approach, "[1/s]")
+    world = checked_world(scene, collisions)
+    guard = None if world is None else ClearanceGuard(pepper, world, free, rate)
     rows = None if balance is None else BalanceRows(pepper, float(as_finite(balance, "balance", ())))
     demands = [task_demand(pepper, task, state, last, None, pace) for task in flatten_tasks(pepper, tasks)]
     tick = Stepper(pepper, limits, dt, state, dearness, guard, rows).step(state, last, demands)

@@ -3,40 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
+from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.status import ResultStatus
 
 
-class ServoStatus(Enum):
+class ServoStatus(ResultStatus):
     """What a servo is doing."""
 
-    FOLLOWING = "following"
-    LIMITED = "limited"
-    ARRIVED = "arrived"
-    BLOCKED = "blocked"
-    STOPPING = "stopping"
-    RESTING = "resting"
-
-    @property
-    def advice(self) -> str:
-        """What it means and what to do, in a sentence."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    ServoStatus.FOLLOWING: "It follows the command; nothing to do.",
-    ServoStatus.LIMITED: (
-        "It follows as well as the limits named allow: ask for slower or nearer motion where that matters."
-    ),
-    ServoStatus.ARRIVED: "Every task is within its tolerance.",
-    ServoStatus.BLOCKED: (
-        "Joints brake, because they would not stop clear if they went on: command another way, or accept a "
-        "smaller clearance."
-    ),
-    ServoStatus.STOPPING: "No command is fresh, so it brakes: command more often than the timeout.",
-    ServoStatus.RESTING: "It stands still and waits for a command.",
-}
+    FOLLOWING = "following", "It follows the command; nothing to do."
+    LIMITED = (
+        "limited",
+        "It follows as well as the limits named allow: ask for slower or nearer motion where that matters.",
+    )
+    ARRIVED = "arrived", "Every task is within its tolerance."
+    BLOCKED = (
+        "blocked",
+        "Joints brake, because they would not stop clear if they went on: command another way, or "
+        "accept a smaller margin.",
+    )
+    STOPPING = "stopping", "No command is fresh, so it brakes: command more often than `command_timeout`."
+    RESTING = "resting", "It stands still and waits for a command."
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +44,8 @@ class ServoState:
             position, velocity and acceleration never do.
         errors: Error of each target task at the start of the tick [m or rad], in the order of the tasks,
             groups taken apart.
-        clearance: Smallest distance at the start of the tick [m]; inf where nothing is near, None where
-            collisions are not looked at.
+        clearance: Smallest distance at the start of the tick [m]; inf where nothing is near, None with
+            `collisions=False`.
     """
 
     tick: int
@@ -84,4 +72,6 @@ class ServoState:
             lines.append(f"slowed to {100 * self.scale:.0f} % of the speed near a singularity")
         if self.clearance is not None and self.clearance < float("inf"):
             lines.append(f"clearance {1000 * self.clearance:.1f} mm")
+        if self.clearance is None:
+            lines.append(NOT_EXAMINED)
         return "\n".join(lines)

@@ -1,8 +1,18 @@
-"""Trajectories: a value, timing within limits, an independent check, animations by keys, pictures."""
+"""Trajectories: a value, timing within limits, an independent check, animations by keys, pictures.
 
-from typing import Any
+    Trajectory, State, Samples                piecewise polynomials, and what they are sampled to
+    retime                                    a path or plan timed within all limits
+    check, Certificate, LimitCheck, ScalarCheck   what an examination by other code finds
+    binding_limits, Binding                   which limit holds the motion back, and when
+    phase_plane, PhasePlane, plot
+    find_excesses, Excess, make_safe          limits that a motion breaks, and their repair
+    OnlineMotion                              new targets in mid-motion, jerk-limited
+    Timeline, JointCurve, Key, Handle         an animation by keys
+    import_timeline, ImportedMotion           such an animation as a trajectory within the limits
 
-from pepper_kin.lazy_names import lazy_module
+Files of trajectories are in the room `pepper_kin.files`.
+"""
+
 from pepper_kin.trajectory.binding import Binding, binding_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
@@ -14,16 +24,16 @@ from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.timeline import Curve, ImportedMotion, Timeline, import_timeline
+from pepper_kin.trajectory.timeline import ImportedMotion, JointCurve, Timeline, import_timeline
 from pepper_kin.trajectory.trajectory import State, Trajectory
 
 __all__ = [
     "Binding",
     "Certificate",
-    "Curve",
     "Excess",
     "Handle",
     "ImportedMotion",
+    "JointCurve",
     "Key",
     "LimitCheck",
     "OnlineMotion",
@@ -42,16 +52,3 @@ __all__ = [
     "plot",
     "retime",
 ]
-
-_files = lazy_module("pepper_kin.files")
-
-
-def __getattr__(name: str) -> Any:
-    """Return a name of `pepper_kin.files`, the room built on this one, for those who look for it here."""
-    if name.startswith("_") or name not in _files.__all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_files, name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_files.__all__})

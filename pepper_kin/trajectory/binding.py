@@ -14,7 +14,7 @@ from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.balance import WHEELS, balance_margin, support_polygon
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits
-from pepper_kin.trajectory.payload import at_frames
+from pepper_kin.trajectory.payload import at_frames, hand_speeds
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def binding_limits(
     *,
     torque: bool = True,
     balance: float | None = None,
-    hand_speed: Mapping[str, float] | None = None,
+    hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
 ) -> Binding:
@@ -87,7 +87,7 @@ def binding_limits(
     )
     q, v, a = trajectory(time)
     held = at_frames(pepper, "payload", payload, "kg")
-    speeds = at_frames(pepper, "hand_speed", hand_speed, "m/s")
+    speeds = hand_speeds(pepper, hand_speed)
     columns = [
         *((f"velocity {name}", np.abs(v[:, j]) / pepper.velocity_limits[j]) for j, name in _joints(pepper)),
         *(

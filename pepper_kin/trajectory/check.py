@@ -14,7 +14,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.payload import AtFrames, at_frames, payload_torque, wheel_speeds
+from pepper_kin.trajectory.payload import AtFrames, at_frames, hand_speeds, payload_torque, wheel_speeds
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
 
@@ -31,9 +31,10 @@ def check(
     trajectory: Trajectory,
     *,
     scene: Any | None = None,
+    collisions: bool = True,
     jerk: JerkLike | None = None,
-    balance: float = 0.0,
-    hand_speed: Mapping[str, float] | None = None,
+    balance: float | None = 0.0,
+    hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> Certificate:
     """Examine a trajectory at every millisecond and on both sides of every knot.
@@ -46,11 +47,14 @@ def check(
     Args:
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
-        scene: A `pepper_kin.collision.Scene` (empty for the body alone) to measure clearances in; None to
-            leave them out.
+        scene: The `pepper_kin.collision.Scene` around the robot; None for nothing.  The clearance of
+            the robot from itself is measured in any case.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
         jerk: Jerk limits as in `retime`; None leaves jerk out.
-        balance: Distance that the zero-moment point has to keep from the edges [m].
-        hand_speed: Greatest speeds of "left", "right" or frames by name [m/s]; None leaves them out.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m], as in
+            `retime`; None lets the base be held from below.
+        hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s];
+            None leaves them out.
         payload: Point masses held at "left", "right" or frames by name [kg].
 
     Returns:
@@ -61,19 +65,21 @@ def check(
             out of range.
     """
     from pepper_kin import dynamics
+    from pepper_kin.collision.checked_world import checked_world
 
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
+    world = checked_world(scene, collisions)
     held, speeds = (
         at_frames(pepper, "payload", payload, "kg"),
-        at_frames(pepper, "hand_speed", hand_speed, "m/s") + wheel_speeds(pepper),
+        hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
     )
     time, state = _states(trajectory)
     lower, upper = pepper.lower_limits, pepper.upper_limits
     torque = dynamics.newton_euler(pepper, *state) + payload_torque(pepper, held, *state)
-    polygon = support_polygon(pepper)
+    polygon = None if balance is None else support_polygon(pepper)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
 
     def against(quantity: str, value: Array, lower: Array, upper: Array) -> LimitCheck:
@@ -90,8 +96,8 @@ def check(
         torque=against("torque", torque, -tau, tau),
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
-        balance=None if polygon is None else _balance(pepper, polygon, time, state, balance, held),
-        clearance=None if scene is None else _clearance(pepper, trajectory, scene),
+        balance=None if polygon is None else _balance(pepper, polygon, time, state, balance or 0.0, held),
+        clearance=None if world is None else _clearance(pepper, trajectory, world),
         jerk=None if rate is None else against("jerk", _jerks(trajectory), -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
         hand_speed=_speed(pepper, time, state, speeds) if speeds else None,

@@ -34,7 +34,7 @@ from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
-from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames, wheel_speeds
+from pepper_kin.trajectory.payload import at_frames, hand_speeds, wheel_speeds
 from pepper_kin.trajectory.time_optimal import CHECK_STEP, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
@@ -142,7 +142,7 @@ def _limits(
         None if torque is None else pepper.effort_limits * _share("torque_scale", torque),
         checked_balance(pepper, balance),
         at_frames(pepper, "payload", payload, "kg"),
-        _speeds(pepper, hand_speed) + wheel_speeds(pepper),
+        hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
     )
 
 
@@ -203,13 +203,6 @@ def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: 
             "leave the duration out, or choose a path with less load",
         )
     return slow
-
-
-def _speeds(pepper: PepperModel, hand_speed: float | Mapping[str, float] | None) -> AtFrames:
-    """Return the speed limits by frame."""
-    if hand_speed is None or isinstance(hand_speed, Mapping):
-        return at_frames(pepper, "hand_speed", hand_speed, "m/s")
-    return at_frames(pepper, "hand_speed", dict.fromkeys(HANDS, hand_speed), "m/s")
 
 
 def _share(quantity: str, value: float) -> float:

@@ -26,7 +26,7 @@ _SAME = 1e-9  # [s] knots of two joints that are nearer are one
 
 
 @dataclass(frozen=True)
-class Curve:
+class JointCurve:
     """The keys of one joint, in order of time.
 
     Attributes:
@@ -60,7 +60,7 @@ class Timeline:
     """
 
     name: str
-    curves: tuple[Curve, ...]
+    curves: tuple[JointCurve, ...]
 
     def __post_init__(self) -> None:
         """Check the curves.

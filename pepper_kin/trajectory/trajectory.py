@@ -368,7 +368,7 @@ class Trajectory:
         """Draw it against the limits, and the phase plane; see `pepper_kin.trajectory.plot`."""
         from pepper_kin.trajectory.plot import plot
 
-        return plot(self, pepper, path, **options)
+        return plot(pepper, self, path, **options)
 
     def _derivatives(self, t: ArrayLike, count: int) -> Array:
         """Return value and derivatives at times, shape (count, ..., n); see `_within`."""

@@ -68,7 +68,9 @@ class GestureReport:
         gesture = self.gesture
         lines = [
             f"Movement {gesture.name!r} of the paper's table 5: {self.trajectory.duration:.3f} s, "
-            "key frames at " + ", ".join(f"{t:.3f}" for t in self.key_times) + f" s; run {self.run.status}",
+            "key frames at "
+            + ", ".join(f"{t:.3f}" for t in self.key_times)
+            + f" s; run {self.run.status.value}",
             "Mean absolute error against the plan at five key frames [rad]:",
             f"  {'joint':<16}{'ours':>12}{'paper: Gazebo':>16}{'paper: Reality':>16}"
             f"{'ours, rms over time':>22}",
@@ -112,7 +114,7 @@ class GestureReport:
         }
         return {
             "gesture": gesture.name,
-            "status": self.run.status,
+            "status": self.run.status.value,
             "unit": "rad",
             "duration": self.trajectory.duration,
             "key_times": self.key_times.tolist(),

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.numpy_archive import decompressed
 
 _HEAD = np.dtype("<i8")
 _LEVEL = 6
@@ -74,11 +75,11 @@ def unpack(packed: NDArray[np.uint8]) -> NDArray:
         shape = tuple(int(x) for x in np.frombuffer(data[16 : 16 + 8 * int(ndim)], _HEAD))
         begin = 16 + 8 * int(ndim)
         kind = data[begin : begin + int(size)]
-        body = zlib.decompress(data[begin + int(size) :])
+        body = decompressed(data[begin + int(size) :])
         if kind == _DIFFERENCES:
             return _summed(body, shape)
         return np.frombuffer(body, np.dtype(kind.decode())).reshape(shape).copy()
-    except (ValueError, TypeError, UnicodeDecodeError, zlib.error) as error:
+    except (ValueError, TypeError, UnicodeDecodeError) as error:
         raise InvalidValueError("packed series", f"{len(data)} bytes", f"whole ones ({error})") from error
 
 
@@ -140,13 +141,13 @@ def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], lis
     """
     found: dict[str, tuple[list[str], list[NDArray[np.uint8]]]] = {}
     try:
-        line, _, body = zlib.decompress(np.asarray(packed, dtype=np.uint8).tobytes()).partition(b"\n")
+        line, _, body = decompressed(np.asarray(packed, dtype=np.uint8).tobytes()).partition(b"\n")
         start = 0
         for name, (about, sizes) in json.loads(line).items():
             ends = (start + np.cumsum([0, *sizes])).tolist()
             parts = [np.frombuffer(body[a:b], np.uint8) for a, b in pairwise(ends)]
             found[name], start = (about, parts), ends[-1]
-    except (ValueError, TypeError, AttributeError, zlib.error) as error:
+    except (ValueError, TypeError, AttributeError) as error:
         raise InvalidValueError(
             "packed series", f"{np.size(packed)} bytes", f"whole ones ({error})"
         ) from error

@@ -72,7 +72,7 @@ class Timing:
         )
 
 
-def serve(
+def run_real_time(
     twin: Twin,
     commander: Commander,
     *,

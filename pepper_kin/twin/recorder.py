@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,15 +16,14 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together
-from pepper_kin.twin.recording import HEADER, INPUTS, STATES, Recording, chunk_path, read_recording
+from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, load_recording
+from pepper_kin.twin.recording_header import HEADER, STATES, write_header
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
 Array = NDArray[np.float64]
-
-FORMAT = 1
 
 
 class Recorder:
@@ -60,7 +58,6 @@ class Recorder:
         self._count = 0
         start = twin.reset(twin.state.position, twin.state.velocity)
         header = {
-            "format": FORMAT,
             "robot": twin.pepper.name,
             "joints": list(twin.pepper.joint_names),
             "units": list(twin.pepper.joint_units),
@@ -76,7 +73,7 @@ class Recorder:
                 "torque": [float(x).hex() for x in start.torque],
             },
         }
-        atomic_file.write_text(self.folder / HEADER, json.dumps(header, indent=1) + "\n")
+        write_header(self.folder, header)
 
     @classmethod
     def resume(cls, twin: Twin, folder: PathName) -> Recorder:
@@ -97,7 +94,7 @@ class Recorder:
             InvalidValueError: where the twin is another one: other joints, timestep or physics, with the
                 step at which it first differs.
         """
-        found = read_recording(folder)
+        found = load_recording(folder)
         found.replay(twin)
         recorder = cls.__new__(cls)
         recorder.twin, recorder.folder = twin, Path(folder)
@@ -112,7 +109,7 @@ class Recorder:
     @property
     def recording(self) -> Recording:
         """What has been written so far."""
-        return read_recording(self.folder)
+        return load_recording(self.folder)
 
     def execute(self, trajectory: Trajectory, settle: float = 0.0) -> Run:
         """Follow a trajectory from where the twin stands, and write it down.

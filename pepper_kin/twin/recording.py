@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,20 +13,19 @@ from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.numpy_archive import read_arrays
 from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
-from pepper_kin.twin.run import COMPLETED, STOPPED, Run
+from pepper_kin.twin.recording_header import STATES, read_header
+from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
 Array = NDArray[np.float64]
 
-HEADER = "recording.json"
 INPUTS = ("position", "velocity", "acceleration", "effort", "load")
-STATES = ("position", "velocity", "torque")
 _PARTS = ("time", "value", "truth")
 _NONE = pack_together({})
-_NEEDED = ("robot", "joints", "units", "timestep", "chunk_steps", "start", "feedforward", "substeps")
 
 
 def chunk_path(folder: Path, index: int) -> Path:
@@ -109,7 +106,7 @@ class Recording:
             np.concatenate(told["position"]),
             np.concatenate(told["velocity"]),
             np.full(n, math.inf) if torque_limit is None else torque_limit,
-            STOPPED if message else COMPLETED,
+            RunStatus.STOPPED if message else RunStatus.COMPLETED,
             message,
             self.readings(),
         )
@@ -193,17 +190,16 @@ class Recording:
         for index in range(self.chunks):
             path = chunk_path(self.folder, index)
             try:
-                with np.load(path, allow_pickle=False) as data:
-                    chunk = {name: data[name] for name in data.files}
+                chunk: dict[str, Any] = dict(read_arrays(path))
                 for name, (about, parts) in unpack_together(chunk.pop("readings", _NONE)).items():
                     chunk[f"about.{name}"] = about
                     chunk |= {f"{what}.{name}": part for what, part in zip(_PARTS, parts, strict=True)}
                 yield chunk
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, InvalidValueError) as error:
+            except (ValueError, KeyError, InvalidValueError) as error:
                 raise FileFormatError(path, f"not a chunk of a recording: {error}") from error
 
 
-def read_recording(folder: PathName) -> Recording:
+def load_recording(folder: PathName) -> Recording:
     """Read the recording in a folder.
 
     Args:
@@ -216,16 +212,7 @@ def read_recording(folder: PathName) -> Recording:
         FileFormatError: where there is none, or its header is damaged.
     """
     place = Path(folder)
-    path = place / HEADER
-    try:
-        header = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileFormatError(path, f"no recording here: {error.strerror}") from error
-    except ValueError as error:
-        raise FileFormatError(path, f"not the header of a recording: {error}") from error
-    missing = [name for name in _NEEDED if not isinstance(header, dict) or name not in header]
-    if missing:
-        raise FileFormatError(path, f"the header lacks {', '.join(missing)}")
+    header = read_header(place)
     chunks = 0
     while chunk_path(place, chunks).is_file():
         chunks += 1

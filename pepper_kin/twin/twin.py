@@ -30,9 +30,9 @@ from pepper_kin.twin.hooks import (
 )
 from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joined, whole_number
 from pepper_kin.twin.push import Push, load_of
-from pepper_kin.twin.real_time import Commander, Timing, serve
+from pepper_kin.twin.real_time import Commander, Timing, run_real_time
 from pepper_kin.twin.reference import sampled
-from pepper_kin.twin.run import COMPLETED, STOPPED, Run
+from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.state import TwinState, diverged
 
 Array = NDArray[np.float64]
@@ -229,7 +229,7 @@ class Twin:
                 its velocity.
 
         Returns:
-            The run; where the state diverged, or the world could not do its step, its status is "stopped",
+            The run; where the state diverged, or the world could not do its step, its status is STOPPED,
             its message names step, joint or contact, and cause, and it holds everything up to there.
 
         Raises:
@@ -282,9 +282,9 @@ class Twin:
         first = Command(self._q, self._v, np.zeros(self.pepper.n)).as_rows()
         return self._follow(first.then(command), outer)
 
-    def serve(self, commander: Commander, **options: Any) -> Timing:
-        """Step against the wall clock, with a function that says where to go; see `real_time.serve`."""
-        return serve(self, commander, **options)
+    def run_real_time(self, commander: Commander, **options: Any) -> Timing:
+        """Step against the wall clock, with a function that says where to go; see `run_real_time`."""
+        return run_real_time(self, commander, **options)
 
     def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
         """Return the feed-forward of the actuators, or the effort in torque mode, shape (..., n)."""
@@ -310,10 +310,10 @@ class Twin:
             logged[2][0] = start[2]
         for rows in (time, *logged):
             rows.setflags(write=False)
-        count, status, message = series.good + 1, COMPLETED, ""
+        count, status, message = series.good + 1, RunStatus.COMPLETED, ""
         if count < len(time):
             step = first + count
-            status, at = STOPPED, step * self.timestep
+            status, at = RunStatus.STOPPED, step * self.timestep
             if failed is not None:
                 message = f"twin stopped at step {step} ({at:.6g} s): {failed}"
             else:

@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 
 from pepper_kin import atomic_file
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError
-from pepper_kin.viewer.camera import Camera, CameraView, view_options
+from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 
 CHROMIUM_VARIABLE = "PEPPER_KIN_CHROMIUM"
 """Environment variable that names the browser's program, before any that is found by name."""
@@ -61,18 +61,18 @@ def screenshot(
     size: tuple[int, int] = (1280, 800),
     at_time: float | None = None,
     *,
-    view: CameraView | Camera = "three-quarter",
+    view: CameraView | Viewpoint = "three-quarter",
     panel: bool = False,
     timeout: float = 120.0,
 ) -> Path:
     """Save a picture of a motion page.
 
     Args:
-        html_path: A page as written by `write_motion_page`.
+        html_path: A page as written by `save_motion_page`.
         png_path: The picture to write; it appears when it is whole.
         size: Width and height [pixel].
         at_time: Time of the motion to show [s]; None shows its start.
-        view: "three-quarter", "front", "side" or "top", or a `Camera`.
+        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
         panel: Whether title, controls and plots are in the picture.
         timeout: Longest wait for the browser [s].
 

@@ -19,7 +19,7 @@ from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, Shape
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.viewer.browser import screenshot
-from pepper_kin.viewer.camera import Camera, CameraView
+from pepper_kin.viewer.camera import CameraView, Viewpoint
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
 from pepper_kin.viewer.motion_frames import (
@@ -33,7 +33,7 @@ from pepper_kin.viewer.recording import write_frames_page
 from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
 from pepper_kin.viewer.target_listener import TargetListener
 from pepper_kin.viewer.touching import touch_spans
-from pepper_kin.viewer.video import check_video, write_video
+from pepper_kin.viewer.video import check_video, save_video
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.server import ViewerServer
@@ -324,7 +324,7 @@ class Viewer:
         *,
         at_time: float | None = None,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView | Camera = "three-quarter",
+        view: CameraView | Viewpoint = "three-quarter",
     ) -> Path:
         """Save a picture (PNG), drawn by a headless Chromium; the same input gives the same pixels.
 
@@ -333,7 +333,7 @@ class Viewer:
             motion: As for `save_html`.
             at_time: Time of the motion [s], within it; None takes its start.
             size: Width and height [pixel].
-            view: "three-quarter", "front", "side" or "top", or a `Camera`.
+            view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
 
         Returns:
             The path of the file.
@@ -361,7 +361,7 @@ class Viewer:
         *,
         fps: float = 30.0,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView | Camera = "three-quarter",
+        view: CameraView | Viewpoint = "three-quarter",
         on_frame: Callable[[int, int], None] = lambda done, total: None,
     ) -> Path:
         """Save a film (MP4 or GIF), drawn by a headless Chromium; the same input gives the same pixels.
@@ -371,7 +371,7 @@ class Viewer:
             motion: As for `save_html`.
             fps: Frames per second, in (0, 240], for .gif at most 50.
             size: Width and height [pixel]; even numbers for .mp4.
-            view: "three-quarter", "front", "side" or "top", or a `Camera`.
+            view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
             on_frame: Called with the number of frames done and of all.
 
         Returns:
@@ -388,7 +388,7 @@ class Viewer:
         with tempfile.TemporaryDirectory() as folder:
             # At least as many poses as frames: what is blended between two lies on the samples' way.
             page = self.save_html(Path(folder) / "scene.html", motion, series={}, fps=max(40.0, fps))
-            return write_video(page, path, fps=fps, size=size, view=view, on_frame=on_frame)
+            return save_video(page, path, fps=fps, size=size, view=view, on_frame=on_frame)
 
     def close(self) -> None:
         """End the live page's server, if there is one."""

@@ -122,7 +122,7 @@ def test_an_arc_is_found_again(angle):
 
 
 def test_ramps_keep_both_accelerations_and_arrive(base):
-    controller, limits = BaseController(base, timeout=10.0), base.geometry
+    controller, limits = BaseController(base, command_timeout=10.0), base.geometry
     controller.command((0.3, -0.1, 0.8))
     twists = [controller.twist]
     for _ in range(300):
@@ -141,7 +141,7 @@ def test_ramps_keep_both_accelerations_and_arrive(base):
 
 def test_every_twist_on_the_way_is_within_the_limits():
     base = OmniBase(pepper_base(fastest=True))
-    controller, rng = BaseController(base, timeout=1.0), np.random.default_rng(3)
+    controller, rng = BaseController(base, command_timeout=1.0), np.random.default_rng(3)
     for _ in range(60):
         controller.command(rng.normal(size=3) * (1, 1, 3))
         for _ in range(rng.integers(1, 40)):
@@ -151,7 +151,7 @@ def test_every_twist_on_the_way_is_within_the_limits():
 
 
 def test_it_stops_when_commands_cease_after_the_braking_distance(base):
-    controller = BaseController(base, timeout=0.5)
+    controller = BaseController(base, command_timeout=0.5)
     controller.command((0.3, 0.0, 0.0))
     twists = [controller.step(0.001) for _ in range(1600)]
     assert np.argmax(twists, axis=0)[0] * 0.001 == pytest.approx(0.5, abs=0.002)
@@ -215,7 +215,7 @@ def test_misuse_is_named(base):
     with pytest.raises(InvalidValueError, match="timestep"):
         BaseController(base).step(0.0)
     with pytest.raises(InvalidValueError, match="timeout"):
-        BaseController(base, timeout=-1.0)
+        BaseController(base, command_timeout=-1.0)
     with pytest.raises(InvalidValueError, match="slip"):
         Odometry(base, slip=np.nan)
     with pytest.raises(InvalidValueError, match="wheels"):

@@ -126,7 +126,7 @@ def test_help_has_an_example(run):
     for command in ("demo", "reach", "gesture"):
         done = run(command, "--help", cwd=".")
         assert "Example: pepper-kin" in done.stdout
-    assert pk.__version__ == "0.1.0"
+    assert pk.__version__ == "0.2.0"
 
 
 @pytest.mark.parametrize(

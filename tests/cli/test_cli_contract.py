@@ -155,7 +155,7 @@ def test_a_bar_with_the_time_left_on_a_terminal_only(chromium_path, tmp_path):
 
 def make_nod(folder):
     pepper = pk.load_pepper()
-    pk.trajectory.save(pk.motion.gesture(pepper, "nod"), folder / "nod.csv")
+    pk.files.save(pk.motion.gesture(pepper, "nod"), folder / "nod.csv")
 
 
 def hear_ctrl_c():

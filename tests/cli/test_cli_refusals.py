@@ -12,7 +12,7 @@ import pepper_kin as pk
 @pytest.fixture(scope="module")
 def nod(tmp_path_factory):
     path = tmp_path_factory.mktemp("nod") / "nod.npz"
-    pk.trajectory.save(pk.motion.gesture(pk.load_pepper(), "nod"), path)
+    pk.files.save(pk.motion.gesture(pk.load_pepper(), "nod"), path)
     return path
 
 

@@ -9,9 +9,9 @@ from pepper_kin.twin.world import World
 
 DOCS = Path(__file__).parents[2] / "docs"
 ROOMS = [pk, *(getattr(pk, room) for room in ("ik", "kinematics", "dynamics", "collision", "motion", "twin"))]
-ROOMS += [pk.planners]
+ROOMS += [pk.planners, pk.servo]
 VALUES = {"pepper": pk.PepperModel, "scene": pk.Scene, "trajectory": pk.Trajectory, "World": World}
-VALUES["plan"] = pk.motion.Plan
+VALUES |= {"plan": pk.motion.Plan, "Servo": pk.servo.Servo}
 
 
 def test_every_status_stands_on_the_page_with_its_advice(monkeypatch):

@@ -3,7 +3,6 @@
 import json
 import os
 import runpy
-import subprocess
 import sys
 import types
 
@@ -66,7 +65,7 @@ def test_meters_come_back_with_the_robot(tmp_path, suffix):
 
 def test_a_format_may_be_named(tmp_path):
     given = short()
-    path = save(given, tmp_path / "motion.txt", "json")
+    path = save(given, tmp_path / "motion.txt", format="json")
     assert load(path, format="json") == given
     assert set(FORMATS) == {"csv", "npz", "json", "ros", "naoqi", "mcap"}
 
@@ -395,12 +394,3 @@ def test_steps_are_checked(tmp_path, suffix):
         with pytest.raises(InvalidValueError, match="dt: got"):
             save(short(), tmp_path / f"motion{suffix}", dt=dt)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_names_of_files_are_found_in_trajectory_too():
-    for name in pk.files.__all__:
-        assert getattr(pk.trajectory, name) is getattr(pk.files, name)
-        assert name in dir(pk.trajectory)
-    code = "import sys, pepper_kin.trajectory; print('pepper_kin.files' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pepper_kin.cli import app
-from pepper_kin.jobs import PaperCheck, check_paper, write_paper_check
+from pepper_kin.jobs import PaperCheck, check_paper, save_paper_check
 from pepper_kin.jobs.paper_check import ITERATIONS, TRACKING_LIMIT
 
 
@@ -50,7 +50,7 @@ def found(run_of_command: Run) -> PaperCheck:
 
 
 def test_every_movement_is_tracked_to_a_tenth_of_the_papers_error(found):
-    assert found.ok
+    assert found.success
     assert [m.name for m in found.movements] == ["left-arm", "right-arm", "head"]
     for movement in found.movements:
         time, commanded, measured = movement.iterations()
@@ -77,9 +77,9 @@ def test_report_holds_the_numbers_it_speaks_of(found):
 
 
 def test_files_are_whole_and_agree(found, tmp_path):
-    files = write_paper_check(found, tmp_path / "new")
+    files = save_paper_check(found, tmp_path / "new")
     numbers = json.loads(files["numbers"].read_text())
-    assert numbers["ok"] is True
+    assert numbers["success"] is True
     assert numbers["table_4"]["mean_error"] == found.limits.mean_error
     for movement in found.movements:
         rows = list(csv.DictReader(files[f"figure_{movement.name}.csv"].read_text().splitlines()))

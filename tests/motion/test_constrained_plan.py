@@ -20,7 +20,7 @@ def level(degrees):
 @pytest.fixture(scope="module")
 def beside_the_post(pepper):
     tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level(1)]
-    found = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"), scene=POST, joints="left_arm")
+    found = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"), scene=POST, joints="left_arm")
     assert found.success
     return found.q
 
@@ -67,7 +67,7 @@ def test_two_hands_keep_a_box_between_them(pepper):
     center = np.array([0.28, 0.0, 0.75])
     half = np.array([0.0, 0.12, 0.0])
     hands = [pk.ik.HandPosition("left", center + half), pk.ik.HandPosition("right", center - half)]
-    found = pk.ik.solve(pepper, hands, q0=pepper.posture("Stand"), scene=pk.Scene(), joints="both_arms")
+    found = pk.ik.solve(pepper, hands, start=pepper.posture("Stand"), scene=pk.Scene(), joints="both_arms")
     assert found.success
 
     def between(q):
@@ -92,7 +92,7 @@ def test_gaze_and_height_are_kept_at_once(pepper):
     gaze = pk.ik.LookAt(POINT, tolerance=np.radians(3))
     height = FrameInPlane("LArm_effector", (0, 0, 0.85), tolerance=0.002)
     tasks = [pk.ik.HandPosition("left", (0.28, 0.30, 0.85)), pk.ik.LookAt(POINT)]
-    found = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"), scene=POST)
+    found = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"), scene=POST)
     goal = [pk.ik.HandPosition("left", (0.30, 0.05, 0.85))]
     plan = plan_constrained(pepper, found.q, goal, POST, [gaze, height])
     assert plan.success
@@ -122,7 +122,7 @@ def test_plan_takes_the_constraints_and_hands_over(pepper, beside_the_post):
 
 def test_the_same_seed_gives_the_same_plan(pepper, beside_the_post):
     goal = pk.ik.solve(
-        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], q0=beside_the_post,
+        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], start=beside_the_post,
         scene=POST, joints="left_arm", seed=1,
     ).q  # fmt: skip
     plans = [
@@ -151,7 +151,7 @@ def test_ends_off_a_constraint_are_named_with_what_is_missing(pepper, beside_the
 def test_a_goal_in_an_obstacle_and_one_out_of_reach(pepper, beside_the_post):
     wall = pk.Scene().add_box("block", size=(0.2, 0.2, 0.2), position=(0.30, 0.05, 0.85))
     goal = pk.ik.solve(
-        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], q0=beside_the_post,
+        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], start=beside_the_post,
         joints="left_arm",
     ).q  # fmt: skip
     plan = plan_constrained(pepper, beside_the_post, goal, wall, [level(5)])

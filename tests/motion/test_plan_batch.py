@@ -73,7 +73,7 @@ def test_plans_are_those_of_single_calls_to_the_bit(pepper, helper):
     for ours, theirs in zip(batch.plans, singles, strict=True):
         assert_same(ours, theirs)
     assert batch.errors == (None,) * len(problems)
-    assert batch.solved.sum() >= len(problems) - 6
+    assert batch.success.sum() >= len(problems) - 6
     assert batch.plans[-1].status is PlanStatus.GOAL_IN_COLLISION
     assert told[-1] == (len(problems), len(problems))
     assert all(a < b for (a, _), (b, _) in itertools.pairwise(told))

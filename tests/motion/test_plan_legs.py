@@ -86,7 +86,7 @@ def test_the_leg_that_fails_is_named(pepper):
 
 def test_a_fixed_goal_that_the_next_leg_forbids_is_said(pepper):
     start = pepper.posture("Stand")
-    tipped = pk.ik.solve(pepper, hand(LEFT), q0=start, scene=POST, joints="left_arm").q
+    tipped = pk.ik.solve(pepper, hand(LEFT), start=start, scene=POST, joints="left_arm").q
     found = plan_legs(pepper, start, [Leg(tipped), Leg(hand(RIGHT), [level()])], POST, joints="left_arm")
     assert found.status is PlanStatus.START_OFF_CONSTRAINT
     assert len(found.plans) == 2

@@ -119,7 +119,7 @@ def test_retime_never_refuses_what_was_planned_with_a_load(count, seed):
         if plan.success:
             solved += 1
             certificate = pk.retime(PEPPER, plan, **carried).check(PEPPER, scene=TABLE, **carried)
-            assert certificate.ok, certificate.report()
+            assert certificate.success, certificate.report()
     assert solved > 0.6 * count
 
 
@@ -204,7 +204,7 @@ def straight(ends: np.ndarray, count: int) -> np.ndarray:
 
 def test_validate_finds_the_state_at_which_a_load_becomes_too_heavy():
     ends = np.array([STAND, PEPPER.joint_vector({"LShoulderRoll": 1.2, "LElbowRoll": -0.1})])
-    assert validate(PEPPER, ends).valid
+    assert validate(PEPPER, ends).success
     found = validate(PEPPER, ends, payload={"left": 1.0})
     use = np.abs(oracle(straight(ends, 2001), 1.0)[0]) / PEPPER.effort_limits
     first = int(np.argmax(use.max(axis=1) > TORQUE_SHARE))
@@ -227,7 +227,7 @@ def test_validate_finds_the_state_that_tips_over():
     assert "center of mass with 0.4 kg at LArm_effector" in found.message
     assert "2 mm to move with" in found.message
     assert "Keep the center of mass nearer" in found.advice
-    assert validate(PEPPER, ends, balance=float(inside.min()) - ROOM_TO_MOVE, payload={"left": 0.4}).valid
+    assert validate(PEPPER, ends, balance=float(inside.min()) - ROOM_TO_MOVE, payload={"left": 0.4}).success
 
 
 def test_validate_holds_motions_against_torque_and_balance_with_the_load():
@@ -236,7 +236,7 @@ def test_validate_holds_motions_against_torque_and_balance_with_the_load():
     )
     carried = {"payload": {"left": 0.3}, "balance": 0.02}
     motion = pk.retime(PEPPER, ends, **carried)
-    assert validate(PEPPER, motion, **carried).valid
+    assert validate(PEPPER, motion, **carried).success
     heavier = validate(PEPPER, motion, payload={"left": 3.0})
     assert heavier.status is ValidationStatus.TORQUE_LIMIT
     state = motion(heavier.place)
@@ -274,9 +274,9 @@ def test_retime_never_refuses_what_was_made_shorter_with_a_load():
             if found.success:
                 solved += 1
                 certificate = pk.retime(PEPPER, found, **carried).check(PEPPER, scene=TABLE, **carried)
-                assert certificate.ok, certificate.report()
-                assert validate(PEPPER, found, TABLE, **carried).valid
-        without += free.success and not validate(PEPPER, free, TABLE, **carried).valid
+                assert certificate.success, certificate.report()
+                assert validate(PEPPER, found, TABLE, **carried).success
+        without += free.success and not validate(PEPPER, free, TABLE, **carried).success
     assert solved > 12
     assert without > 0
 

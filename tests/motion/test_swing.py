@@ -23,7 +23,7 @@ def test_swing_keeps_all_limits_and_joins_its_ends(ends):
     np.testing.assert_allclose(found.trajectory.end, goal, atol=1e-9)
     certificate = found.trajectory.check(pepper)
     for part in ("position", "velocity", "acceleration", "torque"):
-        assert getattr(certificate, part).ok, getattr(certificate, part).sentence()
+        assert getattr(certificate, part).success, getattr(certificate, part).sentence()
     assert "obstacles were not looked at" in found.report()
 
 

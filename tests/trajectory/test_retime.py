@@ -188,7 +188,7 @@ def test_waypoints_on_the_limits_do_not_overshoot(pepper):
     trajectory = retime(pepper, [low, high, low, low + 0.2 * (np.arange(pepper.n) == 4), high])
     position = trajectory.sample(0.001).position[:, joint]
     assert position.min() >= pepper.lower_limits[joint] - 1e-9
-    assert trajectory.check(pepper).acceleration.ok
+    assert trajectory.check(pepper, collisions=False).acceleration.success
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -397,7 +397,7 @@ def test_smooth_paths_of_the_planners_are_followed_exactly(pepper):
     )
     curve = planners.smooth(box, planners.Path(points))
     trajectory = retime(pepper, curve)
-    assert trajectory.check(pepper).acceleration.ok
+    assert trajectory.check(pepper, collisions=False).acceleration.success
     np.testing.assert_allclose(trajectory.start, curve.start, atol=1e-12)
     np.testing.assert_allclose(trajectory.end, curve.goal, atol=1e-9)
     dense = curve.sample(curve.length / 20_000)
@@ -418,6 +418,6 @@ def test_the_motion_stops_at_kinks():
         state = trajectory(when)
         assert state.position[0] == pytest.approx(where, abs=1e-9)
         assert state.velocity[0] == pytest.approx(0.0, abs=1e-6)
-    assert trajectory.check(robot).ok
+    assert trajectory.check(robot, collisions=False).success
     smooth = retime(robot, CubicPath(np.arange(4.0), edges), jerk="moderate")
-    assert smooth.check(robot, jerk="moderate").ok
+    assert smooth.check(robot, jerk="moderate", collisions=False).success

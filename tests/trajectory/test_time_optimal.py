@@ -47,7 +47,7 @@ def assert_green(pepper, name, seed):
         # Only a posture of the path that cannot stand, or cannot be held, is a reason.
         reason = str(error)
     else:
-        found = trajectory.check(pepper, **of_check)
+        found = trajectory.check(pepper, collisions=False, **of_check)
         assert set(found.failures) <= set(not_promised), found.report()
         return 1
     assert "tip over even at rest" in reason or "to hold still" in reason
@@ -152,8 +152,8 @@ def test_a_payload_slows_the_motion_down(pepper):
     points[:, keep] = pepper.posture("Stand")[keep]
     free, held = retime(pepper, points), retime(pepper, points, payload={"left": 0.35})
     assert held.duration > free.duration
-    assert held.check(pepper, payload={"left": 0.35}).torque.ok
-    assert not free.check(pepper, payload={"left": 0.35}).torque.ok
+    assert held.check(pepper, payload={"left": 0.35}, collisions=False).torque.success
+    assert not free.check(pepper, payload={"left": 0.35}, collisions=False).torque.success
 
 
 @pytest.mark.parametrize("solver", ["fast", "toppra"])
@@ -173,7 +173,7 @@ def test_a_wished_duration_is_met_or_refused(pepper):
     fastest = retime(pepper, points)
     slow = retime(pepper, points, duration=2 * fastest.duration)
     assert slow.duration == pytest.approx(2 * fastest.duration, rel=1e-12)
-    assert slow.check(pepper).torque.ok
+    assert slow.check(pepper, collisions=False).torque.success
     assert slow == fastest.scaled(2.0)
     with pytest.raises(
         InfeasibleError, match=r"the limits ask for .* s along this path, and duration is 0.1 s"
@@ -245,7 +245,9 @@ def test_an_arm_may_swing_through_where_it_could_not_rest():
     weight = 2 * 9.81 * 0.4
     assert abs(pk.dynamics.gravity_torque(robot, [0.0])[0]) == pytest.approx(weight)
     trajectory = retime(robot, [[-1.2], [1.2]])
-    assert trajectory.check(robot).torque.ok, trajectory.check(robot).report()
+    assert trajectory.check(robot, collisions=False).torque.success, trajectory.check(
+        robot, collisions=False
+    ).report()
     with pytest.raises(InfeasibleError, match="can swing through, but not hold itself still"):
         retime(robot, [[-1.2], [1.2]], duration=20.0)
     with pytest.raises(InfeasibleError, match="can swing through but not hold itself still"):
@@ -309,15 +311,15 @@ def test_limits_hold_on_coarse_grids_too(pepper, gridpoints, seed):
     middle = pepper.posture("Stand")
     points = middle + 0.5 * (four_points(pepper, 40 + seed) - middle)
     trajectory = retime(pepper, points, gridpoints=gridpoints, **limits)
-    found = trajectory.check(pepper, **limits)
-    assert found.ok, found.report()
+    found = trajectory.check(pepper, collisions=False, **limits)
+    assert found.success, found.report()
 
 
 def test_hand_speed_is_used_up(pepper):
     """The bound that stands for the speed between grid points costs next to nothing."""
     points = four_points(pepper, 3)
     trajectory = retime(pepper, points, hand_speed={"left": 0.3}, gridpoints=200)
-    speed = trajectory.check(pepper, hand_speed={"left": 0.3}).hand_speed
+    speed = trajectory.check(pepper, hand_speed={"left": 0.3}, collisions=False).hand_speed
     assert 0.2995 < speed.value <= 0.3 * (1 + 1e-7)
 
 

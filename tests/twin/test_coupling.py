@@ -79,7 +79,7 @@ def test_a_run_stops_where_its_world_does_and_keeps_what_went_before(tmp_path):
     # From 10 mm it falls to where 2 mm and one more step are left.
     assert 0.002 < 0.010 - 9.81 * (good * H) ** 2 / 2 < 0.004
     assert not run.success
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert run.message.startswith(f"twin stopped at step {good + 1} ({(good + 1) * H:.6g} s): world stopped")
     assert "more than 256 points" in run.message
     alone = Twin(PEPPER).follow(target[:good])
@@ -99,7 +99,7 @@ def test_a_run_stops_where_its_world_does_and_keeps_what_went_before(tmp_path):
 def test_a_trajectory_stops_likewise():
     trajectory = pk.retime(PEPPER, [PEPPER.posture("Stand"), PEPPER.joint_vector({"HeadYaw": 0.5})])
     run = Twin(PEPPER, world=overflowing(), substeps=2).execute(trajectory)
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert "more than 256 points" in run.message
     assert 30 < len(run) < 50
 
@@ -112,6 +112,6 @@ def test_a_robot_that_diverges_among_things_is_blamed_itself():
     load[6:, PEPPER.joint_index("HeadYaw")] = 1e300
     with np.errstate(all="ignore"):
         run = twin.follow(np.tile(PEPPER.neutral(), (10, 1)), load=load)
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert len(run) == 7
     assert run.message.startswith("twin stopped at step 7 (0.007 s): HeadYaw")

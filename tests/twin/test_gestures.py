@@ -70,7 +70,7 @@ def test_replay_passes_the_key_frames_within_all_limits(report, pepper):
     assert report.key_times[-1] == report.trajectory.duration
     assert np.all(np.diff(report.key_times) > 0)
     found = report.trajectory.check(pepper, pk.Scene())
-    assert found.ok, found.report()
+    assert found.success, found.report()
     np.testing.assert_allclose(report.measured, report.run.position_at(report.key_times)[:, places])
 
 

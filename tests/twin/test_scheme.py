@@ -89,7 +89,7 @@ def test_gains_that_explode_stop_the_run_and_keep_the_log(pepper):
     calm, far = np.tile(pepper.posture("Stand"), (30, 1)), np.tile(pepper.posture("Stand"), (30, 1))
     far[20:, 3] += 2.0e2
     run = twin.follow(far)
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert "twin stopped at step 21 (0.021 s): HeadYaw: its actuator wants a torque of inf" in run.message
     assert len(run) == 21
     assert np.isfinite(run.position).all()

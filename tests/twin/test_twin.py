@@ -8,7 +8,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, LimitError
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.twin import DivergedError, Run, Twin, actuator_parameters, read_run
+from pepper_kin.twin import DivergedError, Run, Twin, actuator_parameters, load_run
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def run(pepper, trajectory):
 
 def test_default_twin_tracks_well(run, trajectory):
     assert run.success
-    assert run.status == "completed"
+    assert run.status.value == "completed"
     assert run.max_error.max() < 0.005
     assert run.rms_error.max() < 0.002
     assert np.abs(run.tracking_error[-1]).max() < 1e-4
@@ -155,7 +155,7 @@ def test_divergence_stops_the_run_and_keeps_the_log():
     assert caught.value.joint in robot.joint_names
     still = Trajectory(robot.joint_names, [0.0, 1.0], np.zeros((1, 1, 2)))
     run = twin.execute(still)
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert not run.success
     assert "step 1 (0.001 s)" in run.message
     assert len(run) == 1
@@ -209,11 +209,11 @@ def test_run_file_round_trip(pepper, run, tmp_path):
     assert "KneePitch.reference" in header
     columns = json.loads((tmp_path / "columns.json").read_text())
     assert columns["KneePitch.torque"] == {"unit": "N m", "quantity": "torque", "joint": "KneePitch"}
-    again = read_run(path, pepper)
+    again = load_run(path, pepper)
     for name in ("time", "position", "velocity", "torque", "reference_position", "reference_velocity"):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
     with pytest.raises(FileFormatError, match=r"is missing|unknown column"):
-        read_run(path, pk.load_pepper(hands="mimic"))
+        load_run(path, pk.load_pepper(hands="mimic"))
 
 
 def test_runs_repeat_exactly(pepper, trajectory, run):

@@ -8,7 +8,7 @@ from PIL import Image
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.viewer import Camera, JointMotion, Viewer
+from pepper_kin.viewer import JointMotion, Viewer, Viewpoint
 from pepper_kin.viewer.camera import view_options
 from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.planning import show_motion
@@ -42,13 +42,13 @@ def drive(planar):
 
 def test_a_camera_of_ones_own_is_an_option_of_the_page():
     assert view_options("side") == {"view": "side"}
-    assert view_options(Camera((1, 2, 3), (0.5, 0, 0.125))) == {"camera": "1,2,3,0.5,0,0.125"}
+    assert view_options(Viewpoint((1, 2, 3), (0.5, 0, 0.125))) == {"camera": "1,2,3,0.5,0,0.125"}
     with pytest.raises(UnknownNameError, match="unknown camera view 'below'; available: three-quarter"):
         view_options("below")
     with pytest.raises(InvalidValueError, match="position of the camera: got nan"):
-        Camera((np.nan, 0, 0), (0, 0, 0))
+        Viewpoint((np.nan, 0, 0), (0, 0, 0))
     with pytest.raises(InvalidValueError, match=r"target of the camera: .* at least 0\.05 m from its"):
-        Camera((1, 0, 0), (1, 0, 0.01))
+        Viewpoint((1, 0, 0), (1, 0, 0.01))
 
 
 @pytest.mark.browser
@@ -57,7 +57,7 @@ def test_a_picture_has_the_cameras_target_in_its_middle(pepper, chromium_path, t
     viewer = Viewer(pepper).add_scene(
         pk.Scene().add("ball", pk.model.Sphere(0.05), (0.2, 1.5, 1.3), color=(1, 0, 0, 1))
     )
-    camera = Camera((0.2 + 0.6, 1.5 + 0.8, 1.3), (0.2, 1.5, 1.3))
+    camera = Viewpoint((0.2 + 0.6, 1.5 + 0.8, 1.3), (0.2, 1.5, 1.3))
     path = viewer.save_image(tmp_path / "ball.png", size=(600, 400), view=camera)
     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
     rows, columns = np.nonzero((pixels[..., 0] > 90) & (pixels[..., 0] > 2.5 * pixels[..., 1]))

@@ -176,7 +176,7 @@ def test_a_run_stops_where_its_steps_do(way):
         with np.errstate(all="ignore"):
             runs.append(twin.follow(np.tile(PEPPER.neutral(), (60, 1)), load=load))
         worlds.append(world)
-        assert runs[-1].status == "stopped"
+        assert runs[-1].status.value == "stopped"
     same(*runs)
     for mine, other in zip(*map(state_of, worlds), strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(mine, other, strict=True))

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_positive, check_within_limits
 from pepper_kin.motion.optimization.cost import Cost, Figures, figures_of
 from pepper_kin.planners.optimization import Bounds, EffortStatus, OptimizationStatus, minimum_effort
+from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Samples, Trajectory
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
@@ -26,26 +27,13 @@ _STEP = 0.001  # [s], between the states at which the result is examined
 _EXCESS = 0.02  # share by which torques between the points of the transcription may exceed
 
 
-class SwingStatus(Enum):
+class SwingStatus(ResultStatus):
     """How the search for a swing ended; `advice` says what to try."""
 
-    SOLVED = "solved"
-    NOT_CONVERGED = "not_converged"
-    INFEASIBLE = "infeasible"
-    LIMITS_EXCEEDED = "limits_exceeded"
-
-    @property
-    def advice(self) -> str:
-        """One sentence: what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    SwingStatus.SOLVED: "Examine it with check(); obstacles were not looked at.",
-    SwingStatus.NOT_CONVERGED: "Raise max_iterations, or try another solver.",
-    SwingStatus.INFEASIBLE: "Allow more time.",
-    SwingStatus.LIMITS_EXCEEDED: "Use more intervals or a little more time.",
-}
+    SOLVED = "solved", "Examine it with check(); obstacles were not looked at."
+    NOT_CONVERGED = "not_converged", "Raise max_iterations, or try another solver."
+    INFEASIBLE = "infeasible", "Allow more time."
+    LIMITS_EXCEEDED = "limits_exceeded", "Use more intervals or a little more time."
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +65,7 @@ class Swing:
 
     def report(self) -> str:
         """Say in plain words what was found, and what to try."""
-        return f"{self.message} {self.status.advice}"
+        return f"{self.message} {self.status.advice} {NOT_EXAMINED.capitalize()}."
 
 
 def minimum_effort_swing(

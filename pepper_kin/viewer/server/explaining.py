@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene, contacts
-from pepper_kin.ik import IKResult, Status, solve
+from pepper_kin.ik import IKResult, IKStatus, solve
 from pepper_kin.ik.tasks import Task
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
@@ -58,9 +58,9 @@ def no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene
     if found.success:
         reason = f": {touch}" if touch else " this way"
         return f"{begin}{reason}. Another posture reaches the target: press Plan to go around."
-    if found.status is Status.CLOSEST_COLLISION and touch:
+    if found.status is IKStatus.CLOSEST_COLLISION and touch:
         return f"{begin}: {touch}. Move the target or what is in the way."
-    if found.status is Status.CLOSEST_UNREACHABLE:
+    if found.status is IKStatus.CLOSEST_UNREACHABLE:
         return f"{begin}: {_beyond(unmet, found)}. Bring the target nearer."
     limits = found.blocking_limits or found.active_limits
     if limits:
