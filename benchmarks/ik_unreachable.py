@@ -149,14 +149,14 @@ def main() -> None:
         found.append(compare(target, generator))
         if (k + 1) % 500 == 0:
             print(f"{k + 1} of {arguments.count} targets, {time.perf_counter() - begin:.0f} s", flush=True)
-    excess = np.array([c.ours - c.other for c in found if not c.solved])
+    difference = np.array([c.ours - c.other for c in found if not c.solved])
     micro = 1e6 * np.array([c.time for c in found if not c.solved])
     print("\n| targets | reached | others within 5 mm of the long search [%] | worst [mm] | ", end="")
     print("closer than the long search by over 1 mm | median of a call [us] | 99th percentile [us] |")
     print("|---|---|---|---|---|---|---|")
     print(
-        f"| {len(found)} | {len(found) - excess.size} | {100 * np.mean(excess <= ALLOWED):.2f} | "
-        f"{1e3 * excess.max():.1f} | {np.sum(excess < -1e-3)} | {np.median(micro):.0f} | "
+        f"| {len(found)} | {len(found) - difference.size} | {100 * np.mean(difference <= ALLOWED):.2f} | "
+        f"{1e3 * difference.max():.1f} | {np.sum(difference < -1e-3)} | {np.median(micro):.0f} | "
         f"{np.percentile(micro, 99):.0f} |"
     )
 

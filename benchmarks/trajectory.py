@@ -167,11 +167,11 @@ def timing(chosen: list[np.ndarray], repeats: int) -> None:
             *([direct] if direct else []),
         ]
         ours, whole, behind, *rest = medians(chosen, repeats, *functions)
-        excess, green = [], 0
+        difference, green = [], 0
         for points in chosen:
             trajectory = retime(PEPPER, points, **both)
             theirs = direct(points) if direct else retime(PEPPER, points, solver="toppra", **both).duration
-            excess.append(trajectory.duration / theirs - 1)
+            difference.append(trajectory.duration / theirs - 1)
             allowed = {"torque", "balance"} if not options.get("torque", True) else {"balance"}
             green += set(trajectory.check(PEPPER, collisions=False, **of_check).failures) <= allowed
         rows.append(
@@ -183,7 +183,7 @@ def timing(chosen: list[np.ndarray], repeats: int) -> None:
                 f"{ASKED[name, gridpoints]:.1f}",
                 f"{behind:.1f}",
                 f"{rest[0]:.1f}" if rest else "-",
-                f"{100 * statistics.median(excess):+.3f} % ({100 * max(excess):+.3f} %)",
+                f"{100 * statistics.median(difference):+.3f} % ({100 * max(difference):+.3f} %)",
                 f"{green} of {len(chosen)}",
             )
         )

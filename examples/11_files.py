@@ -51,6 +51,6 @@ plot(pepper, imported.trajectory, folder / "safe.png", title="made safe")
 
 assert max(worst.values()) < 1e-9
 assert refused.line is not None
-assert {excess.quantity for excess in imported.excesses} >= {"velocity", "acceleration"}
+assert {violation.quantity for violation in imported.violations} >= {"velocity", "acceleration"}
 assert not imported.original.check(pepper).success
 assert imported.trajectory.check(pepper).success

@@ -26,9 +26,9 @@ print(f"{trajectory.duration:.2f} s")
 
 # An independent look at the curve that retime follows: the tilt from the pose alone, distances by coal.
 spline = plan.curve
-pieces = np.repeat(np.arange(len(spline.breaks) - 1), 200)
+segments = np.repeat(np.arange(len(spline.breaks) - 1), 200)
 within = np.tile(np.linspace(0.0, 1.0, 200), len(spline.breaks) - 1)
-q = spline.at(pieces, within * np.diff(spline.breaks)[pieces])
+q = spline.at(segments, within * np.diff(spline.breaks)[segments])
 poses = pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 tilts = np.arccos(np.clip(poses[:, :3, 2] @ up, -1.0, 1.0))
 clearance = pk.collision.clearance(pepper, q, scene).min()

@@ -6,7 +6,7 @@
     q = pepper.posture("Stand")
     pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 
-Rooms, imported when they are first used; `help(pk.ik)` lists what is in one:
+Packages, imported when they are first used; `help(pk.ik)` lists what is in one:
 
     model            the robot: loading, groups, postures, limits, shapes, exports
     kinematics       poses, velocities and Jacobians of frames, maps of reach
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-_ROOMS = (
+_PACKAGES = (
     "base_placement",
     "batch",
     "collision",
@@ -142,4 +142,4 @@ __all__ = [
     "viewer",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{room: room for room in _ROOMS}})
+__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{name: name for name in _PACKAGES}})

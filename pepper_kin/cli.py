@@ -23,7 +23,7 @@ from pepper_kin.cli_terminal import (
     Seed,
     complete_gesture,
     complete_posture,
-    drop_output,
+    discard_output,
     one_of,
     print_json,
     print_written,
@@ -373,13 +373,13 @@ def _print_reach(outcome: ReachOutcome) -> None:
 def main() -> None:
     """Run the command line.
 
-    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, told in one line; 130 Ctrl-C.
+    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, with one line of explanation; 130 Ctrl-C.
     """
     try:
         try:
             app()
         finally:
-            sys.stdout.flush()  # here, where it can still be told that it could not be written
+            sys.stdout.flush()  # here, where a failure to write can still be reported
     except InfeasibleError as error:
         print(f"pepper-kin: {error}", file=sys.stderr)
         sys.exit(FAILED)
@@ -390,7 +390,7 @@ def main() -> None:
         if error.filename is not None:
             raise
         print(f"pepper-kin: the output cannot be written: {error.strerror or error}", file=sys.stderr)
-        drop_output()
+        discard_output()
         sys.exit(FAILED)
     except KeyboardInterrupt:  # while the command line was being read
         sys.exit(INTERRUPTED)

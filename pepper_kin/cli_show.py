@@ -102,7 +102,7 @@ def render(
 
     if camera is not None and view is not None:
         raise InvalidValueError("--camera", camera, f"to be left out with --view {view}")
-    seen = cast("CameraView | None", view) if camera is None else Viewpoint(camera[:3], camera[3:])
+    view_or_camera = cast("CameraView | None", view) if camera is None else Viewpoint(camera[:3], camera[3:])
     pixels = None if size is None else _size(size)
     pepper = load_pepper(base=base, hands=hands)
     motion = load_motion(file, pepper)
@@ -110,10 +110,10 @@ def render(
     make_folder(output.parent)
     if not as_json:
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)
-    with progress("rendering") as told:
+    with progress("rendering") as report:
         path = render_motion(
-            pepper, motion, output, scene=around, fps=fps, size=pixels, view=seen,
-            at_time=at_time, on_frame=told,
+            pepper, motion, output, scene=around, fps=fps, size=pixels, view=view_or_camera,
+            at_time=at_time, on_frame=report,
         )  # fmt: skip
     print_written([path], as_json)
 
@@ -132,8 +132,8 @@ def bench(
 
     if not as_json:
         print("  measuring; what is compiled is compiled first, once on a machine ...", file=sys.stderr)
-    with progress("measuring") as told:
-        found = run_bench(repeats=repeats, seed=seed, progress=told)
+    with progress("measuring") as report:
+        found = run_bench(repeats=repeats, seed=seed, progress=report)
     if as_json:
         print_json(found.as_dict())
     else:

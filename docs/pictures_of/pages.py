@@ -1,4 +1,4 @@
-"""Pictures of the guides: the demo and its film, looks, reach, gestures, the live page, a timed motion."""
+"""Pictures of the guides: demo and film, visual geometry, reach, gestures, live page, a timed motion."""
 
 from __future__ import annotations
 
@@ -64,17 +64,19 @@ def draw_film() -> None:
         save_video(page, FOLDER / "demo.gif", fps=16.0, size=size, timeout=600.0)
 
 
-def draw_looks() -> None:
-    """The robot's looks, its capsules and its spheres, from three sides."""
+def draw_visual() -> None:
+    """The robot's visual geometry, its capsules and its spheres, from three sides."""
     pepper = pk.load_pepper()
-    for name, looks, over in (
-        ("looks", "visual", None),
+    for name, geometry_type, over in (
+        ("visual", "visual", None),
         ("capsules", "visual", "collision"),
         ("spheres", "visual", "spheres"),
     ):
         for view in ("front", "side", "three-quarter"):
             picture = FOLDER / f"{name}_{view}.png"
-            pk.Viewer(pepper, looks=looks, over=over).save_image(picture, size=(480, 640), view=view)
+            pk.Viewer(pepper, geometry_type=geometry_type, over=over).save_image(
+                picture, size=(480, 640), view=view
+            )
 
 
 def draw_reach() -> None:

@@ -1,4 +1,4 @@
-"""What a search for a place was asked for, checked and made ready."""
+"""Checked inputs of a base-placement search."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.base_placement.moving_base import BASE_JOINTS, moving_base, wrapped
 from pepper_kin.base_placement.score import PlacementWeights, Scorer
 from pepper_kin.base_placement.task_sets import Given, task_sets
-from pepper_kin.base_placement.trial import Trier
+from pepper_kin.base_placement.trial import CandidateEvaluator
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import movable_joints
@@ -28,12 +28,12 @@ class Job(NamedTuple):
     """What was asked for, checked.
 
     Attributes:
-        trier: Tries places out.
+        evaluator: Tries places out.
         stand: The current place, shape (3,).
         movable: Joints of the moving robot that may move, the base's apart.
     """
 
-    trier: Trier
+    evaluator: CandidateEvaluator
     stand: Array
     movable: np.ndarray
 
@@ -51,7 +51,7 @@ def make_job(
     seed: int,
     threads: int,
 ) -> Job:
-    """Check what `place_base` and `floor_map` share, and return it made ready; see there."""
+    """Check what `place_base` and `placement_map` share, and return it made ready; see there."""
     moving = moving_base(pepper)
     sets = task_sets(pepper, tasks)
     home = pepper.neutral() if start is None else as_joint_vectors(pepper, start, "start")
@@ -76,8 +76,8 @@ def make_job(
         raise InvalidValueError("joints", repr(joints), "at least one joint besides the base's")
     world = checked_world(scene, collisions)
     scorer = Scorer(moving, sets, mask, home, place, weights or PlacementWeights())
-    trier = Trier(
+    evaluator = CandidateEvaluator(
         moving, sets, home, moving.names(mask), scorer, world, whole_number("seed", seed, 0),
         whole_number("threads", threads, 1),
     )  # fmt: skip
-    return Job(trier, place, mask)
+    return Job(evaluator, place, mask)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pepper_kin.base_placement.floor_map import FloorMap, map_of
+from pepper_kin.base_placement.placement_map import PlacementMap, map_of
 from pepper_kin.base_placement.score import PlacementTerms
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult
 from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
@@ -126,8 +126,8 @@ class PlacementResult:
         """What to do next, in a sentence."""
         return self.status.advice
 
-    def score_map(self, resolution: float = 0.1) -> FloorMap:
-        """Return the best score of the places that were tried, by cells of the floor; see `floor_map`.
+    def score_map(self, resolution: float = 0.1) -> PlacementMap:
+        """Return the best score of the places that were tried, by cells of the floor; see `placement_map`.
 
         Raises:
             InvalidValueError: for a resolution that is not above 0.

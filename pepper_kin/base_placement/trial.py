@@ -35,7 +35,7 @@ class Trials:
         reached: Whether each set is met, shape (N, T).
         iterations: Steps over all starts from q0, shape (N, T).
         restarts: Starts used after q0, shape (N, T).
-        excess: Sum over all tasks of error / tolerance where that is above 1, shape (N,).
+        violation: Sum over all tasks of error / tolerance where that is above 1, shape (N,).
         touching: Whether any configuration touches something, shape (N,); looked at only where all sets are
             met, unless collisions are left out.
         scores: Without clearance, shape (N,); 0 where a set is not met.
@@ -46,7 +46,7 @@ class Trials:
     reached: np.ndarray
     iterations: np.ndarray
     restarts: np.ndarray
-    excess: Array
+    violation: Array
     touching: np.ndarray
     scores: Array
 
@@ -63,7 +63,7 @@ class Trials:
     def order(self) -> np.ndarray:
         """Return the rows, the best first: free, then touching, then by what is reached and how nearly."""
         return np.lexsort(
-            (np.arange(len(self.places)), -self.scores, self.excess, -self.reached.sum(axis=1), ~self.good)
+            (np.arange(len(self.places)), -self.scores, self.violation, -self.reached.sum(axis=1), ~self.good)
         )
 
     def with_more(self, more: Trials) -> Trials:
@@ -76,7 +76,7 @@ class Trials:
 
 
 @dataclass(frozen=True, eq=False)
-class Trier:
+class CandidateEvaluator:
     """Tries places out.
 
     Attributes:
@@ -118,10 +118,10 @@ class Trier:
         reached = np.array([batch.success for batch in found]).T
         iterations = np.array([batch.iterations for batch in found]).T
         restarts = np.array([batch.restarts for batch in found]).T
-        excess = np.zeros(len(places))
+        violation = np.zeros(len(places))
         for tasks, batch in zip(self.sets, found, strict=True):
             share = batch.errors / np.array([task.tolerance for task in tasks])
-            excess += np.where(share > 1, share, 0.0).sum(axis=1)
+            violation += np.where(share > 1, share, 0.0).sum(axis=1)
         every = reached.all(axis=1)
         rows = np.flatnonzero(every)
         scores, touching = np.zeros(len(places)), np.zeros(len(places), dtype=bool)
@@ -131,7 +131,7 @@ class Trier:
             unknown = np.full(rows.size, np.inf)
             skill = self.scorer.manipulabilities(q[:, rows])
             scores[rows] = self.scorer.scores(margin, skill, unknown, *self.scorer.travels(places[rows]))
-        return Trials(places, q, reached, iterations, restarts, excess, touching, scores)
+        return Trials(places, q, reached, iterations, restarts, violation, touching, scores)
 
     def _kept_clear(self, starts: Array, q: Array) -> tuple[Array, np.ndarray]:
         """Look for other solutions where one touches something.

@@ -23,7 +23,7 @@ def read_mesh(
     """Read the vertices and triangles of a mesh.
 
     Args:
-        path: The file; its suffix tells the format.
+        path: The file; its suffix is the format.
         scale: Factors along x, y and z, shape (3,), or one for all, from the file's unit to meters.
 
     Returns:

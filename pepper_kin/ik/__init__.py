@@ -12,7 +12,7 @@
     Expression                                any CasADi expression of q
     Task, TaskGroup                           base classes for tasks of your own
 
-The differential-IK controller and the search for a place to stand have rooms of their own, `pepper_kin.servo`
+The differential-IK controller and the search for a place to stand are separate packages, `pepper_kin.servo`
 and `pepper_kin.base_placement`.
 """
 

@@ -17,7 +17,7 @@ from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import Rows
 from pepper_kin.ik.fast.structure import known_structures
-from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
+from pepper_kin.ik.priorities import SolverContext, balanced, is_ordered, solve_with_priorities
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus
 from pepper_kin.ik.solve import checked_room, solve, whole_number
@@ -234,7 +234,7 @@ def _put_in_order(
     ones = [task.at(row) for task in tasks]
     moves = np.ones(pepper.n, dtype=bool) if movable is None else movable
     problem = make_problem(pepper, ones, starts[row], moves, keep_idle=world.scene is None)
-    q[row] = put_first(problem, SolverContext("fast", world, budget), q[row].copy())
+    q[row] = solve_with_priorities(problem, SolverContext("fast", world, budget), q[row].copy())
     errors[row] = [task.error(pepper, q[row]) for task in ones]
     met = all(error <= task.tolerance for error, task in zip(errors[row], ones, strict=True))
     if met and world.free(q[row]):
@@ -287,16 +287,16 @@ def _share_out(
     progress: Callable[[int, int], None] | None,
 ) -> None:
     """Call work(begin, end) for pieces of the rows, on several threads."""
-    pieces = [(begin, min(begin + PIECE, count)) for begin in range(0, count, PIECE)]
+    chunks = [(begin, min(begin + PIECE, count)) for begin in range(0, count, PIECE)]
     done = 0
     if threads == 1:
-        for begin, end in pieces:
+        for begin, end in chunks:
             work(begin, end)
             if progress is not None:
                 progress(end, count)
         return
     with ThreadPoolExecutor(threads) as pool:
-        futures = {pool.submit(work, *piece): piece for piece in pieces}
+        futures = {pool.submit(work, *chunk): chunk for chunk in chunks}
         try:
             for future in as_completed(futures):
                 future.result()

@@ -1,4 +1,4 @@
-"""Why a target was not reached, and what would help."""
+"""Explanation of unreached targets: what blocks them, and what would help."""
 
 from __future__ import annotations
 

@@ -96,5 +96,5 @@ def _clear_ones(solutions: list[Array], collisions: Collisions) -> Iterator[Arra
     held = np.array([torque_ratios(collisions.pepper, row).max() <= 1.0 for row in q])
     for part in (q[held], q[~held]):
         for begin in range(0, len(part), PIECE):
-            piece = part[begin : begin + PIECE]
-            yield from piece[collisions.free_many(piece)]
+            chunk = part[begin : begin + PIECE]
+            yield from chunk[collisions.free_many(chunk)]

@@ -17,7 +17,7 @@ from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
 from pepper_kin.ik.fast.search import search_compiled
 from pepper_kin.ik.obstruction import what_is_in_the_way, what_would_help, why_beyond_reach
-from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
+from pepper_kin.ik.priorities import SolverContext, balanced, is_ordered, solve_with_priorities
 from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
@@ -58,7 +58,7 @@ def solve(
     of a quadratic program, first from `start` and then from further ones; see `Problem`.  Of several
     solutions it prefers one that touches nothing, that the motors can hold, and that is near the start.
     Where not all tasks can be met, hard ones come first, then positions before their orientations; see
-    `precedence`.  The same arguments give the same result, unless a timeout cuts in.
+    `priorities`.  The same arguments give the same result, unless a timeout cuts in.
 
     Args:
         pepper: The robot.
@@ -151,7 +151,7 @@ def _search(request: Request, solver: str) -> SearchResult:
 def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResult:
     """Meet better what comes first."""
     problem, collisions = request.problem(), request.collisions
-    q = put_first(problem, SolverContext(solver, collisions, request.budget), found.q)
+    q = solve_with_priorities(problem, SolverContext(solver, collisions, request.budget), found.q)
     met = problem.is_met(problem.residuals(q)) and collisions.free(q)
     return found._replace(q=read_only(q), status=IKStatus.SOLVED if met else found.status)
 

@@ -1,4 +1,4 @@
-"""What a check of a robot's dynamics found."""
+"""Results of a check of a robot's dynamics."""
 
 from __future__ import annotations
 

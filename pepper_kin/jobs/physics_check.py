@@ -208,7 +208,7 @@ def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
     n, stand = pepper.n, pepper.neutral()
     servos = actuator_parameters(pepper).changed(stop_stiffness=0.0, stop_damping=0.0)
     limp = servos.changed(mode=TORQUE)
-    soft = servos.changed(stiffness=_GENTLE * servos.stiffness, damping=10 * _GENTLE * servos.damping)
+    compliant = servos.changed(stiffness=_GENTLE * servos.stiffness, damping=10 * _GENTLE * servos.damping)
     rng = np.random.default_rng(seed)
     middle = 0.5 * (pepper.lower_limits + pepper.upper_limits)
     thrown = middle + 0.2 * rng.uniform(-1, 1, n) * (pepper.upper_limits - pepper.lower_limits)
@@ -226,7 +226,7 @@ def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
         Motion("free swing", thrown, limp, still(thrown)),
         Motion("step responses", stand, servos, still(goal)),
         Motion("gesture: wave", wave(0.0).position, servos, waving),
-        Motion("push on a hand", stand, soft, still(stand), pushed=True),
+        Motion("push on a hand", stand, compliant, still(stand), pushed=True),
     ]
 
 

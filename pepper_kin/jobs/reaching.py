@@ -23,7 +23,7 @@ from pepper_kin.twin import Run, Twin
 
 CAMERA = "CameraTop_frame"
 BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
-SETTLE = 0.5  # [s] that the twin goes on after the motion's end
+HOLD_TIME = 0.5  # [s] that the twin goes on after the motion's end
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def reach(
         on_stage: Called with the name of each stage as it begins.
 
     Returns:
-        The outcome; where a target cannot be reached, its message tells how near the hand can get.
+        The outcome; where a target cannot be reached, its message names how near the hand can get.
 
     Raises:
         PepperKinError: on misuse, naming what is wrong.
@@ -123,7 +123,7 @@ def reach(
     clock.enter("certificate")
     certificate = trajectory.check(pepper, scene=scene)
     clock.enter("twin")
-    run = Twin(pepper, timestep=timestep).execute(trajectory, settle=SETTLE)
+    run = Twin(pepper, timestep=timestep).execute(trajectory, hold_time=HOLD_TIME)
     clock.enter("report")
     figures = _figures(pepper, tasks, scene, found, trajectory, run)
     clock.enter("done")

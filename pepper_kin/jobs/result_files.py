@@ -20,7 +20,7 @@ _LIBRARIES = ("pin", "placo", "proxsuite", "coal", "toppra", "meshcat", "numpy")
 
 
 def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
-    """Return all that is to be told of an outcome, as values that JSON can hold; SI units."""
+    """Return the summary of an outcome, as values that JSON can hold; SI units."""
     certificate = outcome.certificate
     return {
         "robot": pepper.name,

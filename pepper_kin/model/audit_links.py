@@ -1,4 +1,4 @@
-"""Whether the links' masses and inertias can be those of real bodies."""
+"""Audit of the links: masses and inertias of real bodies."""
 
 from __future__ import annotations
 

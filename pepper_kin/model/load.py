@@ -1,4 +1,4 @@
-"""From xacro or URDF to a `PepperModel`."""
+"""Loading of a `PepperModel` from xacro or URDF."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.tree_order import depth_first, frame_ids
 from pepper_kin.model.urdf_document import MOST, Joint, UrdfDocument, number_of, parse_urdf, positive_of
-from pepper_kin.model.urdf_source import is_text, mesh_folders, read_source, told_of
+from pepper_kin.model.urdf_source import is_text, mesh_folders, read_source, warned
 
 if TYPE_CHECKING:
     from pepper_kin.model.missing_limits import LimitsLike
@@ -129,7 +129,7 @@ def load_robot(
     Warns:
         ModelWarning: naming what the SRDF speaks of and the robot lacks; that is left out.
     """
-    with told_of(urdf):
+    with warned(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
         _ = document.shapes  # refuses what is malformed
     if base != "fixed" or wheels is not None:
@@ -142,14 +142,14 @@ def load_robot(
         document = with_acceleration_limits(document, acceleration_limits)
     semantics = Semantics()
     if srdf is not None:
-        with told_of(srdf):
+        with warned(srdf):
             semantics = parse_srdf(read_source(srdf), document)
         _warn_of_unknown_names(srdf, semantics)
     if not semantics.disabled_pairs:
         from pepper_kin.model.neighbors import neighboring_pairs
 
         semantics = replace(semantics, disabled_pairs=neighboring_pairs(document))
-    with told_of(urdf):
+    with warned(urdf):
         return build_model(document, semantics)
 
 

@@ -159,7 +159,7 @@ def number_of(element: ET.Element, name: str, default: float, what: str) -> floa
     """Return an attribute as a number, or `default` where it is absent.
 
     Raises:
-        ModelError: naming `what` where it is no number.
+        ModelError: naming `what` where it is not a number.
     """
     text = element.get(name)
     if text is None:
@@ -264,11 +264,11 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
     if not links:
         raise ModelError("URDF: the robot has no link")
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
-        seen: set[str] = set()
+        unique: set[str] = set()
         for name in names:
-            if name in seen:
+            if name in unique:
                 raise ModelError(f"URDF: two {what}s are named {name!r}")
-            seen.add(name)
+            unique.add(name)
     known = set(links)
     parent_of: dict[str, str] = {}
     for joint in joints:

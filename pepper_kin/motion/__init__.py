@@ -1,4 +1,4 @@
-"""Motion: from a goal and a scene to a checked path, from a path to a short and smooth motion; gestures.
+"""Motion planning: collision-free paths, optimized motions, and gestures.
 
 plan, Plan, PlanStatus                    start + goal + scene -> path
 plan_batch, PlanProblem, PlanBatch        many problems on all cores
@@ -9,7 +9,7 @@ validate, Validation, ValidationStatus    a path from elsewhere, examined
 simplify_path, interpolate_path
 cartesian_path, CartesianPath, CartesianStatus, HandCurve, Line, Arc   a hand along lines and arcs
 optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
-minimum_effort_swing, Swing, SwingStatus  the motion of least torque from rest to rest
+minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
 gesture, gesture_names, gesture_meaning
 """
 
@@ -24,11 +24,11 @@ from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
 from pepper_kin.motion.optimization import (
     Cost,
     Figures,
+    MinimumTorqueStatus,
+    MinimumTorqueTrajectory,
     Optimized,
     OptimizedStatus,
-    Swing,
-    SwingStatus,
-    minimum_effort_swing,
+    minimum_torque_trajectory,
     optimize,
 )
 from pepper_kin.motion.path_costs import CostAlong, PathCost
@@ -47,6 +47,8 @@ __all__ = [
     "HandCurve",
     "Leg",
     "Line",
+    "MinimumTorqueStatus",
+    "MinimumTorqueTrajectory",
     "Optimized",
     "OptimizedStatus",
     "PathCost",
@@ -55,8 +57,6 @@ __all__ = [
     "PlanInLegs",
     "PlanProblem",
     "PlanStatus",
-    "Swing",
-    "SwingStatus",
     "Validation",
     "ValidationStatus",
     "cartesian_path",
@@ -65,7 +65,7 @@ __all__ = [
     "gesture_names",
     "interpolate_path",
     "manifold_of",
-    "minimum_effort_swing",
+    "minimum_torque_trajectory",
     "optimize",
     "plan",
     "plan_batch",

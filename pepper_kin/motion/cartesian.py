@@ -30,10 +30,10 @@ DIRECTION_WEIGHT = 0.3
 """Of the direction, beside the posture's STAY_WEIGHT; the position is a hard task."""
 
 TURN = 0.1
-"""Largest turn towards the wished direction from one stop to the next [rad]."""
+"""Largest turn toward the target direction from one stop to the next [rad]."""
 
 FINER = 32
-"""How much nearer than wished stops may lie where a joint moves fast."""
+"""How much nearer than the step size stops may lie where a joint moves fast."""
 
 STAY_WEIGHT = 0.02
 """Of the posture before: of all ways to move the hand on, the one that moves the joints least."""
@@ -47,7 +47,7 @@ class CartesianStatus(ResultStatus):
     OUT_OF_REACH = "out_of_reach", "Shorten the way, let more joints move, or move the base."
     BLOCKED_BY_LIMITS = "blocked_by_limits", "Start from another posture, or let more joints move."
     IN_COLLISION = "in_collision", "Move the way or the obstacle, or plan with plan(), which goes round it."
-    TOO_HEAVY = "too_heavy", "Start from another posture, or keep the hand nearer to the body."
+    TORQUE_LIMIT = "torque_limit", "Start from another posture, or keep the hand nearer to the body."
     JUMP = "jump", "Start from another posture: from this one the arm has to turn over on the way."
 
 
@@ -62,8 +62,8 @@ class CartesianPath:
         path: Joint positions at the stops [rad or m], shape (k, n), read-only; the first is the start.
         distances: Length along the way at each stop [m], shape (k,).
         position_error: Largest distance of the hand from the curve at the stops [m], recomputed.
-        direction_error: Largest angle between the hand and the wished direction at the stops [rad],
-            recomputed; nan where no direction is wished.
+        direction_error: Largest angle between the hand and the target direction at the stops [rad],
+            recomputed; nan without a direction.
         clearance: Smallest distance at the stops [m], by coal; inf where nothing can touch.
         time: Wall time [s].
     """
@@ -134,7 +134,7 @@ def cartesian_path(
         tolerance: Largest distance of the hand from the curve at a stop [m].
 
     Returns:
-        The path; its `fraction` tells how far it got, its `status` and `message` why it ended.
+        The path; its `fraction` is the part completed, its `status` and `message` the reason of its end.
 
     Raises:
         InvalidValueError: for no curve, NaN, or numbers that are none.
@@ -147,11 +147,12 @@ def cartesian_path(
         raise InvalidValueError("start", f"shape {q.shape}", f"shape ({pepper.n},)")
     check_within_limits(pepper, q, "start")
     check_positive("step", step, "[m]")
-    wish = None if direction is None else ik.Point(hand, direction)
+    direction_task = None if direction is None else ik.Point(hand, direction)
     frame = ik.HandPosition(hand, np.zeros(3)).frame or ""
     route = Route.of(frame_pose(pepper, q, frame)[:3, 3], _as_curves(curves))
+    heading = None if direction_task is None else direction_task.direction
     follower = _Follower(
-        pepper, hand, frame, None if wish is None else wish.direction, scene, joints, margin=margin,
+        pepper, hand, frame, heading, scene, joints, margin=margin,
         tolerance=check_positive("tolerance", tolerance, "[m]"), least_step=step / FINER,
     )  # fmt: skip
     first = np.clip(q, pepper.lower_limits, pepper.upper_limits)
@@ -167,17 +168,19 @@ def cartesian_path(
         path=read_only(path),
         distances=read_only(done),
         position_error=float(np.linalg.norm(hands - route.at(done), axis=1).max()),
-        direction_error=float("nan") if wish is None else max(wish.error(pepper, state) for state in path),
+        direction_error=float("nan")
+        if direction_task is None
+        else max(direction_task.error(pepper, state) for state in path),
         clearance=float(follower.checker.clearance(path).min()),
         time=time.perf_counter() - begin,
     )
 
 
 def _as_curves(curves: HandCurve | Sequence[HandCurve]) -> tuple[HandCurve, ...]:
-    given = (curves,) if isinstance(curves, HandCurve) else tuple(curves)
-    if not given or not all(isinstance(curve, HandCurve) for curve in given):
-        raise InvalidValueError("curves", repr(curves)[:80], "one Line or Arc or more")
-    return given
+    items = (curves,) if isinstance(curves, HandCurve) else tuple(curves)
+    if not items or not all(isinstance(curve, HandCurve) for curve in items):
+        raise InvalidValueError("curves", repr(curves), "one Line or Arc or more")
+    return items
 
 
 class _Follower:
@@ -264,13 +267,13 @@ class _Follower:
         return next((r for r in reasons if any(name in r[1] for name in objects)), reasons[0])
 
     def _turned(self, before: Array) -> Array:
-        """Return the direction to ask for next: as far towards the wished one as a stop may turn the hand."""
+        """Return the next target direction: as far toward the final one as a stop may turn the hand."""
         now = frame_pose(self.pepper, before, self.frame)[:3, 0]
-        wish = cast("Array", self.direction)
-        angle = float(np.arccos(np.clip(now @ wish, -1.0, 1.0)))
+        direction_task = cast("Array", self.direction)
+        angle = float(np.arccos(np.clip(now @ direction_task, -1.0, 1.0)))
         if angle <= TURN:
-            return wish
-        across = wish - (now @ wish) * now
+            return direction_task
+        across = direction_task - (now @ direction_task) * now
         if np.linalg.norm(across) < 1e-6:  # opposite: any way round will do
             across = np.cross(now, np.eye(3)[np.argmin(np.abs(now))])
         return np.asarray(np.cos(TURN) * now + np.sin(TURN) * across / np.linalg.norm(across))
@@ -298,4 +301,4 @@ class _Follower:
             near = "".join(f": {' and '.join(names)} come too near" for names in self.checker.contacts(q)[:1])
             return CartesianStatus.IN_COLLISION, f"the margin would not be kept{near}."
         fault = fault_of(self.exact, q, "next stop")
-        return None if fault is None else (CartesianStatus.TOO_HEAVY, fault[1])
+        return None if fault is None else (CartesianStatus.TORQUE_LIMIT, fault[1])

@@ -19,7 +19,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.precedence import balanced
+from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
@@ -86,7 +86,7 @@ def fault_of(
     if not said:
         return None
     if heavy:
-        return PlanStatus.START_TOO_HEAVY if start else PlanStatus.GOAL_TOO_HEAVY, said
+        return PlanStatus.START_TORQUE_LIMIT if start else PlanStatus.GOAL_TORQUE_LIMIT, said
     return PlanStatus.START_TIPS_OVER if start else PlanStatus.GOAL_TIPS_OVER, said
 
 
@@ -178,7 +178,7 @@ def goals_of(
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
-    Of the margins [m] the first is wished for, and the second has to be kept.
+    Of the margins [m] the first is requested, and the second has to be kept.
 
     Tasks are solved with the margin to the scene first, and without it where that fails;
     several solutions are looked for at once.

@@ -1,4 +1,4 @@
-"""What planning returns."""
+"""Result of planning."""
 
 from __future__ import annotations
 
@@ -30,15 +30,21 @@ class PlanStatus(ResultStatus):
 
     SOLVED = "solved", "Time the path with retime()."
     START_IN_COLLISION = "start_in_collision", "Move the robot or the obstacle apart before planning."
-    START_TOO_HEAVY = "start_too_heavy", "Start from a posture that the joints can hold against gravity."
+    START_TORQUE_LIMIT = (
+        "start_torque_limit",
+        "Start from a posture that the joints can hold against gravity.",
+    )
     START_TIPS_OVER = (
         "start_tips_over",
-        "Start from a posture that leans less, carry less, or ask for less balance.",
+        "Start with the center of mass nearer to the middle of the wheels, carry less, or reduce balance.",
     )
     START_TOO_NEAR = "start_too_near", "Move the robot or the obstacle apart, or reduce least_margin."
     GOAL_IN_COLLISION = "goal_in_collision", "Give another goal, or IK tasks: free goals are then sought."
-    GOAL_TOO_HEAVY = "goal_too_heavy", "Give a goal that the joints can hold against gravity."
-    GOAL_TIPS_OVER = "goal_tips_over", "Give a goal that leans less, carry less, or ask for less balance."
+    GOAL_TORQUE_LIMIT = "goal_torque_limit", "Give a goal that the joints can hold against gravity."
+    GOAL_TIPS_OVER = (
+        "goal_tips_over",
+        "Give a goal whose center of mass is nearer to the wheels, or reduce balance.",
+    )
     GOAL_TOO_NEAR = "goal_too_near", "Give another goal, or reduce least_margin."
     START_OFF_CONSTRAINT = (
         "start_off_constraint",
@@ -48,7 +54,7 @@ class PlanStatus(ResultStatus):
         "goal_off_constraint",
         "Give IK tasks as the goal: they are solved with the constraints.",
     )
-    NO_IK = "no_ik", "Move the target, or allow more joints or restarts."
+    NO_IK = "no_ik", "Move the target, free more joints, or raise the timeout."
     START_SHUT_IN = (
         "start_shut_in",
         "Hardly any motion leads away from the start: move away what is named, free more joints, or "
@@ -146,8 +152,8 @@ class Plan:
 
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""
-        room = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
-        return f"{self.message}{room} {self.advice}"
+        suffix = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
+        return f"{self.message}{suffix} {self.advice}"
 
 
 class Ending:
@@ -223,7 +229,7 @@ def _clearance_along(
     """Return the smallest distance along a curve through way-points, four times between any two [m]."""
     dense = path
     if curve is not None:
-        pieces = np.arange(len(curve.breaks) - 1)
-        parts = [curve.at(pieces, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
+        segments = np.arange(len(curve.breaks) - 1)
+        parts = [curve.at(segments, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
         dense = np.concatenate([*parts, path[-1:]])
     return float(checker_for(pepper, scene).clearance(dense).min())

@@ -38,7 +38,7 @@ class DifferentialStep:
         q: q + dt v [rad or m], shape (n,), read-only.
         scale: Share of the speed that singularities leave, of the task that suffers most.
         limited_by: What v touches, in words.
-        gave_way: What had to give way to braking, in words; joint limits never do.
+        relaxed: What had to give way to braking, in words; joint limits never do.
         blocked: Whether v only brakes, because nothing else is known to be able to stop clear.
     """
 
@@ -46,7 +46,7 @@ class DifferentialStep:
     q: Array
     scale: float
     limited_by: tuple[str, ...]
-    gave_way: tuple[str, ...]
+    relaxed: tuple[str, ...]
     blocked: bool
 
 
@@ -122,7 +122,7 @@ def _answer(q: Array, dt: float, tick: Tick, demands: list[Demand]) -> Different
         q=read_only(q + dt * tick.v),
         scale=min(demand.scale for demand in demands),
         limited_by=tick.limited_by + lost,
-        gave_way=tick.gave_way,
+        relaxed=tick.relaxed,
         blocked=tick.blocked,
     )
 
@@ -134,9 +134,9 @@ def _check_can_brake(pepper: PepperModel, q: Array, v: Array, limits: JointLimit
     for i, a in enumerate(limits.acceleration):
         high[i] = min(high[i], stopping_speed(max(limits.upper[i] - q[i], 0.0), a, dt) + reach[i])
         low[i] = max(low[i], -stopping_speed(max(q[i] - limits.lower[i], 0.0), a, dt) - reach[i])
-    excess = np.maximum(v - high, low - v)
-    if excess.max() > SLACK:
-        worst = int(np.argmax(excess))
+    violation = np.maximum(v - high, low - v)
+    if violation.max() > SLACK:
+        worst = int(np.argmax(violation))
         unit = f"{pepper.joint_units[worst]}/s"
         raise LimitError(
             "v", pepper.joint_names[worst], v[worst], float(low[worst]), float(high[worst]), unit

@@ -64,7 +64,7 @@ class Servo:
         balance: Distance that zero-moment point and capture point keep inside the wheels' triangle [m]; None
             leaves balance out.
         speed: Share of the velocity limits to use, up to 1.
-        urgency: Share of the acceleration limits to use, up to 1.
+        acceleration_scale: Share of the acceleration limits to use, up to 1.
         singularity: Hand (or gaze) motion slows down where a radian of joint motion moves it by less than
             this [m or rad].
         approach: Share of the distance to an obstacle that may be used up per second [1/s].
@@ -89,7 +89,7 @@ class Servo:
         locked: str | Iterable[str] = (),
         balance: float | None = None,
         speed: float = 1.0,
-        urgency: float = 1.0,
+        acceleration_scale: float = 1.0,
         singularity: float = 0.05,
         approach: float = 4.0,
     ) -> None:
@@ -105,7 +105,7 @@ class Servo:
         self._margin = check_positive("margin", margin, "[m]")
         self._approach = check_positive("approach", approach, "[1/s]")
         gain = min(GAIN, GAIN_PER_TICK * self.rate) if gain is None else check_positive("gain", gain, "[1/s]")
-        limits = motion_limits(pepper, locked, speed, urgency)
+        limits = motion_limits(pepper, locked, speed, acceleration_scale)
         dearness = motion_scale(pepper, self._q)
         self._pace = Pace(
             min(gain, self.rate), check_positive("singularity", singularity, "[m]"), dt, limits, dearness
@@ -208,9 +208,9 @@ class Servo:
         world = checked_world(scene, self._collisions)
         return None if world is None else ClearanceGuard(self.pepper, world, self._margin, self._approach)
 
-    def _fresh(self, given: int) -> bool:
+    def _fresh(self, set_at: int) -> bool:
         # Half a tick of slack: a time of whole ticks does not depend on rounding.
-        return (self._tick - given + 0.5) * self._dt < self.command_timeout
+        return (self._tick - set_at + 0.5) * self._dt < self.command_timeout
 
     def _demands(self) -> list[Demand]:
         if self._targets.tasks and not self._fresh(self._targets.tick):
@@ -233,7 +233,7 @@ class Servo:
         elif tasks and not self._twists and all(e <= t.tolerance for e, t in zip(errors, tasks, strict=True)):
             status = ServoStatus.ARRIVED
         else:
-            status = ServoStatus.LIMITED if limited or tick.gave_way else ServoStatus.FOLLOWING
+            status = ServoStatus.LIMITED if limited or tick.relaxed else ServoStatus.FOLLOWING
         return ServoState(
             tick=self._tick,
             time=self.time,
@@ -242,7 +242,7 @@ class Servo:
             status=status,
             scale=scale,
             limited_by=limited,
-            gave_way=tick.gave_way,
+            relaxed=tick.relaxed,
             errors=errors,
             clearance=tick.clearance,
         )

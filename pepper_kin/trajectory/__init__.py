@@ -3,9 +3,9 @@
     Trajectory, State, Samples                piecewise polynomials, and what they are sampled to
     retime                                    a path or plan timed within all limits
     check, Certificate, LimitCheck, ScalarCheck   what an examination by other code finds
-    binding_limits, Binding                   which limit holds the motion back, and when
+    active_limits, ActiveLimits               which limit holds the motion back, and when
     phase_plane, PhasePlane, plot
-    find_excesses, Excess, make_safe          limits that a motion breaks, and their repair
+    find_limit_violations, LimitViolation, enforce_limits   limits that a motion breaks, and their repair
     OnlineMotion                              new targets in mid-motion, jerk-limited
     Timeline, JointCurve, Key, Handle         an animation by keys
     import_timeline, ImportedMotion           such an animation as a trajectory within the limits
@@ -13,12 +13,12 @@
 Files of trajectories are in the room `pepper_kin.files`.
 """
 
-from pepper_kin.trajectory.binding import Binding, binding_limits
+from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
-from pepper_kin.trajectory.excess import Excess, find_excesses
+from pepper_kin.trajectory.enforce_limits import enforce_limits
 from pepper_kin.trajectory.key_curve import Handle, Key
-from pepper_kin.trajectory.make_safe import make_safe
+from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
 from pepper_kin.trajectory.online import OnlineMotion
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
@@ -28,14 +28,14 @@ from pepper_kin.trajectory.timeline import ImportedMotion, JointCurve, Timeline,
 from pepper_kin.trajectory.trajectory import State, Trajectory
 
 __all__ = [
-    "Binding",
+    "ActiveLimits",
     "Certificate",
-    "Excess",
     "Handle",
     "ImportedMotion",
     "JointCurve",
     "Key",
     "LimitCheck",
+    "LimitViolation",
     "OnlineMotion",
     "PhasePlane",
     "Samples",
@@ -43,11 +43,11 @@ __all__ = [
     "State",
     "Timeline",
     "Trajectory",
-    "binding_limits",
+    "active_limits",
     "check",
-    "find_excesses",
+    "enforce_limits",
+    "find_limit_violations",
     "import_timeline",
-    "make_safe",
     "phase_plane",
     "plot",
     "retime",

@@ -1,4 +1,4 @@
-"""What an independent examination of a trajectory found."""
+"""Certificate of a trajectory, from an independent examination."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class LimitCheck:
         lower: Lower limits.
         upper: Upper limits.
         time: The instant [s].
-        tolerance: Excess that is taken for rounding.
+        tolerance: Violation that is taken for rounding.
     """
 
     quantity: str

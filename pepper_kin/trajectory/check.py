@@ -106,35 +106,35 @@ def check(
 
 def _states(trajectory: Trajectory) -> tuple[Array, State]:
     """Return times (T,) and states (T, n): every millisecond, and both sides of every knot."""
-    time, piece, local = _instants(trajectory)
-    return time, State(*_derivatives(trajectory, piece, local, 3))
+    time, segment, local = _sample_times(trajectory)
+    return time, State(*_derivatives(trajectory, segment, local, 3))
 
 
 def _jerks(trajectory: Trajectory) -> Array:
     """Return the jerks at the times of `_states`, shape (T, n)."""
-    return _derivatives(trajectory, *_instants(trajectory)[1:], 4)[3]
+    return _derivatives(trajectory, *_sample_times(trajectory)[1:], 4)[3]
 
 
-def _instants(trajectory: Trajectory) -> tuple[Array, NDArray[np.intp], Array]:
+def _sample_times(trajectory: Trajectory) -> tuple[Array, NDArray[np.intp], Array]:
     """Return times, and their pieces and times since the start of these, shape (T,)."""
     knots = trajectory.knots
     regular = sample_times(trajectory.duration, STEP)
     inside = np.clip(np.searchsorted(knots, regular, side="right") - 1, 0, knots.size - 2)
-    pieces, step = np.arange(knots.size - 1), np.diff(knots)
+    segments, step = np.arange(knots.size - 1), np.diff(knots)
     return (
         np.concatenate([regular, knots[:-1], knots[1:]]),
-        np.concatenate([inside, pieces, pieces]),
+        np.concatenate([inside, segments, segments]),
         np.concatenate([regular - knots[inside], 0 * step, step]),
     )
 
 
-def _derivatives(trajectory: Trajectory, piece: NDArray[np.intp], local: Array, count: int) -> list[Array]:
+def _derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array, count: int) -> list[Array]:
     """Return value and first derivatives of the polynomials, shape (T, n) each.
 
     Horner's scheme for all of them at once: the sums of its steps are p(x), p'(x), p''(x) / 2, ...
     """
     coefficients, x = trajectory.coefficients, local[:, None]
-    sums = [np.zeros((piece.size, coefficients.shape[2])) for _ in range(count)]
+    sums = [np.zeros((segment.size, coefficients.shape[2])) for _ in range(count)]
     order = coefficients.shape[1]
     for power in range(order - 1, -1, -1):
         # A sum is zero until as many coefficients have been met.
@@ -142,7 +142,7 @@ def _derivatives(trajectory: Trajectory, piece: NDArray[np.intp], local: Array, 
             sums[k] *= x
             sums[k] += sums[k - 1]
         sums[0] *= x
-        sums[0] += coefficients[piece, power]
+        sums[0] += coefficients[segment, power]
     return [total * math.factorial(k) for k, total in enumerate(sums)]
 
 
@@ -170,9 +170,9 @@ def _limit_check(
 
 def _continuity(trajectory: Trajectory, derivative: int) -> ScalarCheck:
     quantity = ("position", "velocity", "acceleration")[derivative]
-    step, pieces = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
-    before = _derivatives(trajectory, pieces[:-1], step[:-1], derivative + 1)[-1]
-    after = _derivatives(trajectory, pieces[1:], 0.0 * step[1:], derivative + 1)[-1]
+    step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
+    before = _derivatives(trajectory, segments[:-1], step[:-1], derivative + 1)[-1]
+    after = _derivatives(trajectory, segments[1:], 0.0 * step[1:], derivative + 1)[-1]
     jumps = np.abs(after - before)
     worst, time, joint = 0.0, 0.0, trajectory.joint_names[0]
     if jumps.size:
@@ -204,10 +204,10 @@ def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> 
         speed = np.linalg.norm(np.einsum("tij,tj->ti", jacobian, state.velocity), axis=1)
         at = int(np.argmax(speed))
         found.append((float(speed[at]) / limit, float(speed[at]), limit, float(time[at]), frame))
-    _, value, limit, instant, frame = max(found)
+    _, value, limit, time_at, frame = max(found)
     margin = limit * (1 + RELATIVE_TOLERANCE) - value
     return ScalarCheck(
-        "hand speed", margin, value, instant, "m/s", f"of {frame}, whose limit is {limit:.4g} m/s"
+        "hand speed", margin, value, time_at, "m/s", f"of {frame}, whose limit is {limit:.4g} m/s"
     )
 
 
@@ -215,9 +215,9 @@ def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> Scala
     """Find the least distance of all milliseconds; neighbors decided by joint ranges count as yes or no."""
     from pepper_kin import collision
 
-    time, piece, local = _instants(trajectory)
+    time, segment, local = _sample_times(trajectory)
     count = sample_times(trajectory.duration, STEP).size
-    positions = _derivatives(trajectory, piece[:count], local[:count], 1)[0]
+    positions = _derivatives(trajectory, segment[:count], local[:count], 1)[0]
     found = collision.least_clearance(pepper, positions, scene)
     worst, at = found.distance, found.index
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)

@@ -40,10 +40,10 @@ def from_keyframes(
 def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:
     allowed = "time [s] -> frame, or pairs of both, with two or more times that rise from 0 or later"
     try:
-        given = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
-        pairs = [(time, frame) for time, frame in given]
+        entries = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
+        pairs = [(time, frame) for time, frame in entries]
     except (TypeError, ValueError):
-        raise InvalidValueError("key frames", repr(keyframes)[:80], allowed) from None
+        raise InvalidValueError("key frames", repr(keyframes), allowed) from None
     times = [float(as_finite(time, "time of a key frame", ())) for time, _ in pairs]
     if (
         not times

@@ -47,11 +47,11 @@ class TimingProblem:
         n, torques, edges = pepper.n, self.quantities.torque_limit.size, self.quantities.edges
         size, r = interval_count(breaks, intervals), n + torques + edges
         nodes = size + len(breaks) - 1
-        room = _Room(
+        workspace = _Workspace(
             nodes * (3 * n + 3 * r) + size * (4 * n + 3 * (r - n) + 2 * r + 10)
             + max(9 * nodes * n, size * 3 * (2 * r + 1)) + 10
         )  # fmt: skip
-        take = room.take
+        take = workspace.take
         self.grid = PathGrid(
             take(size), np.empty(size, np.int64), take(size + 1), take(3, nodes, n), take(size, 4, n)
         )
@@ -61,9 +61,9 @@ class TimingProblem:
             r), take(size + 1),
         )  # fmt: skip
         span, reach, x, best = take(size, 3), take(size + 1, 2), take(size + 1), take(size + 1)
-        begin = room.used
+        begin = workspace.used
         self.effects = self._effects(take(3, 3 * nodes, n) if torques or edges else None)
-        room.used = begin  # these states are not needed any more
+        workspace.used = begin  # these states are not needed any more
         lines = take(size, 3, 2 * r + 1)
         self.space = ProfileSpace(lines, span, reach, np.ones(size, np.bool_), x, best)
         self.limits = PathLimits(
@@ -120,7 +120,10 @@ class TimingProblem:
         if moments.size and moments.min() < 0:
             node = np.argmin(moments.min(axis=1))
             reason = f"{self._node_share(node):.0%} along the path the robot would tip over even at rest"
-            return InfeasibleError("trajectory", reason, "choose a path that leans less, or a smaller margin")
+            nearer = (
+                "choose a path whose center of mass is nearer to the middle of the wheels, or less balance"
+            )
+            return InfeasibleError("trajectory", reason, nearer)
         where = "" if failed_at is None else f" from {self.share(failed_at):.0%} of it on"
         return InfeasibleError(
             "trajectory",
@@ -134,13 +137,13 @@ class TimingProblem:
         return self.share(interval + int(node - self.grid.first[interval]))
 
 
-class _Room:
+class _Workspace:
     """Memory that a thread keeps."""
 
     def __init__(self, size: int) -> None:
         kept = getattr(_memory, "room", None)
         if kept is None or kept.size < size:
-            kept = _memory.room = np.empty(2 * size)
+            kept = _memory.workspace = np.empty(2 * size)
         self._memory, self.used = kept, 0
 
     def take(self, *shape: int) -> Array:

@@ -25,7 +25,7 @@ def pack(values: ArrayLike) -> NDArray[np.uint8]:
 
     Floats of 64 bits are taken as integers, of which differences in time are kept (exact, modulo 2^64), for
     each column of the order that leaves least, 6 at most; signs go to the lowest bit, and bytes of equal
-    weight are put together before they are deflated.  What a polynomial tells the joints shrinks to the
+    weight are put together before they are deflated.  What follows a polynomial shrinks to the
     rounding of its samples, constant series to nothing.  Other arrays are deflated as they are.
 
     Args:
@@ -95,7 +95,7 @@ def pack_moved(
         h: Timestep [s].
 
     Returns:
-        Bytes that `unpack_moved` reads, given the same velocities, start and h.
+        Bytes that `unpack_moved` reads, with the same velocities, start and h.
     """
     before = np.concatenate([start[np.newaxis], position[:-1]])
     expected = np.ascontiguousarray(before + h * velocity)
@@ -122,19 +122,19 @@ def pack_together(series: Mapping[str, tuple[list[str], list[NDArray[np.uint8]]]
     """Pack many packed series into one: members of an archive would each take some hundred bytes more.
 
     Args:
-        series: Name -> what is to be told about it, and what `pack` made of its parts.
+        series: Name -> its metadata, and its parts as packed by `pack`.
 
     Returns:
         Bytes that `unpack_together` reads.
     """
     index = {name: [about, [len(part) for part in parts]] for name, (about, parts) in series.items()}
     body = b"".join(part.tobytes() for _, parts in series.values() for part in parts)
-    told = json.dumps(index, separators=(",", ":")).encode() + b"\n" + body
-    return np.frombuffer(zlib.compress(told, _LEVEL), dtype=np.uint8)
+    packed = json.dumps(index, separators=(",", ":")).encode() + b"\n" + body
+    return np.frombuffer(zlib.compress(packed, _LEVEL), dtype=np.uint8)
 
 
 def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], list[NDArray[np.uint8]]]]:
-    """Return what `pack_together` was given.
+    """Return the arguments of `pack_together`.
 
     Raises:
         InvalidValueError: where the bytes are damaged.

@@ -35,11 +35,11 @@ def chunk_path(folder: Path, index: int) -> Path:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a `Recorder` wrote; read anew from disk whenever asked.
+    """Recording written by a `Recorder`; read from disk at each access.
 
     Attributes:
         folder: Where it is.
-        header: What `recording.json` says.
+        header: Content of `recording.json`.
         chunks: Number of whole chunks, one after the other from the first.
     """
 
@@ -68,7 +68,7 @@ class Recording:
         return sum(path.stat().st_size for path in self.folder.iterdir() if path.is_file())
 
     def inputs(self) -> Iterator[dict[str, Array]]:
-        """Yield what each chunk's steps were told, by the arguments of `Twin.follow`."""
+        """Yield the commands of each chunk, by the arguments of `Twin.follow`."""
         for chunk in self._read():
             yield {name: unpack(chunk[f"in.{name}"]) for name in INPUTS if f"in.{name}" in chunk}
 
@@ -84,13 +84,13 @@ class Recording:
         n, start = len(self.joint_names), self.header["start"]
         first = {name: np.array([float.fromhex(x) for x in start[name]])[None] for name in STATES}
         rows: dict[str, list[Array]] = {name: [first[name]] for name in STATES}
-        told: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
+        recorded: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
         message = ""
         for chunk in self._read():
             for name, values in self._states(chunk, rows["position"][-1][-1]).items():
                 rows[name].append(values)
             count = len(rows["position"][-1])
-            for name, store in told.items():
+            for name, store in recorded.items():
                 key = f"in.{name}"
                 store.append(unpack(chunk[key]) if key in chunk else np.zeros((count, n)))
             message = str(chunk["message"])
@@ -103,8 +103,8 @@ class Recording:
             whole["position"],
             whole["velocity"],
             whole["torque"],
-            np.concatenate(told["position"]),
-            np.concatenate(told["velocity"]),
+            np.concatenate(recorded["position"]),
+            np.concatenate(recorded["velocity"]),
             np.full(n, math.inf) if torque_limit is None else torque_limit,
             RunStatus.STOPPED if message else RunStatus.COMPLETED,
             message,
@@ -157,9 +157,9 @@ class Recording:
         twin.clear_pushes()
         twin.reset(*(np.array([float.fromhex(x) for x in start[name]]) for name in STATES[:2]))
         step, before = 0, np.array(twin.state.position)
-        for chunk, given in zip(self._read(), self.inputs(), strict=True):
+        for chunk, inputs in zip(self._read(), self.inputs(), strict=True):
             _push(twin, chunk)
-            run = twin.follow(**given)
+            run = twin.follow(**inputs)
             recorded = self._states(chunk, before)
             for name, values in recorded.items():
                 _compare(name, getattr(run, name)[1:], values, step, self.timestep, self.joint_names)
@@ -181,7 +181,7 @@ class Recording:
         return save_recording(self, path)
 
     def _states(self, chunk: dict[str, Any], before: Array) -> dict[str, Array]:
-        """Return what came of a chunk's steps, given the position before them."""
+        """Return the states of a chunk's steps, from the position before them."""
         velocity, torque = unpack(chunk["out.velocity"]), unpack(chunk["out.torque"])
         position = unpack_moved(chunk["out.position"], velocity, before, self.timestep)
         return {"position": position, "velocity": velocity, "torque": torque}
@@ -203,7 +203,7 @@ def load_recording(folder: PathName) -> Recording:
     """Read the recording in a folder.
 
     Args:
-        folder: What a `Recorder` was given.
+        folder: Folder of a `Recorder`.
 
     Returns:
         The recording; chunks after a missing one do not count.

@@ -1,4 +1,4 @@
-"""What the twin did: states, torques and references over time."""
+"""States, torques and references of the twin over time."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Run:
         time: [s], shape (T,), from 0 in steps of the twin.
         position: [rad or m], shape (T, n).
         velocity: [rad/s or m/s], shape (T, n).
-        torque: Of the servos, during the step that ends at each time; the first row is what they give at the
+        torque: Of the servos, during the step that ends at each time; the first row is their torque at the
             start [N m or N], shape (T, n).
         reference_position: What the servos were to follow [rad or m], shape (T, n).
         reference_velocity: [rad/s or m/s], shape (T, n).
@@ -117,7 +117,7 @@ class Run:
         return self.peak_torque / self.torque_limit
 
     def position_at(self, t: ArrayLike) -> Array:
-        """Return positions at given times, linear between steps [rad or m], shape (..., n).
+        """Return positions at times, linear between steps [rad or m], shape (..., n).
 
         Args:
             t: Times within the run [s], shape (...).
@@ -199,7 +199,7 @@ def load_run(path: PathName, pepper: Any) -> Run:
 
     Args:
         path: The file.
-        pepper: The robot whose joints it must have; gives units and torque limits.
+        pepper: The robot whose joints it must have; the source of units and torque limits.
 
     Returns:
         The run, with status COMPLETED.

@@ -91,13 +91,13 @@ def screenshot(
         raise InvalidValueError("html_path", html_path, "an existing page")
     if len(size) != 2 or not all(isinstance(length, int) and 0 < length <= 8192 for length in size):
         raise InvalidValueError("size", size, "width and height in pixels, each in 1 ... 8192")
-    seen = view_options(view)
+    shown = view_options(view)
     if at_time is not None and not math.isfinite(at_time):
         raise InvalidValueError("at_time", at_time, "a finite time [s]")
     chromium = find_chromium()
     if chromium is None:
         raise MissingDependencyError("chromium", "apt-get install chromium", "a picture of a page")
-    options = seen | {"panel": str(int(panel))} | ({} if at_time is None else {"t": repr(float(at_time))})
+    options = shown | {"panel": str(int(panel))} | ({} if at_time is None else {"t": repr(float(at_time))})
     with tempfile.TemporaryDirectory() as profile:
         picture = Path(profile) / "picture.png"
         command = [

@@ -140,12 +140,12 @@ class BrowserSession:
     def _evaluate(self, expression: str) -> Any:
         answer = self._ask("Runtime.evaluate", expression=expression, returnByValue=True)
         if "exceptionDetails" in answer:
-            told = answer["exceptionDetails"].get("exception", {}).get("description", "no message")
-            raise InfeasibleError("picture", f"the page failed: {told.splitlines()[0]}", _ADVICE)
+            description = answer["exceptionDetails"].get("exception", {}).get("description", "no message")
+            raise InfeasibleError("picture", f"the page failed: {description.splitlines()[0]}", _ADVICE)
         return answer["result"].get("value")
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send a command and wait for its answer; what the browser tells in between is dropped."""
+        """Send a command and wait for its answer; other messages of the browser are discarded."""
         self._count += 1
         command = {"id": self._count, "method": method, "params": parameters}
         if self._session:

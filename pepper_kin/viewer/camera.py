@@ -1,4 +1,4 @@
-"""Where a picture is seen from: a view by its name, or a camera of one's own."""
+"""Cameras of pictures: named views, or a position and a target."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LEAST = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A camera of one's own, for pictures, films and pages.
+    """A camera at any position, for pictures, films and pages.
 
         viewer.save_image("hand.png", q, view=pk.viewer.Viewpoint((1.2, 0.9, 1.1), (0.4, 0.2, 0.8)))
 

@@ -1,4 +1,4 @@
-"""What the viewer draws: a solid, a color and the link it moves with."""
+"""Drawable bodies: a solid, a color and the link that it moves with."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def write_frames_page(
 ) -> Path:
     """Write frames that are chosen already as one HTML file; see `save_motion_page`.
 
-    What touches in `touches` is drawn in red at these times, and told in a sentence.
+    What touches in `touches` is drawn in red at these times, and named in a sentence.
     """
     names = tuple(link_names)
     if len(set(names)) != len(names):
@@ -186,10 +186,10 @@ def _page(title: str, content: dict[str, Any]) -> str:
         "content": json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
     }
     template = (folder / "page.html").read_text(encoding="utf-8")
-    pieces = template.split("{{")
-    filled = [pieces[0]]
-    for piece in pieces[1:]:
-        name, rest = piece.split("}}", 1)
+    split = template.split("{{")
+    filled = [split[0]]
+    for part in split[1:]:
+        name, rest = part.split("}}", 1)
         filled += [parts[name], rest]
     return "".join(filled)
 

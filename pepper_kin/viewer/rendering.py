@@ -1,4 +1,4 @@
-"""A motion to a film, a picture or a page, as the file's suffix says."""
+"""Rendering of a motion to a film, a picture or a page, by the file's suffix."""
 
 from __future__ import annotations
 

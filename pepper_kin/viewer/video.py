@@ -39,7 +39,7 @@ def save_video(
 ) -> Path:
     """Film a motion page, from its first frame to its last.
 
-    One browser draws all pictures; it is told the time of each, so that slow machines film the same motion.
+    One browser draws all pictures; it gets the time of each, so that slow machines film the same motion.
 
     Args:
         html_path: A page as written by `save_motion_page`.
@@ -98,8 +98,8 @@ def _pictures(
 ) -> Iterator[Image.Image]:
     from PIL import Image
 
-    for index, instant in enumerate(times):
-        yield Image.open(io.BytesIO(session.picture(instant))).convert("RGB")
+    for index, time in enumerate(times):
+        yield Image.open(io.BytesIO(session.picture(time))).convert("RGB")
         on_frame(index + 1, times.size)
 
 

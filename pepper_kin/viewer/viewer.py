@@ -30,7 +30,7 @@ from pepper_kin.viewer.motion_frames import (
     limited_series,
 )
 from pepper_kin.viewer.recording import write_frames_page
-from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
+from pepper_kin.viewer.server.layers import CAPSULES, SPHERES, VISUAL
 from pepper_kin.viewer.target_listener import TargetListener
 from pepper_kin.viewer.touching import touch_spans
 from pepper_kin.viewer.video import check_video, save_video
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from pepper_kin.viewer.server import ViewerServer
     from pepper_kin.viewer.server.session import Session
 
-Looks = Literal["visual", "collision", "spheres"]
+GeometryType = Literal["visual", "collision", "spheres"]
 
 OVER_COLOR = (0.20, 0.45, 0.90, 0.35)
-_LAYERS = {"visual": LOOKS, "collision": CAPSULES, "spheres": SPHERES}
+_LAYERS = {"visual": VISUAL, "collision": CAPSULES, "spheres": SPHERES}
 
 
 class Viewer:
@@ -58,27 +58,27 @@ class Viewer:
 
     Args:
         pepper: The robot.
-        looks: "visual" draws what it looks like, "collision" the shapes that may not touch, "spheres" the
-            sphere set.
-        over: Looks drawn on top as well, half transparent, such as "collision" over "visual".
+        geometry_type: "visual" draws the visual meshes, "collision" the shapes that may not touch, "spheres"
+            the sphere set.
+        over: Geometry drawn on top as well, half transparent, such as "collision" over "visual".
         port: Port of the live page; None takes the first free one from 7878 on, 0 any free one.
 
     Raises:
-        UnknownNameError: There are no such looks.
+        UnknownNameError: There is no such geometry type.
     """
 
     def __init__(
         self,
         pepper: PepperModel,
         *,
-        looks: Looks = "visual",
-        over: Looks | None = None,
+        geometry_type: GeometryType = "visual",
+        over: GeometryType | None = None,
         port: int | None = None,
     ) -> None:
         self._pepper = pepper
         self._port = port
-        self._layers = tuple(_LAYERS[name] for name in (looks, over) if name in _LAYERS)
-        shapes = _shapes(pepper, looks)
+        self._layers = tuple(_LAYERS[name] for name in (geometry_type, over) if name in _LAYERS)
+        shapes = _shapes(pepper, geometry_type)
         drawn = [drawable for shape in shapes for drawable in Drawable.all_of_shape(shape)]
         if over is not None:
             on_top = _shapes(pepper, over)
@@ -178,7 +178,7 @@ class Viewer:
             viewer.on_target(lambda name, position: print(name, position))
 
         The callback gets the target's name ("left hand", "right hand" or "gaze") and its position in the
-        world, shape (3,) [m].  It runs in a thread of its own; while it runs, only the newest position of
+        world, shape (3,) [m].  It runs in a separate thread; while it runs, only the newest position of
         each target is kept for it.  It may call the viewer, for instance `show`.  The body goes on following
         unless the page's "Follow live" is off; see `follow`.
 
@@ -207,8 +207,8 @@ class Viewer:
     def move_target(self, name: str, position: ArrayLike) -> Viewer:
         """Put a target of the live page somewhere, as dragging it does; the body follows by the servo.
 
-        Returns at once, while the body moves; `q` tells where it is.  The first time on a machine the servo
-        is compiled before, which takes a minute or two.
+        Returns at once, while the body moves; `q` is its present state.  The first time on a machine the
+        servo is compiled before, which takes a minute or two.
 
         Args:
             name: "left hand", "right hand" or "gaze".
@@ -416,7 +416,7 @@ class Viewer:
     def _furnish(self, session: Session) -> None:
         """Give a new session what the viewer shows already."""
         for layer in session.available:
-            if layer == LOOKS or layer in self._layers:
+            if layer == VISUAL or layer in self._layers:
                 session.show(layer, layer in self._layers)
         session.set_scene(self._scene)
         session.set_markers(tuple(self._targets.values()))
@@ -434,12 +434,12 @@ def _joined(known: Scene, more: Scene) -> Scene:
     return Scene({**kept, **more.objects}, {**held, **more.attached}, [*known.allowed, *more.allowed])
 
 
-def _shapes(pepper: PepperModel, looks: str) -> tuple[Shape, ...]:
-    if looks not in get_args(Looks):
-        raise UnknownNameError("looks", looks, get_args(Looks))
+def _shapes(pepper: PepperModel, geometry_type: str) -> tuple[Shape, ...]:
+    if geometry_type not in get_args(GeometryType):
+        raise UnknownNameError("geometry_type", geometry_type, get_args(GeometryType))
     shapes = {
         "visual": pepper.visual_shapes,
         "collision": pepper.collision_shapes,
         "spheres": pepper.collision_spheres,
     }
-    return shapes[looks]
+    return shapes[geometry_type]

@@ -1,4 +1,4 @@
-"""Balance against the room of dynamics, tipping against the pendulum's closed forms."""
+"""Balance against `pepper_kin.dynamics`, tipping against the pendulum's closed forms."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def swing(pepper, size, w, seconds=1.0, count=501):
 
 
 @pytest.mark.parametrize("base", ["fixed", "planar"])
-def test_the_report_agrees_with_the_room_of_dynamics(base):
+def test_the_report_agrees_with_dynamics(base):
     pepper = pk.load_pepper(base=base)
     t, q, v, a = swing(pepper, 0.1, 4.0)
     if base == "planar":
@@ -57,7 +57,7 @@ def test_a_robot_at_rest_stands_on_its_center_of_mass(pepper, monitor):
     assert "kept throughout" in report.report()
 
 
-def test_the_first_instant_outside_is_named(pepper, monitor):
+def test_the_first_time_outside_is_named(pepper, monitor):
     t, q, v, a = swing(pepper, 0.45, 9.0)
     report = monitor.assess(t, q, v, a)
     event = report.event

@@ -366,22 +366,22 @@ def test_only_the_named_joints_move():
     np.testing.assert_array_equal(result.best.q[0, still], PEPPER.neutral()[still])
 
 
-def test_the_floor_map_agrees_with_place_base():
-    told = []
-    found = pk.base_placement.floor_map(
+def test_the_placement_map_agrees_with_place_base():
+    calls = []
+    found = pk.base_placement.placement_map(
         PEPPER,
         LEFT,
         center=POINT[:2],
         size=1.6,
         resolution=0.2,
         headings=6,
-        progress=told.append,
+        progress=calls.append,
         collisions=False,
     )
     assert found.scores.shape == found.yaws.shape == (8, 8)
-    assert told == sorted(told)
-    assert len(told) == 8
-    assert told[-1] == 1.0
+    assert calls == sorted(calls)
+    assert len(calls) == 8
+    assert calls[-1] == 1.0
     assert found.area == pytest.approx(0.04 * np.isfinite(found.scores).sum())
     np.testing.assert_array_equal(np.isfinite(found.scores), np.isfinite(found.yaws))
     for center in found.centers[::7]:

@@ -85,6 +85,6 @@ def test_misuse_of_weights_and_maps_is_named():
         PlacementWeights(0, 0, 0, 0)
     for name, value in (("resolution", 0.0), ("size", np.nan), ("headings", 0), ("center", (0, 0, 0))):
         with pytest.raises(InvalidValueError, match=f"{name}: got"):
-            pk.base_placement.floor_map(PEPPER, LEFT, **{"center": (0, 0), name: value})
+            pk.base_placement.placement_map(PEPPER, LEFT, **{"center": (0, 0), name: value})
     with pytest.raises(InvalidValueError, match="ten million"):
-        pk.base_placement.floor_map(PEPPER, LEFT, center=(0, 0), resolution=1e-4, collisions=False)
+        pk.base_placement.placement_map(PEPPER, LEFT, center=(0, 0), resolution=1e-4, collisions=False)

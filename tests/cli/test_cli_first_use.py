@@ -35,9 +35,9 @@ def test_help_writes_units_in_words(command):
 
 
 def test_help_of_reach_names_its_units(tmp_path):
-    told = run("reach", "--help", cwd=tmp_path).stdout
-    assert "Where the palm should go: X Y Z, in meters." in told
-    assert "Time budget of IK and planning, in seconds." in told
+    output = run("reach", "--help", cwd=tmp_path).stdout
+    assert "Where the palm should go: X Y Z, in meters." in output
+    assert "Time budget of IK and planning, in seconds." in output
 
 
 @pytest.mark.parametrize("command", [("demo",), ("reach", "--hand", "left", "--at", "0.38", "0.22", "0.82")])

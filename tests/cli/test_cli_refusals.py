@@ -19,7 +19,7 @@ def nod(tmp_path_factory):
 @pytest.mark.parametrize(
     "command", [("gesture", "nod"), ("gesture", "head"), ("check", "paper"), ("check", "physics")]
 )
-def test_a_folder_that_is_a_file_is_told_before_the_work(run, tmp_path, command):
+def test_a_folder_that_is_a_file_is_reported_before_the_work(run, tmp_path, command):
     (tmp_path / "taken").write_text("mine")
     done = run(*command, "-o", "taken", cwd=tmp_path)
     assert done.returncode == 2
@@ -70,7 +70,7 @@ def test_render_refuses_what_a_kind_of_file_does_not_have(run, nod, tmp_path, fi
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 @pytest.mark.parametrize("arguments", [("--version",), ("export", "urdf"), ("check", "limits", "--json")])
-def test_an_output_that_cannot_be_written_is_told_in_one_line(tmp_path, arguments):
+def test_an_output_that_cannot_be_written_is_reported_in_one_line(tmp_path, arguments):
     program = "import sys; sys.argv[0] = 'pepper-kin'; from pepper_kin.cli import main; main()"
     with open("/dev/full", "w") as full:
         done = subprocess.run(

@@ -25,8 +25,8 @@ def test_examples_are_numbered_without_a_gap():
 
 
 def test_the_page_has_the_examples_in_their_order():
-    told = [re.findall(r"^`examples/(.+)`$", section, re.MULTILINE) for section in SECTIONS]
-    assert told == [[path.name] for path in EXAMPLES]
+    listed = [re.findall(r"^`examples/(.+)`$", section, re.MULTILINE) for section in SECTIONS]
+    assert listed == [[path.name] for path in EXAMPLES]
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)), ids=lambda k: EXAMPLES[k].stem)

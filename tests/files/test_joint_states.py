@@ -100,7 +100,7 @@ def test_what_load_writes_is_a_recording_too(tmp_path):
     np.testing.assert_allclose(found(times).position, wave(times).position, atol=1e-9)
 
 
-def test_a_step_is_told(tmp_path):
+def test_a_step_is_reported(tmp_path):
     path = write_rows(tmp_path / "log.csv", ["time", "HeadYaw"], TIMES, [0, 0, 0, 1, 1])
     with pytest.warns(OvershootWarning, match="HeadYaw"):
         read_joint_states(path, PEPPER)

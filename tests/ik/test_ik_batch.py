@@ -33,22 +33,22 @@ def test_rows_are_what_solve_gives():
     assert not batch.success[3]
 
 
-def test_threads_change_nothing_and_progress_is_told():
+def test_threads_change_nothing_and_progress_is_reported():
     points = hands(3 * PIECE + 5)[:, :3, 3]
-    told = []
+    calls = []
     one = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points), collisions=False)
     two = pk.ik.solve_batch(
         PEPPER,
         pk.ik.HandPosition("left", points),
         threads=3,
-        progress=lambda done, count: told.append((done, count)),
+        progress=lambda done, count: calls.append((done, count)),
         collisions=False,
     )
     for name in ("q", "codes", "errors", "iterations", "restarts"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-    assert told[-1] == (len(points), len(points))
-    assert sorted(told) == told
-    assert len(told) == 4
+    assert calls[-1] == (len(points), len(points))
+    assert sorted(calls) == calls
+    assert len(calls) == 4
     assert f"{len(points)} targets: {int(one.success.sum())} solved" in one.report()
 
 

@@ -60,14 +60,14 @@ def unreachable_targets(count, generator):
 @pytest.mark.parametrize("count", [8, pytest.param(20, marks=pytest.mark.thousand)])
 def test_closest_point_is_the_closest(count):
     generator = np.random.default_rng(21)
-    excess = []
+    difference = []
     for k, target in enumerate(unreachable_targets(count, generator)):
         result = pk.ik.solve(
             PEPPER, pk.ik.HandPosition("left", target), solver=SOLVERS[k % 2], collisions=False
         )
         assert result.status in (IKStatus.CLOSEST_UNREACHABLE, IKStatus.CLOSEST_LIMITS)
-        excess.append(math.dist(hand_at(result.q), target) - closest_distance(target, generator))
-    assert np.mean(np.array(excess) < 5e-3) >= 0.95, excess
+        difference.append(math.dist(hand_at(result.q), target) - closest_distance(target, generator))
+    assert np.mean(np.array(difference) < 5e-3) >= 0.95, difference
 
 
 def test_status_solved():

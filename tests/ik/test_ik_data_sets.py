@@ -24,24 +24,24 @@ def whole():
     return pk.ik.solve_batch(PEPPER, [pk.ik.HandPosition("left", targets(600))], seed=2, collisions=False)
 
 
-@pytest.mark.parametrize(("piece", "threads"), [(1, 1), (7, 3), (64, 2), (599, 2), (600, 1), (10_000, 4)])
-def test_pieces_and_threads_change_nothing(monkeypatch, whole, piece, threads):
-    monkeypatch.setattr(batch, "PIECE", piece)
-    told = []
+@pytest.mark.parametrize(("chunk", "threads"), [(1, 1), (7, 3), (64, 2), (599, 2), (600, 1), (10_000, 4)])
+def test_pieces_and_threads_change_nothing(monkeypatch, whole, chunk, threads):
+    monkeypatch.setattr(batch, "PIECE", chunk)
+    calls = []
     found = pk.ik.solve_batch(
         PEPPER,
         [pk.ik.HandPosition("left", targets(600))],
         seed=2,
         threads=threads,
-        progress=lambda done, count: told.append((done, count)),
+        progress=lambda done, count: calls.append((done, count)),
         collisions=False,
     )
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), err_msg=name)
     assert 0 < whole.success.sum() < 600
-    assert told == sorted(told)
-    assert len(told) == -(-600 // piece)
-    assert told[-1] == (600, 600)
+    assert calls == sorted(calls)
+    assert len(calls) == -(-600 // chunk)
+    assert calls[-1] == (600, 600)
 
 
 def test_cutting_the_targets_changes_nothing(whole):

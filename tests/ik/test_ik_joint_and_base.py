@@ -55,7 +55,7 @@ def test_units_are_those_of_the_joint():
 
 
 @pytest.mark.parametrize("solver", ALL_SOLVERS)
-def test_the_base_stands_where_it_is_wished(solver):
+def test_the_base_stands_at_its_target(solver):
     task = pk.ik.BasePlacement((1.5, -0.7), 2.0)
     hand = pk.ik.FramePosition("LArm_effector", (1.3, -0.4, 0.9))
     result = pk.ik.solve(PLANAR, [task, hand], solver=solver, collisions=False)

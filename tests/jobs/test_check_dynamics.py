@@ -140,9 +140,9 @@ def test_a_number_that_is_none_fails():
     row = DynamicsCheckRow("x", "y", 1e-9, {"single": float("nan"), "batch": 1e-10})
     assert row.failed_forms == ("single",)
     check = jobs.DynamicsCheck("r", 1, "f", 1, 0, (row,))
-    told = json.loads(json.dumps(check.as_dict(), allow_nan=False))
-    assert told["rows"][0]["errors"] == {"single": None, "batch": 1e-10}
-    assert told["failures"] == ["x (single)"]
+    summary = json.loads(json.dumps(check.as_dict(), allow_nan=False))
+    assert summary["rows"][0]["errors"] == {"single": None, "batch": 1e-10}
+    assert summary["failures"] == ["x (single)"]
 
 
 @pytest.mark.parametrize("states", [0, -1, 2.5, True, "many"])
@@ -156,9 +156,9 @@ def test_the_command_checks_a_file(run, tmp_path):
     done = run("check", "dynamics", "arm.urdf", "--states", "8", "--seed", "2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Dynamics of arm: 2 joints, 8 random states, seed 2, frame lower")
-    told = json.loads(run("check", "dynamics", "arm.urdf", "--states", "8", "--json", cwd=tmp_path).stdout)
-    assert told["success"] is True
-    assert len(told["rows"]) == len(QUANTITIES)
+    summary = json.loads(run("check", "dynamics", "arm.urdf", "--states", "8", "--json", cwd=tmp_path).stdout)
+    assert summary["success"] is True
+    assert len(summary["rows"]) == len(QUANTITIES)
 
 
 def test_the_command_fails_where_the_check_does(run, tmp_path, monkeypatch):

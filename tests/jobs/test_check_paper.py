@@ -22,18 +22,18 @@ class Run(NamedTuple):
     exit_code: int
     stdout: str
     folder: Path
-    told: list[tuple[int, int]]
+    calls: list[tuple[int, int]]
     found: PaperCheck
 
 
 @pytest.fixture(scope="module")
 def run_of_command(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The job takes long: what the command makes is kept on its way, for all tests to look at."""
-    folder, told, kept = tmp_path_factory.mktemp("paper") / "validation", [], []
+    folder, calls, kept = tmp_path_factory.mktemp("paper") / "validation", [], []
 
     def kept_check(*, progress: Callable[[int, int], None], **options: object) -> PaperCheck:
         def tell(done: int, total: int) -> None:
-            told.append((done, total))
+            calls.append((done, total))
             progress(done, total)
 
         kept.append(check_paper(progress=tell, **options))
@@ -41,7 +41,7 @@ def run_of_command(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
     with mock.patch("pepper_kin.jobs.check_paper", kept_check):
         ended = CliRunner().invoke(app, ["check", "paper", "--json", "-o", str(folder)])
-    return Run(ended.exit_code, ended.stdout, folder, told, *kept)
+    return Run(ended.exit_code, ended.stdout, folder, calls, *kept)
 
 
 @pytest.fixture(scope="module")
@@ -96,5 +96,5 @@ def test_command_prints_json_and_writes_files(run_of_command):
     assert (run_of_command.folder / "figure_head.png").is_file()
 
 
-def test_progress_is_told_from_nothing_to_all(run_of_command):
-    assert run_of_command.told == [(k, 3) for k in range(4)]
+def test_progress_is_reported_from_nothing_to_all(run_of_command):
+    assert run_of_command.calls == [(k, 3) for k in range(4)]

@@ -47,13 +47,13 @@ def test_a_heavier_hand_in_one_engine_would_be_found(monkeypatch):
 
 
 def test_report_and_json_tell_the_same(found):
-    text, told = found.report(), found.as_dict()
+    text, summary = found.report(), found.as_dict()
     assert found.engine.startswith("MuJoCo")
-    for row, plain in zip(found.rows, told["rows"], strict=True):
+    for row, plain in zip(found.rows, summary["rows"], strict=True):
         assert row.name in text
         assert f"{row.differences[-1]:.1e}" in text
         assert plain["differences"] == list(row.differences)
-    json.dumps(told)
+    json.dumps(summary)
 
 
 def test_order_is_the_slope():

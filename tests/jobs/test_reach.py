@@ -91,11 +91,11 @@ def test_files(demo, tmp_path):
         assert header == ["time", *(f"{j}.{x}" for x in quantities for j in pepper.joint_names)]
         assert set(header) <= set(columns)
     assert columns["HeadYaw.torque"] == {"unit": "N m", "quantity": "torque", "joint": "HeadYaw"}
-    told = json.loads(files["summary.json"].read_text())
-    assert told["success"] is True
-    assert told["certificate"]["success"] is True
-    assert told["target_m"] == list(TARGET)
-    assert told["versions"]["pin"].startswith("3.8")
+    written = json.loads(files["summary.json"].read_text())
+    assert written["success"] is True
+    assert written["certificate"]["success"] is True
+    assert written["target_m"] == list(TARGET)
+    assert written["versions"]["pin"].startswith("3.8")
 
 
 def test_same_seed_same_motion(demo):

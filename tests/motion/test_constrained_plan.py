@@ -27,9 +27,9 @@ def beside_the_post(pepper):
 
 def dense(pepper, plan, count=40):
     spline = as_cubic_path(pepper, plan.path)
-    pieces = np.repeat(np.arange(len(spline.breaks) - 1), count)
+    segments = np.repeat(np.arange(len(spline.breaks) - 1), count)
     within = np.tile(np.linspace(0.0, 1.0, count), len(spline.breaks) - 1)
-    return spline.at(pieces, within * np.diff(spline.breaks)[pieces])
+    return spline.at(segments, within * np.diff(spline.breaks)[segments])
 
 
 def tilts(pepper, q):
@@ -108,11 +108,11 @@ def test_gaze_and_height_are_kept_at_once(pepper):
 
 def test_plan_takes_the_constraints_and_hands_over(pepper, beside_the_post):
     goal = [pk.ik.HandPosition("left", [0.30, 0.05, 0.85])]
-    given = dict(joints="left_arm", seed=2, timeout=60.0)
-    plan = pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], **given)
+    arguments = dict(joints="left_arm", seed=2, timeout=60.0)
+    plan = pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], **arguments)
     assert plan.planner == "cbirrt"
     assert tilts(pepper, dense(pepper, plan)).max() <= np.radians(5)
-    same = plan_constrained(pepper, beside_the_post, goal, POST, [level(5)], **given)
+    same = plan_constrained(pepper, beside_the_post, goal, POST, [level(5)], **arguments)
     np.testing.assert_array_equal(plan.path, same.path)
     with pytest.raises(InvalidValueError, match="planner: got 'aorrtc', expected 'rrt_connect'"):
         pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], planner="aorrtc")

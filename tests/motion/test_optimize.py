@@ -45,9 +45,9 @@ def test_accelerations_are_continuous_and_vanish_at_the_ends(over_the_table):
     _, _, found = over_the_table
     motion = found.trajectory
     steps = np.diff(motion.knots)
-    pieces = np.arange(steps.size)
-    ends = motion.at_pieces(pieces, steps).acceleration
-    starts = motion.at_pieces(pieces, 0 * steps).acceleration
+    segments = np.arange(steps.size)
+    ends = motion.at_segments(segments, steps).acceleration
+    starts = motion.at_segments(segments, 0 * steps).acceleration
     np.testing.assert_allclose(ends[:-1], starts[1:], atol=1e-7)
     np.testing.assert_allclose([starts[0], ends[-1]], 0.0, atol=1e-7)
 
@@ -92,10 +92,10 @@ def test_same_input_same_motion(over_the_table):
 
 def test_more_weight_on_jerk_is_smoother_and_longer(over_the_table):
     pepper, plan, found = over_the_table
-    soft = optimize(pepper, plan, TABLE, cost=Cost(jerk=3e-3))
-    assert soft.success, soft.message
-    assert soft.figures.jerk < 0.8 * found.figures.jerk
-    assert soft.figures.duration > found.figures.duration
+    soft_cost = optimize(pepper, plan, TABLE, cost=Cost(jerk=3e-3))
+    assert soft_cost.success, soft_cost.message
+    assert soft_cost.figures.jerk < 0.8 * found.figures.jerk
+    assert soft_cost.figures.duration > found.figures.duration
 
 
 def test_wanted_duration_is_met_with_less_effort(over_the_table):
@@ -236,7 +236,7 @@ def test_what_cannot_be_kept_is_named(over_the_table):
     assert "It breaks the jerk limit of" in weak.message
 
 
-def test_limits_of_jerk_hold_at_every_instant(over_the_table):
+def test_limits_of_jerk_hold_at_every_time(over_the_table):
     pepper, plan, found = over_the_table
     limited = optimize(pepper, plan, TABLE, jerk="moderate", cost=Cost(jerk=1e-6))
     assert limited.success, limited.message

@@ -94,7 +94,7 @@ def test_postures_that_cannot_be_held_are_named(pepper):
     path = np.array([pepper.joint_vector(ahead), pepper.joint_vector({**ahead, "HipPitch": -0.9})])
     found = validate(pepper, path)
     torque = np.abs(pk.dynamics.gravity_torque(pepper, straight(path, 1000))) / pepper.effort_limits
-    assert found.status is ValidationStatus.TOO_HEAVY
+    assert found.status is ValidationStatus.STATIC_TORQUE_LIMIT
     assert found.place == pytest.approx(np.argmax(torque.max(axis=1) > 0.95) / 1000, abs=2e-3)
     assert "N m at HipPitch" in found.message
     assert found.joint == "HipPitch"

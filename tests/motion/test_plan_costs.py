@@ -23,10 +23,10 @@ def poses(pepper, q, frame=EFFECTOR):
 
 def dense(curve, count=200):
     """Return states in the middle of short pieces of a curve, their derivatives and the pieces' spans."""
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), count)
-    spans = np.diff(curve.breaks)[pieces]
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), count)
+    spans = np.diff(curve.breaks)[segments]
     local = np.tile((np.arange(count) + 0.5) / count, len(curve.breaks) - 1) * spans
-    return curve.at(pieces, local), curve.at(pieces, local, 1), spans / count
+    return curve.at(segments, local), curve.at(segments, local, 1), spans / count
 
 
 def mean_height(pepper, plan):

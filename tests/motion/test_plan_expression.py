@@ -24,9 +24,9 @@ def height(pepper, **options):
 
 
 def dense(curve, count=40):
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), count)
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), count)
     within = np.tile(np.linspace(0.0, 1.0, count), len(curve.breaks) - 1)
-    return curve.at(pieces, within * np.diff(curve.breaks)[pieces])
+    return curve.at(segments, within * np.diff(curve.breaks)[segments])
 
 
 @pytest.fixture(scope="module")

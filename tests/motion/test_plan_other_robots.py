@@ -142,8 +142,8 @@ def test_the_improving_planner_shortens_what_the_first_path_was(case):
 
 
 def test_a_roadmap_answers_there_and_back(case):
-    room = problem_of(case)
-    problem, embed = room.problem, room.embed
+    case_problem = problem_of(case)
+    problem, embed = case_problem.problem, case_problem.embed
     roadmap = planners.Roadmap(problem)
     there = roadmap.solve(problem.start, problem.goals, timeout=20.0)
     back = roadmap.solve(problem.goals[0], problem.start[None], timeout=20.0)

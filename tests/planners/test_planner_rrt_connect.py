@@ -326,7 +326,7 @@ for points in (path.points, short.points, better.points, found.points, curve):
 
 
 @pytest.mark.parametrize(("shut", "side"), [("start", Status.START_SHUT_IN), ("goal", Status.GOAL_SHUT_IN)])
-def test_an_end_in_a_small_room_is_named(shut: str, side: Status, toy) -> None:  # type: ignore[no-untyped-def]
+def test_an_enclosed_end_is_named(shut: str, side: Status, toy) -> None:  # type: ignore[no-untyped-def]
     """A small room around one end: its tree is small, and its walls are what is met."""
     room = np.array([0.2, 0.3])
     low = [[0.13, 0.23], [0.25, 0.23], [0.13, 0.23], [0.13, 0.35]]

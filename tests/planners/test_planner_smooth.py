@@ -131,7 +131,7 @@ def test_knots_are_refined_at_a_tight_corner_only(room: float) -> None:
     assert room > 0.05 or widths[corner] < 20 * room
 
 
-def test_without_room_the_corner_is_named() -> None:
+def test_without_space_the_corner_is_named() -> None:
     problem, path = tight_corner(1e-9)
     with pytest.raises(
         InfeasibleError, match=r"no smooth path: the path has no room to turn near \[0\.9"

@@ -6,7 +6,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.core.braking import brake_path, ticks_to_rest
 from pepper_kin.servo.clearance_guard import ClearanceGuard
-from pepper_kin.servo.lever_arms import lever_arms
+from pepper_kin.servo.motion_bounds import frame_motion_bounds
 
 PEPPER = pk.load_pepper()
 STAND = PEPPER.posture("Stand")
@@ -108,11 +108,11 @@ def test_what_is_shown_to_stop_clear_does():
 
 
 def test_lever_arms_bound_all_motion():
-    generator, levers = np.random.default_rng(2), lever_arms(PEPPER)
+    generator, motion_bounds = np.random.default_rng(2), frame_motion_bounds(PEPPER)
     for _ in range(20):
         q, change = generator.uniform(-0.5, 0.5, 15), generator.normal(size=15) * 0.05
         before, after = (_shape_points(x) for x in (q, q + change))
-        assert np.linalg.norm(after - before, axis=1).max() <= levers @ np.abs(change) + 1e-12
+        assert np.linalg.norm(after - before, axis=1).max() <= motion_bounds @ np.abs(change) + 1e-12
 
 
 def _shape_points(q):
@@ -144,6 +144,6 @@ def test_a_row_that_braking_breaks_gives_way_and_is_named():
     v[PEPPER.joint_index("HipPitch")] = 2.5
     task = pk.ik.JointPosture([0.8], joints=["HipPitch"])
     step = pk.servo.differential_step(PEPPER, STAND, v, 0.01, task, balance=0.08, collisions=False)
-    assert step.gave_way == ("balance",)
+    assert step.relaxed == ("balance",)
     calm = pk.servo.differential_step(PEPPER, STAND, 0 * v, 0.01, task, balance=0.08, collisions=False)
-    assert calm.gave_way == ()
+    assert calm.relaxed == ()

@@ -203,7 +203,7 @@ def test_differential_step_brakes_before_a_limit():
         ({"approach": -2}, "approach: got -2"),
         ({"singularity": 0}, "singularity: got 0"),
         ({"speed": 1.5}, "speed: got 1.5, expected a share above 0 and up to 1"),
-        ({"urgency": 0}, "urgency: got 0"),
+        ({"acceleration_scale": 0}, "acceleration_scale: got 0"),
         ({"balance": float("nan")}, "balance"),
         ({"scene": "table"}, "scene: got 'table'"),
         ({"locked": "whole_body"}, "locked: got every joint"),

@@ -48,7 +48,7 @@ def test_a_faster_one_fails(pepper, factor, failures):
     assert pk.retime(pepper, [q, goal]).scaled(factor).check(pepper, collisions=False).failures == failures
 
 
-def test_excess_is_named_with_joint_and_time(pepper, trajectory):
+def test_a_violation_is_named_with_joint_and_time(pepper, trajectory):
     coefficients = np.array(trajectory.coefficients)
     coefficients[:, 0, pepper.joint_index("HeadPitch")] += 1.0
     found = changed(trajectory, coefficients).check(pepper, collisions=False)

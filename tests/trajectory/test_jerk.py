@@ -99,8 +99,8 @@ def test_the_path_is_followed(pepper):
     points = random_path(pepper, 2)
     curve = as_cubic_path(pepper, points)
     trajectory = retime(pepper, points, jerk="moderate")
-    pieces = np.repeat(np.arange(4), 5000)
-    dense = curve.at(pieces, (np.diff(curve.breaks)[:, None] * np.linspace(0, 1, 5000)).ravel())
+    segments = np.repeat(np.arange(4), 5000)
+    dense = curve.at(segments, (np.diff(curve.breaks)[:, None] * np.linspace(0, 1, 5000)).ravel())
     for q in trajectory(np.linspace(0, trajectory.duration, 60)).position:
         assert np.linalg.norm(dense - q, axis=1).min() < 1e-3
 
@@ -117,8 +117,8 @@ def test_moving_average_is_smooth_and_ends_at_the_ends():
     fastest = retime(robot, curve)
     s = curve.breaks[0] + (fastest(fastest.knots).position[:, 0] + 1.0)
     base = smooth_time(curve, fastest.knots, s, 0.2)
-    pieces, step = np.arange(base.knots.size - 1), np.diff(base.knots)
-    ends, starts = base.at(pieces, step), base.at(pieces, 0 * step)
+    segments, step = np.arange(base.knots.size - 1), np.diff(base.knots)
+    ends, starts = base.at(segments, step), base.at(segments, 0 * step)
     for late, early in zip(ends[:3], starts[:3], strict=True):
         np.testing.assert_allclose(late[:-1], early[1:], atol=1e-7)
     assert base.knots[-1] == pytest.approx(fastest.duration + 0.2)

@@ -74,7 +74,7 @@ def test_what_is_drawn_is_the_trajectory(pepper, trajectory):
     assert any("of -7.34;" in word for word in words)
 
 
-def test_an_excess_is_inside_the_picture(pepper, trajectory):
+def test_a_violation_is_inside_the_picture(pepper, trajectory):
     fast = Trajectory(
         trajectory.joint_names,
         trajectory.breaks / 3,

@@ -168,7 +168,7 @@ def test_a_payload_too_heavy_to_hold_is_named(pepper, solver):
     assert "or carry less" in message
 
 
-def test_a_wished_duration_is_met_or_refused(pepper):
+def test_a_requested_duration_is_met_or_refused(pepper):
     points = random_path(pepper, 5)
     fastest = retime(pepper, points)
     slow = retime(pepper, points, duration=2 * fastest.duration)
@@ -185,20 +185,23 @@ def test_binding_limits_are_named(pepper):
     q = pepper.posture("Stand")
     goal = q - 3.4 * (np.arange(pepper.n) == pepper.joint_index("LShoulderPitch"))
     trajectory = retime(pepper, [q, goal])
-    binding = trajectory.binding(pepper)
-    assert set(binding.names[binding.acts]) == {"velocity LShoulderPitch", "acceleration LShoulderPitch"}
-    assert binding.acts.mean() > 0.95
-    assert binding.share.max() <= 1 + 1e-8
-    assert "acceleration LShoulderPitch" in binding.report()
-    assert binding.names.shape == binding.share.shape == binding.time.shape
-    slow = retime(pepper, [q, goal], hand_speed=0.1).binding(pepper, hand_speed={"left": 0.1})
-    assert "speed LArm_effector" in set(slow.names[slow.acts])
+    active_limits = trajectory.active_limits(pepper)
+    assert set(active_limits.names[active_limits.active]) == {
+        "velocity LShoulderPitch",
+        "acceleration LShoulderPitch",
+    }
+    assert active_limits.active.mean() > 0.95
+    assert active_limits.share.max() <= 1 + 1e-8
+    assert "acceleration LShoulderPitch" in active_limits.report()
+    assert active_limits.names.shape == active_limits.share.shape == active_limits.time.shape
+    slow = retime(pepper, [q, goal], hand_speed=0.1).active_limits(pepper, hand_speed={"left": 0.1})
+    assert "speed LArm_effector" in set(slow.names[slow.active])
 
 
 def test_binding_balance_is_named(pepper):
     path = [pepper.posture("Stand"), pepper.joint_vector({"HipPitch": -0.5})]
-    binding = retime(pepper, path, balance=0.02).binding(pepper, balance=0.02)
-    assert "balance" in set(binding.names[binding.acts])
+    active_limits = retime(pepper, path, balance=0.02).active_limits(pepper, balance=0.02)
+    assert "balance" in set(active_limits.names[active_limits.active])
 
 
 def test_refused_options_are_named(pepper):
@@ -266,7 +269,7 @@ def test_many_times_are_checked_as_few_are():
         with pytest.raises(InvalidValueError, match=rf"t: got {wrong} s, expected times within \[0, 1\] s"):
             trajectory(times)
     with pytest.raises(IndexError):
-        trajectory.at_pieces(np.full(400, 1), np.zeros(400))
+        trajectory.at_segments(np.full(400, 1), np.zeros(400))
 
 
 def test_results_are_new_and_read_only(pepper):

@@ -10,12 +10,12 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.trajectory import Trajectory
 
 
-def smooth(seed, pieces=4, order=6, n=3):
+def smooth(seed, segments=4, order=6, n=3):
     """A random trajectory, continuous in position and velocity."""
     rng = np.random.default_rng(seed)
-    step = rng.uniform(0.1, 0.6, pieces)
-    table = rng.normal(size=(pieces, order, n))
-    for i in range(1, pieces):
+    step = rng.uniform(0.1, 0.6, segments)
+    table = rng.normal(size=(segments, order, n))
+    for i in range(1, segments):
         powers = step[i - 1] ** np.arange(order)
         table[i, 0] = powers @ table[i - 1]
         table[i, 1] = (np.arange(1, order) * powers[:-1]) @ table[i - 1, 1:]

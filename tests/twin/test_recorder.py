@@ -178,13 +178,13 @@ def test_execute_goes_on_with_its_trajectory_after_a_resume(tmp_path):
     path = [PEPPER.neutral(), PEPPER.joint_vector({"HeadYaw": 0.9})]
     trajectory = pk.retime(PEPPER, path, solver="toppra")
     one = Recorder(twin(), tmp_path / "whole", chunk=0.1)
-    one.execute(trajectory, settle=0.2)
-    Recorder(twin(), tmp_path / "parts", chunk=0.1).execute(trajectory, settle=0.2)
+    one.execute(trajectory, hold_time=0.2)
+    Recorder(twin(), tmp_path / "parts", chunk=0.1).execute(trajectory, hold_time=0.2)
     chunks = sorted((tmp_path / "parts").glob("0*.npz"))
     for late in chunks[3:]:
         late.unlink()
     two = Recorder.resume(twin(), tmp_path / "parts")
-    two.execute(trajectory, settle=0.2)
+    two.execute(trajectory, hold_time=0.2)
     first, second = one.recording.run(), two.recording.run()
     assert np.array_equal(first.position, second.position)
     for name in first.readings:

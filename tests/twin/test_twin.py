@@ -19,7 +19,7 @@ def trajectory(pepper):
 
 @pytest.fixture(scope="module")
 def run(pepper, trajectory):
-    return Twin(pepper).execute(trajectory, settle=0.3)
+    return Twin(pepper).execute(trajectory, hold_time=0.3)
 
 
 def test_default_twin_tracks_well(run, trajectory):
@@ -117,8 +117,8 @@ def test_bad_values_are_refused(pepper, trajectory):
         (lambda: twin.step(q, load=np.full(15, np.inf)), "load: got"),
         (lambda: twin.step(np.tile(q, (2, 1))), r"position: got shape \(2, 15\), expected shape \(15,\)"),
         (lambda: twin.reset(q * np.nan), "q: got nan"),
-        (lambda: twin.execute(trajectory, settle=-1), "settle: got -1"),
-        (lambda: twin.execute(trajectory, settle=np.nan), "settle: got nan"),
+        (lambda: twin.execute(trajectory, hold_time=-1), "hold_time: got -1"),
+        (lambda: twin.execute(trajectory, hold_time=np.nan), "hold_time: got nan"),
         (lambda: Twin(pepper, feedforward="magic"), "feedforward: got 'magic', expected one of 'none'"),
         (lambda: Twin(pepper, -0.001), "timestep: got -0.001"),
         (lambda: Twin(pepper, 0.0), "timestep: got 0.0"),
@@ -217,13 +217,13 @@ def test_run_file_round_trip(pepper, run, tmp_path):
 
 
 def test_runs_repeat_exactly(pepper, trajectory, run):
-    again = Twin(pepper).execute(trajectory, settle=0.3)
+    again = Twin(pepper).execute(trajectory, hold_time=0.3)
     np.testing.assert_array_equal(again.position, run.position)
     np.testing.assert_array_equal(again.torque, run.torque)
 
 
 @pytest.mark.parametrize("h", [0.0005, 0.005, 0.02])
 def test_other_timesteps_follow_too(pepper, trajectory, h):
-    run = Twin(pepper, h).execute(trajectory, settle=0.5)
+    run = Twin(pepper, h).execute(trajectory, hold_time=0.5)
     assert run.success
     assert np.abs(run.tracking_error[-1]).max() < 1e-3

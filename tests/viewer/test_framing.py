@@ -21,7 +21,7 @@ SEEN = """([x, y, z]) => {
 }"""
 
 
-def is_seen(page, point):
+def in_picture(page, point):
     return np.abs(page.evaluate(SEEN, list(map(float, point)))).max() <= 1
 
 
@@ -76,10 +76,10 @@ def test_a_recording_frames_its_targets_and_the_whole_way_of_the_base(
         page = browser.new_page(viewport={"width": width, "height": height})
         page.goto(path.as_uri())
         until(page, "window.pepperKin !== undefined")
-        assert is_seen(page, target)
+        assert in_picture(page, target)
         for q in drive.positions[::8]:
             for link in ("base_footprint", "Head", "l_wrist", "r_wrist"):
-                assert is_seen(page, pk.kinematics.frame_pose(planar, q, link)[:3, 3])
+                assert in_picture(page, pk.kinematics.frame_pose(planar, q, link)[:3, 3])
         page.evaluate("pepperKin.seek(4)")
         x, _, z = page.evaluate(
             "pepperKin.viewer.scene_tree.find(['Stage', 'key', '<object>']).object.target.position.toArray()"
@@ -95,7 +95,7 @@ def test_the_live_page_steps_back_for_targets_and_long_ways(open_live, until, pl
         server.call(lambda session: session.set_follow(False))
         page = open_live(server.url)
         target = [1.0, -2.5, 1.2]
-        assert not is_seen(page, target)
+        assert not in_picture(page, target)
         server.call(lambda session: session.move_target("right hand", np.array(target)))
         until(page, f"({SEEN})({target}).every((x) => Math.abs(x) <= 1)")
         server.call(lambda session: session.release())
@@ -103,8 +103,8 @@ def test_the_live_page_steps_back_for_targets_and_long_ways(open_live, until, pl
         server.call(lambda session: session.load(shown, play=False))
         until(page, f"({SEEN})([0, 4, 1]).every((x) => Math.abs(x) <= 1)")
         for q in drive.positions[::8]:
-            assert is_seen(page, pk.kinematics.frame_pose(planar, q, "Head")[:3, 3])
-            assert is_seen(page, pk.kinematics.frame_pose(planar, q, "base_footprint")[:3, 3])
+            assert in_picture(page, pk.kinematics.frame_pose(planar, q, "Head")[:3, 3])
+            assert in_picture(page, pk.kinematics.frame_pose(planar, q, "base_footprint")[:3, 3])
     finally:
         server.close()
 
@@ -137,6 +137,6 @@ def test_a_camera_that_a_visitor_has_turned_stays_and_is_found_again(open_live, 
         np.testing.assert_allclose(page.evaluate(where), own, atol=2e-3)
         page.click("[data-view=front]")
         until(page, "location.hash === '#view=front'")
-        assert is_seen(page, [1.0, -2.5, 1.2])
+        assert in_picture(page, [1.0, -2.5, 1.2])
     finally:
         server.close()

@@ -13,7 +13,7 @@ from pepper_kin.collision.mesh_file import read_mesh
 from pepper_kin.model import Mesh
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.server import ViewerServer
-from pepper_kin.viewer.server.layers import LOOKS, layers_of
+from pepper_kin.viewer.server.layers import VISUAL, layers_of
 from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.server.sketches import TRIANGLES, sketches_of
 from pepper_kin.viewer.server.targets import Targets
@@ -24,15 +24,15 @@ ROBOTS = SHARE / "example-robot-data" / "robots"
 
 @pytest.fixture(scope="module")
 def panda():
-    """An arm whose looks are COLLADA files."""
+    """An arm whose visual meshes are COLLADA files."""
     urdf = ROBOTS / "panda_description" / "urdf" / "panda.urdf"
     return pk.load_robot(urdf, package_dirs=[SHARE, ROBOTS])
 
 
-def test_looks_of_collada_files_hold_the_collision_shapes(panda):
+def test_visuals_of_collada_files_hold_the_collision_shapes(panda):
     """The maker's hulls for collisions are drawn around the same bodies: both fill the same room."""
     layers = layers_of(panda, Targets(panda))
-    looks, sketch = layers[LOOKS], sketches_of(panda, layers)[LOOKS]
+    visuals, sketch = layers[VISUAL], sketches_of(panda, layers)[VISUAL]
     hulls: dict[str, list] = {}
     for shape in panda.collision_shapes:
         if not isinstance(shape.geometry, Mesh):
@@ -42,7 +42,7 @@ def test_looks_of_collada_files_hold_the_collision_shapes(panda):
         hulls.setdefault(shape.link, []).append(vertices @ pose[:3, :3].T + pose[:3, 3])
     for link in ("panda_link0", "panda_link3", "panda_link5"):
         boxes = []
-        for drawables in (looks, sketch):
+        for drawables in (visuals, sketch):
             points = [
                 d.geometry.vertices @ d.transform_shape_to_link[:3, :3].T + d.transform_shape_to_link[:3, 3]
                 for d in drawables

@@ -75,7 +75,7 @@ def test_the_page_holds_the_poses_and_the_objects(machine, tmp_path, content_of)
     assert kinds == ["CylinderGeometry", "BoxGeometry", "BufferGeometry", "SphereGeometry"]
 
 
-def test_links_that_carry_nothing_take_no_room(machine, tmp_path, content_of):
+def test_links_that_carry_nothing_take_no_memory(machine, tmp_path, content_of):
     bare = content_of(write(machine, tmp_path / "a.html", drawables=machine.drawables[:1]))
     assert [link["name"] for link in bare["motion"]["links"]] == ["base"]
     assert bare["motion"]["positions"].size == 5 * 3

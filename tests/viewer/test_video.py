@@ -50,15 +50,15 @@ def red_column(picture):
 @pytest.mark.browser
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_a_film_has_the_frames_asked_for_and_they_move(chromium_path, page, tmp_path, suffix):
-    told = []
+    calls = []
     path = save_video(
         page, tmp_path / f"film{suffix}", fps=5, size=SIZE, view="front",
-        on_frame=lambda done, total: told.append((done, total)),
+        on_frame=lambda done, total: calls.append((done, total)),
     )  # fmt: skip
     pictures, shown = frames_of(path)
     assert pictures.shape == (11, 120, 160, 3)  # two seconds at five a second, both ends
     np.testing.assert_allclose(shown, 0.2, atol=1e-6)
-    assert told == [(k, 11) for k in range(1, 12)]
+    assert calls == [(k, 11) for k in range(1, 12)]
     # From the front the robot's left (+y) is on the right: the cube slides evenly from left to right.
     columns = np.array([red_column(picture) for picture in pictures])
     steps = np.diff(columns)

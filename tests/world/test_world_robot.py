@@ -1,4 +1,4 @@
-"""The robot among things: it leans, pushes, is caught, and lifts what it grips."""
+"""Contacts of the robot with a world: leaning, pushing, blocking, and lifting an object in its grip."""
 
 import numpy as np
 import pinocchio
@@ -13,7 +13,7 @@ H = 0.002
 
 
 def joint_loads(pepper, q, contacts):
-    """J^T of the forces on the robot, by the kinematics room; shape (n,)."""
+    """J^T of the forces on the robot, by `pepper_kin.kinematics`; shape (n,)."""
     total = np.zeros(pepper.n)
     for contact in contacts:
         for name, sign in zip(contact.names, (1.0, -1.0), strict=True):

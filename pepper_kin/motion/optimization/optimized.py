@@ -1,4 +1,4 @@
-"""What the optimization of a motion returns."""
+"""Result of a trajectory optimization."""
 
 from __future__ import annotations
 

@@ -130,9 +130,9 @@ def world_velocity(twist: ArrayLike, yaw: float) -> Array:
     Raises:
         InvalidValueError: for a wrong shape, NaN or infinity.
     """
-    given = as_finite(twist, "twist", (None,) * max(np.ndim(twist) - 1, 0) + (3,))
+    checked = as_finite(twist, "twist", (None,) * max(np.ndim(twist) - 1, 0) + (3,))
     if not np.isfinite(yaw):
         raise InvalidValueError("yaw", yaw, "a finite angle [rad]")
     cos, sin = np.cos(yaw), np.sin(yaw)
-    x, y, turning = given[..., 0], given[..., 1], given[..., 2]
+    x, y, turning = checked[..., 0], checked[..., 1], checked[..., 2]
     return np.stack([cos * x - sin * y, sin * x + cos * y, turning], axis=-1)

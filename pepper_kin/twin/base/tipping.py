@@ -1,4 +1,4 @@
-"""What happens when the floor cannot hold the robot level: it turns about an edge of its wheels."""
+"""Tipping: rotation about an edge of the wheels where the floor cannot hold the robot level."""
 
 from __future__ import annotations
 
@@ -121,12 +121,12 @@ def simulate_tipping(
     """Follow a motion and let the robot tilt where the floor cannot hold it level.
 
     When the zero-moment point leaves the polygon, the whole robot turns about the edge that it left through,
-    as one body with the mass distribution of the moment, while the joints keep to the given motion.  With
+    as one body with the mass distribution at that time, while the joints follow the motion.  With
     theta the tilt, I the inertia about the edge, b and h how far inside the edge and how high the center of
     mass is while level, and M the moment about the edge of the forces of inertia of the joints' motion,
         d/dt (I theta') = m g (h sin(theta) - b cos(theta)) + M,
-    which is the balance of angular momentum about the edge.  It falls when the center of mass has passed over
-    the edge for good, and comes back otherwise.
+    which is the balance of angular momentum about the edge.  It tips over when the center of mass has passed
+    over the edge for good, and comes back otherwise.
 
     Assumed: joints follow their motion whatever happens (stiff servos); wheels are points that neither slide
     nor leave the edge; the moment of external forces, and of the acceleration of a moving base, is that of
@@ -169,7 +169,7 @@ def simulate_tipping(
         edge[k + 1] = edge[k]
         if angle[k + 1] <= 0.0:
             angle[k + 1], rate[k + 1] = 0.0, -restitution * rate[k + 1]
-            if rate[k + 1] < 1e-3:  # [rad/s] no bounce to speak of
+            if rate[k + 1] < 1e-3:  # [rad/s] no noticeable bounce
                 rate[k + 1], edge[k + 1] = 0.0, -1
         if angle[k + 1] >= fallen_at:
             part = slice(k + 2)

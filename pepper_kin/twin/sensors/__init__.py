@@ -1,4 +1,4 @@
-"""Sensors of the robot: what each would say, with noise, beside the truth.
+"""Sensors of the robot: readings with noise, beside the truth.
 
 SensorSuite                               all of Pepper's sensors; give it to `Twin(sensors=...)`
 SensorSpecification, sensor_specifications, Reading, ReadingSeries

@@ -1,4 +1,4 @@
-"""Why the body comes no nearer to its targets, in sentences for a visitor."""
+"""Explanations for visitors: why the body does not get nearer to its targets."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def on_the_way(tasks: Sequence[Task]) -> str:
 def why_no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene) -> str:
     """Say why the body rests at joint positions q, shape (n,), without having met its tasks.
 
-    Inverse kinematics from many starts tells what the servo, which only goes straight, cannot know.
+    Inverse kinematics from many starts finds what the servo, which is local, cannot.
     """
     return no_closer(pepper, q, tasks, scene, solve(pepper, list(tasks), q, scene=scene, restarts=RESTARTS))
 

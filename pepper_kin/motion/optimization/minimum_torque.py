@@ -27,7 +27,7 @@ _STEP = 0.001  # [s], between the states at which the result is examined
 _EXCESS = 0.02  # share by which torques between the points of the transcription may exceed
 
 
-class SwingStatus(ResultStatus):
+class MinimumTorqueStatus(ResultStatus):
     """How the search for a swing ended; `advice` says what to try."""
 
     SOLVED = "solved", "Examine it with check(); obstacles were not looked at."
@@ -37,8 +37,8 @@ class SwingStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class Swing:
-    """The outcome of `minimum_effort_swing`.
+class MinimumTorqueTrajectory:
+    """The outcome of `minimum_torque_trajectory`.
 
     Attributes:
         status: How it ended.
@@ -50,7 +50,7 @@ class Swing:
         solver: The solver.
     """
 
-    status: SwingStatus
+    status: MinimumTorqueStatus
     message: str
     trajectory: Trajectory | None
     figures: Figures | None
@@ -61,14 +61,14 @@ class Swing:
     @property
     def success(self) -> bool:
         """Whether the motion is optimal and keeps the limits."""
-        return self.status is SwingStatus.SOLVED
+        return self.status is MinimumTorqueStatus.SOLVED
 
     def report(self) -> str:
         """Say in plain words what was found, and what to try."""
         return f"{self.message} {self.status.advice} {NOT_EXAMINED.capitalize()}."
 
 
-def minimum_effort_swing(
+def minimum_torque_trajectory(
     pepper: PepperModel,
     start: ArrayLike,
     goal: ArrayLike,
@@ -77,7 +77,7 @@ def minimum_effort_swing(
     intervals: int = 20,
     solver: str = "newton",
     max_iterations: int = 100,
-) -> Swing:
+) -> MinimumTorqueTrajectory:
     """Find the motion of given duration from rest to rest that takes the least effort.
 
     It minimizes the integral of sum_j (tau_j / greatest tau_j)^2 dt, tau = M(q) a + C(q, v) v + g(q), within
@@ -112,17 +112,21 @@ def minimum_effort_swing(
     status, trajectory, iterations = method(pepper, first, last, duration, intervals, max_iterations, solver)
     if trajectory is None:
         message = f"No motion of {duration:.3g} s within the limits was found in {iterations} steps."
-        return Swing(status, message, None, None, iterations, time.perf_counter() - begin, solver)
+        return MinimumTorqueTrajectory(
+            status, message, None, None, iterations, time.perf_counter() - begin, solver
+        )
     use = measure_use(pepper, trajectory(sample_times(duration, _STEP)), _limits(pepper))
     share, limit = max((float(part.max()), name) for name, part in use.share.items())
-    if status is SwingStatus.SOLVED and share > 1.0 + _EXCESS:
-        status = SwingStatus.LIMITS_EXCEEDED
+    if status is MinimumTorqueStatus.SOLVED and share > 1.0 + _EXCESS:
+        status = MinimumTorqueStatus.LIMITS_EXCEEDED
     figures = figures_of(pepper, trajectory)
     message = (
         f"A swing of {duration:.3g} s with an effort of {figures.effort:.4g} s after {iterations} steps; "
         f"it uses up to {share:.1%} of the limits, of {limit} most."
     )
-    return Swing(status, message, trajectory, figures, iterations, time.perf_counter() - begin, solver)
+    return MinimumTorqueTrajectory(
+        status, message, trajectory, figures, iterations, time.perf_counter() - begin, solver
+    )
 
 
 def _limits(pepper: PepperModel) -> Limits:
@@ -145,7 +149,7 @@ def _by_newton(
     intervals: int,
     max_iterations: int,
     solver: str,
-) -> tuple[SwingStatus, Trajectory | None, int]:
+) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
     from pepper_kin.motion.optimization.spline_problem import SplineProblem  # loads Numba: only here
 
     still = np.zeros((2, pepper.n))
@@ -157,9 +161,9 @@ def _by_newton(
     problem = SplineProblem(pepper, straight, None, weights, _limits(pepper), 0.0, intervals, all_joints=True)
     found = problem.descend(duration, max_iterations, float("inf"))
     if found.status is OptimizationStatus.START_INFEASIBLE:
-        return SwingStatus.INFEASIBLE, None, found.iterations
+        return MinimumTorqueStatus.INFEASIBLE, None, found.iterations
     good = found.status is OptimizationStatus.CONVERGED
-    status = SwingStatus.SOLVED if good else SwingStatus.NOT_CONVERGED
+    status = MinimumTorqueStatus.SOLVED if good else MinimumTorqueStatus.NOT_CONVERGED
     return status, problem.trajectory(found), found.iterations
 
 
@@ -171,7 +175,7 @@ def _by_casadi(
     intervals: int,
     max_iterations: int,
     solver: str,
-) -> tuple[SwingStatus, Trajectory | None, int]:
+) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
     from pepper_kin import symbolic
 
     still = np.zeros(pepper.n)
@@ -185,12 +189,12 @@ def _by_casadi(
         max_iterations=max_iterations,
     )  # fmt: skip
     status = {
-        EffortStatus.SOLVED: SwingStatus.SOLVED,
-        EffortStatus.INFEASIBLE: SwingStatus.INFEASIBLE,
-    }.get(found.status, SwingStatus.NOT_CONVERGED)
+        EffortStatus.SOLVED: MinimumTorqueStatus.SOLVED,
+        EffortStatus.INFEASIBLE: MinimumTorqueStatus.INFEASIBLE,
+    }.get(found.status, MinimumTorqueStatus.NOT_CONVERGED)
     if found.violation > 1e-5:
         return (
-            (SwingStatus.NOT_CONVERGED if found.status is EffortStatus.SOLVED else status),
+            (MinimumTorqueStatus.NOT_CONVERGED if found.status is EffortStatus.SOLVED else status),
             None,
             (found.iterations),
         )

@@ -1,4 +1,4 @@
-"""How far one radian of a joint can move any point of the body."""
+"""Motion bounds of the whole body for one radian of each joint."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ from pepper_kin.model.shapes import read_only
 
 
 @lru_cache(maxsize=32)
-def lever_arms(pepper: PepperModel) -> Array:
+def frame_motion_bounds(pepper: PepperModel) -> Array:
     """Return R, shape (n,) [m/rad or 1]: no point of the body moves by more than sum_i R_i |dq_i|."""
     return read_only(bounds_anywhere(pepper))

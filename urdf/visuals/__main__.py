@@ -1,4 +1,4 @@
-"""Rewrite the meshes and the xacro file of the looks."""
+"""Generator of the visual meshes and their xacro file."""
 
 from __future__ import annotations
 

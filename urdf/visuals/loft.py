@@ -219,11 +219,11 @@ class Loft:
         Args:
             points: Points [m], shape (..., 3).
         """
-        given = np.asarray(points, dtype=float)
+        located = np.asarray(points, dtype=float)
         main, one, two = _AXES[self.axis]
-        s = given[..., main]
+        s = located[..., main]
         center, half, exponent = self.section(s)
-        scaled = (given[..., [one, two]] - center) / np.maximum(half, 1e-9)
+        scaled = (located[..., [one, two]] - center) / np.maximum(half, 1e-9)
         phi = np.arctan2(scaled[..., 1], scaled[..., 0])
         gauge = np.hypot(scaled[..., 0], scaled[..., 1]) / self._rho(phi, s, exponent)
         return np.where((s < self.start) | (s > self.end), np.inf, gauge)

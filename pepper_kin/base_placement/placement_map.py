@@ -1,4 +1,4 @@
-"""How good each cell of the floor is as a place to stand."""
+"""Base-placement map: a score for each cell of the floor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class FloorMap:
+class PlacementMap:
     """The best score in each cell of a grid on the floor.
 
     Attributes:
@@ -63,7 +63,7 @@ class FloorMap:
         return float(self.scores[cell[0], cell[1]])
 
 
-def map_of(places: Array, scores: Array, resolution: float) -> FloorMap:
+def map_of(places: Array, scores: Array, resolution: float) -> PlacementMap:
     """Return the map of places, shape (N, 3), and their scores, shape (N,), NaN where a place does not serve.
 
     Raises:
@@ -81,10 +81,10 @@ def map_of(places: Array, scores: Array, resolution: float) -> FloorMap:
         if np.isfinite(scores[row]):
             best[index[row, 0], index[row, 1]] = scores[row]
             yaws[index[row, 0], index[row, 1]] = places[row, 2]
-    return FloorMap(read_only(corner * size), size, read_only(best), read_only(yaws))
+    return PlacementMap(read_only(corner * size), size, read_only(best), read_only(yaws))
 
 
-def floor_map(
+def placement_map(
     pepper: PepperModel,
     tasks: Given,
     start: ArrayLike | None = None,
@@ -101,7 +101,7 @@ def floor_map(
     seed: int = 0,
     threads: int = 1,
     progress: Callable[[float], None] | None = None,
-) -> FloorMap:
+) -> PlacementMap:
     """Try every cell of a square of the floor, with several headings each, and keep the best score.
 
     Scores are those of `place_base` without clearance; places where something touches do not serve.
@@ -147,7 +147,7 @@ def floor_map(
     for row in range(cells):
         x, y = np.meshgrid((first[0] + axis[row : row + 1]) * edge, (first[1] + axis) * edge, indexing="ij")
         spots = np.stack(np.broadcast_arrays(x[..., None], y[..., None], yaws), axis=-1)
-        trials = job.trier(spots.reshape(-1, 3))
+        trials = job.evaluator(spots.reshape(-1, 3))
         headed[row] = spots[0]
         scores[row] = np.where(trials.good, trials.scores, np.nan).reshape(cells, turns)
         if progress is not None:

@@ -1,4 +1,4 @@
-"""Where a motion asks more of the robot than its limits allow, joint by joint and time by time."""
+"""Limit violations of a motion, by joint and time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _DERIVATIVES = ("position", "velocity")
 
 
 @dataclass(frozen=True)
-class Excess:
+class LimitViolation:
     """One stretch of time in which one joint is outside one limit, or one jump.
 
     Attributes:
@@ -54,7 +54,7 @@ class Excess:
         )
 
 
-def find_excesses(pepper: PepperModel, trajectory: Trajectory) -> tuple[Excess, ...]:
+def find_limit_violations(pepper: PepperModel, trajectory: Trajectory) -> tuple[LimitViolation, ...]:
     """Return every excess of position, velocity and acceleration limits, and every jump, in order of time.
 
     The motion is looked at every millisecond and on both sides of every knot.
@@ -78,28 +78,30 @@ def find_excesses(pepper: PepperModel, trajectory: Trajectory) -> tuple[Excess, 
         *_outside(pepper, "acceleration", time, state.acceleration, -a, a),
         *_jumps(pepper, trajectory),
     ]
-    return tuple(sorted(found, key=lambda excess: (excess.start, excess.joint, excess.quantity)))
+    return tuple(sorted(found, key=lambda violation: (violation.start, violation.joint, violation.quantity)))
 
 
 def _states(trajectory: Trajectory) -> tuple[Array, State]:
     """Return times in order (T,) and states (T, n), knots once for each side."""
     step = np.diff(trajectory.knots)
-    pieces = np.arange(step.size)
+    segments = np.arange(step.size)
     regular = sample_times(trajectory.duration, STEP)
     inside = regular[~np.isin(regular, trajectory.knots)]
     parts = [
-        trajectory(inside), trajectory.at_pieces(pieces, 0 * step), trajectory.at_pieces(pieces, step),
-    ]  # fmt: skip
+        trajectory(inside),
+        trajectory.at_segments(segments, 0 * step),
+        trajectory.at_segments(segments, step),
+    ]
     time = np.concatenate([inside, trajectory.knots[:-1], trajectory.knots[1:]])
     # At a knot the end of the piece before comes ahead of the start of the piece behind.
-    side = np.concatenate([np.zeros(inside.size), np.ones(pieces.size), -np.ones(pieces.size)])
+    side = np.concatenate([np.zeros(inside.size), np.ones(segments.size), -np.ones(segments.size)])
     order = np.lexsort((side, time))
     return time[order], State(*(np.concatenate(part)[order] for part in zip(*parts, strict=True)))
 
 
 def _outside(
     pepper: PepperModel, quantity: str, time: Array, value: Array, lower: Array, upper: Array
-) -> list[Excess]:
+) -> list[LimitViolation]:
     found = []
     with np.errstate(invalid="ignore"):
         slack = np.where(np.isfinite(upper - lower), _RELATIVE * (upper - lower), 0.0)
@@ -113,14 +115,14 @@ def _outside(
             limit = float(upper[j] if worst > upper[j] else lower[j])
             unit = unit_of(quantity, pepper.joint_units[j])
             times = (float(time[begin]), float(time[end - 1]), float(time[at]))
-            found.append(Excess(name, quantity, *times, worst, limit, unit))
+            found.append(LimitViolation(name, quantity, *times, worst, limit, unit))
     return found
 
 
-def _jumps(pepper: PepperModel, trajectory: Trajectory) -> list[Excess]:
-    step, pieces = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
-    before = trajectory.at_pieces(pieces[:-1], step[:-1])
-    after = trajectory.at_pieces(pieces[1:], 0.0 * step[1:])
+def _jumps(pepper: PepperModel, trajectory: Trajectory) -> list[LimitViolation]:
+    step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
+    before = trajectory.at_segments(segments[:-1], step[:-1])
+    after = trajectory.at_segments(segments[1:], 0.0 * step[1:])
     found = []
     for derivative, quantity in enumerate(_DERIVATIVES):
         heights = after[derivative] - before[derivative]
@@ -129,5 +131,5 @@ def _jumps(pepper: PepperModel, trajectory: Trajectory) -> list[Excess]:
             unit = unit_of(quantity, pepper.joint_units[j])
             height = float(heights[knot, j])
             joint = pepper.joint_names[j]
-            found.append(Excess(joint, f"{quantity} jump", time, time, time, height, 0.0, unit))
+            found.append(LimitViolation(joint, f"{quantity} jump", time, time, time, height, 0.0, unit))
     return found

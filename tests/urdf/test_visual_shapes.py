@@ -1,4 +1,4 @@
-"""The tools that make the looks, against closed forms."""
+"""The generators of the visual meshes, against closed forms."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
-from pepper_kin.urdf.looks.decals import Projector, Relief, band, ring, spot, strip
-from pepper_kin.urdf.looks.loft import Loft, superellipse
-from pepper_kin.urdf.looks.measurements import link_shape
-from pepper_kin.urdf.looks.mesh import Mesh, join
-from pepper_kin.urdf.looks.part import measured_loft
-from pepper_kin.urdf.looks.solids import drum, ellipsoid
-from pepper_kin.urdf.looks.stl import corners_from_bytes, to_bytes
+from pepper_kin.urdf.visuals.decals import Projector, Relief, band, ring, spot, strip
+from pepper_kin.urdf.visuals.loft import Loft, superellipse
+from pepper_kin.urdf.visuals.measurements import link_shape
+from pepper_kin.urdf.visuals.mesh import Mesh, join
+from pepper_kin.urdf.visuals.part import measured_loft
+from pepper_kin.urdf.visuals.solids import drum, ellipsoid
+from pepper_kin.urdf.visuals.stl import corners_from_bytes, to_bytes
 
 RADII = np.array([0.05, 0.08, 0.11])
 CENTER = np.array([0.01, -0.02, 0.03])

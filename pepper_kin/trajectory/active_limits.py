@@ -1,4 +1,4 @@
-"""Which limit keeps a trajectory from being faster, at each instant."""
+"""Active limits: the limit that keeps a trajectory from being faster, at each time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ACTS = 0.99  # share of a limit from which on it is said to act
 
 
 @dataclass(frozen=True, eq=False)
-class Binding:
+class ActiveLimits:
     """The limit that is used most at each instant; arrays are read-only.
 
     Attributes:
@@ -37,22 +37,22 @@ class Binding:
     share: Array
 
     @property
-    def acts(self) -> NDArray[np.bool_]:
+    def active(self) -> NDArray[np.bool_]:
         """Whether the limit is used to 99 % or more, so that it holds the motion back, shape (T,)."""
         return self.share >= _ACTS
 
     def report(self) -> str:
         """Say for which share of the time each limit acts, one line for each."""
-        acts, total = self.acts, self.time.size
-        names, counts = np.unique(self.names[acts], return_counts=True)
+        active, total = self.active, self.time.size
+        names, counts = np.unique(self.names[active], return_counts=True)
         lines = [
             f"  {count / total:6.1%}  {name}"
             for name, count in sorted(zip(names, counts, strict=True), key=lambda pair: -pair[1])
         ]
-        return "\n".join([f"A limit acts for {acts.mean():.1%} of the time:", *lines])
+        return "\n".join([f"A limit acts for {active.mean():.1%} of the time:", *lines])
 
 
-def binding_limits(
+def active_limits(
     pepper: PepperModel,
     trajectory: Trajectory,
     t: ArrayLike | None = None,
@@ -62,7 +62,7 @@ def binding_limits(
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
-) -> Binding:
+) -> ActiveLimits:
     """Return the limit that is used most at each instant of a trajectory.
 
     Shares are |v| / v_max, |a| / a_max, |tau| / tau_max, speed over its limit, |j| / j_max, and for balance
@@ -118,7 +118,7 @@ def binding_limits(
     most = np.argmax(table, axis=1)
     names = np.array([name for name, _ in columns])[most]
     names.setflags(write=False)
-    return Binding(read_only(time), names, read_only(table[np.arange(time.size), most]))
+    return ActiveLimits(read_only(time), names, read_only(table[np.arange(time.size), most]))
 
 
 def _joints(pepper: PepperModel) -> list[tuple[int, str]]:

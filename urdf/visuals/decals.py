@@ -34,7 +34,7 @@ class Projector:
 
     @classmethod
     def toward(cls, origin: ArrayLike, direction: ArrayLike) -> Projector:
-        """Return the projector that looks along a direction, its upward vector as near to z as can be."""
+        """Return the projector along a direction, its upward vector as near to z as can be."""
         along = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         right = np.cross([0.0, 0.0, 1.0], along)
         right /= np.linalg.norm(right)

@@ -1,4 +1,4 @@
-"""What a link looks like: meshes, each with one material."""
+"""Visual geometry of a link: meshes, each with one material."""
 
 from __future__ import annotations
 

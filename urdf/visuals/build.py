@@ -1,4 +1,4 @@
-"""All links' looks, and the files that hold them."""
+"""Visual geometry of all links, and its generated files."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .stl import to_bytes
 
 URDF_FOLDER = Path(__file__).resolve().parent.parent
 MESH_FOLDER = URDF_FOLDER / "meshes"
-MACROS_FILE = URDF_FOLDER / "xacro" / "looks.xacro"
+MACROS_FILE = URDF_FOLDER / "xacro" / "visuals.xacro"
 
 
-def looks() -> dict[str, list[Part]]:
+def visuals() -> dict[str, list[Part]]:
     """Return the visuals of every link by its name; `phalanx` and `fingertip` serve all fingers."""
     left = {
         "LBicep": arm.left_bicep(),
@@ -45,7 +45,7 @@ def looks() -> dict[str, list[Part]]:
 
 def files() -> dict[Path, bytes]:
     """Return the content of every generated file by its path."""
-    links = looks()
+    links = visuals()
     content = {
         MESH_FOLDER / f"{part.name}.stl": to_bytes(part.mesh) for parts in links.values() for part in parts
     }

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import xacro
 
-from pepper_kin.urdf.looks.build import MACROS_FILE, MESH_FOLDER, files, looks
-from pepper_kin.urdf.looks.measurements import features, link_shape
-from pepper_kin.urdf.looks.part import MATERIALS
-from pepper_kin.urdf.looks.stl import corners_from_bytes
+from pepper_kin.urdf.visuals.build import MACROS_FILE, MESH_FOLDER, files, visuals
+from pepper_kin.urdf.visuals.measurements import features, link_shape
+from pepper_kin.urdf.visuals.part import MATERIALS
+from pepper_kin.urdf.visuals.stl import corners_from_bytes
 
 BUDGET_BYTES = 2_500_000
 OUTSIDE, SHORT = 0.003, 0.005  # [m] beyond the measured box, and away from its faces
@@ -45,7 +45,7 @@ def _sorted_facets(corners: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def links() -> dict:
-    return looks()
+    return visuals()
 
 
 def test_every_link_has_a_look(links: dict) -> None:
@@ -101,9 +101,9 @@ def test_every_piece_of_a_mesh_faces_outward(links: dict) -> None:
                 if np.array_equal(spread, label):
                     break
                 label = spread
-            for piece in np.unique(label):
-                corners = part.mesh.corners[label[faces[:, 0]] == piece]
-                assert _signed_volume(corners) > 0.0, f"{part.name}: piece {piece} is inside out"
+            for mesh_part in np.unique(label):
+                corners = part.mesh.corners[label[faces[:, 0]] == mesh_part]
+                assert _signed_volume(corners) > 0.0, f"{part.name}: piece {part} is inside out"
 
 
 def test_meshes_fill_the_measured_box(links: dict) -> None:
@@ -162,7 +162,7 @@ def test_committed_files_are_the_generated_ones() -> None:
     generated = files()
     assert {path for path in generated if path.suffix == ".stl"} == set(MESHES)
     stale = [path.name for path, content in generated.items() if path.read_bytes() != content]
-    assert not stale, f"run `python -m pepper_kin.urdf.looks`; these files differ: {stale}"
+    assert not stale, f"run `python -m pepper_kin.urdf.visuals`; these files differ: {stale}"
 
 
 def test_mujoco_loads_every_mesh() -> None:
@@ -177,11 +177,11 @@ def test_mujoco_loads_every_mesh() -> None:
 
 
 def test_macros_expand_to_existing_meshes_and_materials(tmp_path: Path) -> None:
-    calls = "".join(f'<link name="{name}"><xacro:looks_{name}/></link>' for name in sorted(SINGLE_LINKS))
+    calls = "".join(f'<link name="{name}"><xacro:visual_{name}/></link>' for name in sorted(SINGLE_LINKS))
     text = (
-        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="looks">'
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="visuals">'
         '<xacro:property name="mesh_dir" value="package://somewhere"/>'
-        f'<xacro:include filename="{MACROS_FILE}"/><xacro:looks_materials/>{calls}</robot>'
+        f'<xacro:include filename="{MACROS_FILE}"/><xacro:visual_materials/>{calls}</robot>'
     )
     source = tmp_path / "all.xacro"
     source.write_text(text)

@@ -1,4 +1,4 @@
-"""From any motion to one that the robot can make: rounded, and slower where a limit asks for it."""
+"""Limit enforcement: any motion rounded, and slowed where a limit needs it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) 
 _GAUSS = np.polynomial.legendre.leggauss(4)
 
 
-def make_safe(pepper: PepperModel, trajectory: Trajectory, *, rounding: float = 0.02) -> Trajectory:
+def enforce_limits(pepper: PepperModel, trajectory: Trajectory, *, rounding: float = 0.02) -> Trajectory:
     """Return the motion rounded, and slowed down where the robot cannot follow; its rhythm stays elsewhere.
 
     Positions are moved into the joint limits and become the control points of a uniform cubic B-spline,
@@ -39,7 +39,7 @@ def make_safe(pepper: PepperModel, trajectory: Trajectory, *, rounding: float = 
 
     Args:
         pepper: The robot, which gives the limits.
-        trajectory: Any motion of its joints, with jumps, corners and excesses if need be.
+        trajectory: Any motion of its joints, with jumps, corners and limit violations if need be.
         rounding: Distance h of the control points [s]; a smooth motion is left by h^2 |a| / 6.
 
     Returns:
@@ -74,12 +74,12 @@ def _rounded(pepper: PepperModel, trajectory: Trajectory, h: float) -> Trajector
 
 def _control_points(pepper: PepperModel, trajectory: Trajectory, h: float) -> Array:
     """Return positions every h or a little less, with a swing put in where a position jumps, shape (k, n)."""
-    step, pieces = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
-    before = trajectory.at_pieces(pieces, step).position
-    after = trajectory.at_pieces(pieces, 0.0 * step).position
+    step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
+    before = trajectory.at_segments(segments, step).position
+    after = trajectory.at_segments(segments, 0.0 * step).position
     jumps = np.flatnonzero(np.abs(after[1:] - before[:-1]).max(axis=1) > _JUMP) + 1
     parts: list[Array] = []
-    for first, last in zip([0, *jumps], [*jumps, pieces.size], strict=True):
+    for first, last in zip([0, *jumps], [*jumps, segments.size], strict=True):
         begin, end = trajectory.knots[first], trajectory.knots[last]
         # The end itself belongs to the piece behind it, so that is taken from the piece before.
         inside = np.linspace(begin, end, max(2, round((end - begin) / h) + 1))[:-1]
@@ -130,7 +130,7 @@ def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
     raise InfeasibleError(
         "safe motion",
         f"after {_ROUNDS} rounds of slowing down a limit is still exceeded at {s[np.argmax(need)]:.3f} s",
-        "start from a motion that leans less or loads the joints less",
+        "start from a motion with smaller joint torques, nearer to the middle of the wheels",
     )
 
 

@@ -12,7 +12,7 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKStatus
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.precedence import SolverContext, balanced, put_first
+from pepper_kin.ik.priorities import SolverContext, balanced, solve_with_priorities
 from pepper_kin.ik.problem import SearchBudget, make_problem
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.model.shapes import rotation_rpy, transform
@@ -111,21 +111,21 @@ def test_soft_tasks_come_as_near_as_the_hard_ones_let_them():
         *PEPPER.joint_group("right_arm"),
     ]
     index = [PEPPER.joint_index(name) for name in joints]
-    wish = np.array([0.5, 0.6, 1.0])
+    preferred = np.array([0.5, 0.6, 1.0])
 
     def state(x):
         q = PEPPER.neutral()
         q[index] = x
         return q
 
-    tasks = [pk.ik.HandPosition("left", HERE, hard=True), pk.ik.HandPosition("right", wish)]
+    tasks = [pk.ik.HandPosition("left", HERE, hard=True), pk.ik.HandPosition("right", preferred)]
     result = pk.ik.solve(PEPPER, tasks, collisions=False)
     assert result.hard_met
     generator = np.random.default_rng(0)
     best = math.inf
     for _ in range(6):
         found = minimize(
-            lambda x: float(np.sum((place(state(x), "RArm_effector").translation - wish) ** 2)),
+            lambda x: float(np.sum((place(state(x), "RArm_effector").translation - preferred) ** 2)),
             generator.uniform(LOW[index], HIGH[index]),
             bounds=list(zip(LOW[index], HIGH[index], strict=True)),
             constraints={"type": "eq", "fun": lambda x: place(state(x)).translation - HERE},
@@ -187,7 +187,7 @@ def test_a_narrow_tolerance_is_met_by_raising_the_weight():
     budget = SearchBudget(seed=0, restarts=2, max_iterations=150, deadline=math.inf)
     loose = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", HERE, hard=True), tasks[1]], collisions=False).q
     assert math.dist(place(loose).translation, HERE) > 3e-6
-    firm = put_first(problem, SolverContext("fast", Collisions(PEPPER, None), budget), loose)
+    firm = solve_with_priorities(problem, SolverContext("fast", Collisions(PEPPER, None), budget), loose)
     assert math.dist(place(firm).translation, HERE) <= 3e-6
 
 
@@ -286,7 +286,7 @@ def test_a_preference_gives_way_to_a_tolerance():
     """With infinite tolerance even a heavy wish for a posture does not keep a hand from its point."""
     hand = pk.ik.HandPosition("left", (0.75, 0.1, 0.5))
     for solver in ALL_SOLVERS:
-        wish = pk.ik.JointPosture(PEPPER.neutral(), tolerance=math.inf)
-        result = pk.ik.solve(PEPPER, [hand, wish], solver=solver, restarts=4, collisions=False)
+        preferred = pk.ik.JointPosture(PEPPER.neutral(), tolerance=math.inf)
+        result = pk.ik.solve(PEPPER, [hand, preferred], solver=solver, restarts=4, collisions=False)
         assert result.success, result.report()
         assert math.dist(place(result.q).translation, hand.target) <= 1e-3

@@ -1,4 +1,4 @@
-"""What comes first where not all tasks are met: hard tasks, positions of poses, and narrow tolerances."""
+"""Task priorities: hard tasks, positions of poses, and narrow tolerances first."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_TIMES = 5
 WIDE = 4.0
 ROOM = 0.95
 
-# Starts of a search of its own, where no descent from the end of the first search leads to what comes first.
+# Starts of a further search, where no descent from the end of the first one meets the tasks of priority.
 STARTS = 8
 
 # The error has to fall below this part of what it was for another configuration to be taken.
@@ -56,7 +56,7 @@ def is_ordered(tasks: Sequence[Task]) -> bool:
     if len(tasks) < 2:
         return False
     mixed = any(task.hard for task in tasks) and not all(task.hard for task in tasks)
-    return mixed or any(task.yields or _has_room(task) for task in tasks)
+    return mixed or any(task.yields or _has_freedom(task) for task in tasks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class SolverContext:
     budget: SearchBudget
 
 
-def put_first(problem: Problem, context: SolverContext, q: Array) -> Array:
+def solve_with_priorities(problem: Problem, context: SolverContext, q: Array) -> Array:
     """Return a configuration that meets better what comes first, searched from where the search ended.
 
     The search itself weighs hard tasks HARD_WEIGHT times as much as others, which meets them to a fraction of
@@ -98,7 +98,7 @@ def put_first(problem: Problem, context: SolverContext, q: Array) -> Array:
                 break
             problem = _reweighted(problem, firm, factor)
             q = _better(problem, context, q, firm)
-    return _loosen(problem, context, _let_yield(problem, context, q))
+    return _relax(problem, context, _let_yield(problem, context, q))
 
 
 def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
@@ -122,14 +122,14 @@ def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
     return q
 
 
-def _loosen(problem: Problem, context: SolverContext, q: Array) -> Array:
+def _relax(problem: Problem, context: SolverContext, q: Array) -> Array:
     """Return where all tasks are met, if lowering the weights of those with room leads there, else q."""
     places = range(len(problem.tasks))
     if _worst(problem, places, q) <= 1:
         return q
     end = q
     for time in range(MOST_TIMES):
-        loose = [k for k in places if _has_room(problem.tasks[k]) and _worst(problem, [k], end) < ROOM]
+        loose = [k for k in places if _has_freedom(problem.tasks[k]) and _worst(problem, [k], end) < ROOM]
         if not loose:
             break
         problem = _reweighted(problem, loose, LOOSENED)
@@ -142,7 +142,7 @@ def _loosen(problem: Problem, context: SolverContext, q: Array) -> Array:
     return q
 
 
-def _has_room(task: Task) -> bool:
+def _has_freedom(task: Task) -> bool:
     usual = POSITION_TOLERANCE if task.unit == "m" else ANGLE_TOLERANCE
     return not task.hard and task.tolerance >= WIDE * usual
 
