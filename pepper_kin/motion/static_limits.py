@@ -247,9 +247,7 @@ def static_limits(
         InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.
         UnknownNameError: for a frame that the robot lacks.
     """
-    return _kept_limits(
-        pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg")
-    )
+    return _kept_limits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
 
 
 @lru_cache(maxsize=64)
