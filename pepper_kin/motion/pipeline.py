@@ -211,7 +211,7 @@ class Pipeline:
         """Return the result of the search."""
         counters, points = course.trees.counters, course.found[: course.progress[FOUND_SIZE]].copy()
         path = planners.Path.trusted(points, self._room.metric)
-        return planners.Result(
+        return planners.Result.trusted(
             status=planners.Status.SOLVED,
             path=path,
             goal_index=int(course.progress[GOAL]),
