@@ -14,7 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive
-from pepper_kin.motion.checks import LEAST_MARGIN, Checks
+from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, dense_states, given_path, polyline
 from pepper_kin.motion.driving import moves_base
 from pepper_kin.motion.goals import STAYS, free_joints
@@ -74,7 +74,10 @@ def simplify_path(
     """
     check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
-    checks, given = Checks(pepper, scene, static_limits(pepper, balance, payload)), given_path(pepper, path)
+    checks, given = (
+        checks_for(pepper, scene, static_limits(pepper, balance, payload)),
+        given_path(pepper, path),
+    )
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
     found = validate(pepper, path, scene, balance=balance, payload=payload)
     if not found.valid:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -246,7 +246,12 @@ def static_limits(
         InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.
         UnknownNameError: for a frame that the robot lacks.
     """
-    return StaticLimits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
+    return _kept_limits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
+
+
+@lru_cache(maxsize=32)
+def _kept_limits(pepper: PepperModel, balance: float | None, payload: AtFrames) -> StaticLimits:
+    return StaticLimits(pepper, balance, payload)
 
 
 def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> casadi.Function:

@@ -14,7 +14,7 @@ from pepper_kin.dynamics import inverse_dynamics
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, dense_states, given_path
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
@@ -140,7 +140,10 @@ def validate(
     """
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    checks, given = Checks(pepper, scene, static_limits(pepper, balance, payload)), given_path(pepper, path)
+    checks, given = (
+        checks_for(pepper, scene, static_limits(pepper, balance, payload)),
+        given_path(pepper, path),
+    )
     dense = dense_states(pepper, scene, given)
     look = _Look(checks, dense, margin)
     found = look.limits(dense.positions, pepper.lower_limits, pepper.upper_limits, "position", "rad", "m")
