@@ -109,14 +109,9 @@ def _write_lines(i: int, step: float, node: int, rows: PathRows, lines: Array, s
         for r in range(count):
             beta, offset = rows.b[at, r], rows.c[at, r]
             alpha = rows.a[at, r] + twice * beta
-            up, down = rows.high[i, r] - offset, rows.low[i, r] - offset
-            beyond = (up < 0.0) | (down > 0.0)
-            moves += beyond
-            if (alpha == 0.0) & (beta == 0.0) & (not beyond):  # of a joint that stands
-                lines[i, 0, k + r], lines[i, 1, k + r], lines[i, 2, k + r] = np.inf, -np.inf, 0.0
-                continue
             flat += abs(alpha) <= _PARALLEL * step * abs(beta)
-            inverse = 1 / alpha
+            inverse, up, down = 1 / alpha, rows.high[i, r] - offset, rows.low[i, r] - offset
+            moves += (up < 0.0) | (down > 0.0)
             up, down = up * inverse, down * inverse
             lines[i, 0, k + r] = up if up > down else down
             lines[i, 1, k + r] = down if up > down else up
