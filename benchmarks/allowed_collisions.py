@@ -223,7 +223,7 @@ def sample(job):
     robot, rng = Robot(hands), np.random.default_rng(seed)
     pairs = candidate_pairs(robot, hands)
     bodies = sorted({solid.body for solids in robot.solids.values() for solid in solids})
-    seen = {pair: [False, False] for pair in pairs}
+    outcomes = {pair: [False, False] for pair in pairs}
     left = samples
     while left > 0:
         count = min(BATCH, left)
@@ -234,14 +234,14 @@ def sample(job):
             for solids in robot.solids.values()
             for solid in solids
         }
-        for pair, (touched, free) in seen.items():
+        for pair, (touched, free) in outcomes.items():
             if touched and free:
                 continue
             moving = len({robot.body_of(link)[0] for link in pair}) > 1
             part = poses if moving else {body: pose[:1] for body, pose in poses.items()}
             touch = touching(robot, part, centers, *pair, stop_at_first=free)
-            seen[pair] = [touched or bool(touch.any()), free or not touch.all()]
-    return hands, seen
+            outcomes[pair] = [touched or bool(touch.any()), free or not touch.all()]
+    return hands, outcomes
 
 
 def closest(job):
@@ -311,13 +311,13 @@ def decide(samples, seed, pool, processes):
     seeds = iter(np.random.SeedSequence(seed).spawn(len(HANDS) * processes))
     jobs = [(hands, share, next(seeds)) for hands in HANDS for share in shares]
     state: dict[str, dict[tuple[str, str], list[bool]]] = {hands: {} for hands in HANDS}
-    for hands, seen in pool.imap_unordered(sample, jobs):
-        for pair, (touched, free) in seen.items():
+    for hands, outcomes in pool.imap_unordered(sample, jobs):
+        for pair, (touched, free) in outcomes.items():
             old = state[hands].setdefault(pair, [False, False])
             state[hands][pair] = [old[0] or touched, old[1] or free]
         print(f"  sampled a share of {hands}", flush=True)
-    every = sorted({pair for seen in state.values() for pair in seen})
-    touched = {pair for pair in every if any(seen.get(pair, [False])[0] for seen in state.values())}
+    every = sorted({pair for outcomes in state.values() for pair in outcomes})
+    touched = {pair for pair in every if any(outcomes.get(pair, [False])[0] for outcomes in state.values())}
     always = {p for p in every if p in touched and not any(s.get(p, [0, False])[1] for s in state.values())}
     grasp = {p for p in touched if in_one_hand(p) and state["mimic"].get(p, [False])[0]}
     touched = spread(touched, every)

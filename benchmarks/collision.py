@@ -113,9 +113,9 @@ def main() -> None:
         ours, coal = timed(fast, random_q(pepper, TIMED, seed=1))
         print(f"| {name} | {ours * 1e9:.0f} | {coal * 1e9:.0f} | {coal / ours:.0f} |")
     fast = checkers["10 box"]
-    settled = random_q(pepper, 400_000, seed=2)
-    settled = settled[_doubtful(fast, settled)]
-    in_doubt = timed(fast, settled)[0] * 1e9
+    decided = random_q(pepper, 400_000, seed=2)
+    decided = decided[_doubtful(fast, decided)]
+    in_doubt = timed(fast, decided)[0] * 1e9
     print(f"\nA configuration that spheres leave in doubt: {in_doubt:.0f} ns, exact stage included.")
     state, free, proven = edges(fast, q[:50_000])
     print(f"Edges of 32 states, called from Python: {state * 1e9:.0f} ns per state. "

@@ -88,12 +88,12 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", default=[], help=f"of pepper, {', '.join(FILES)}, fetch")
     parser.add_argument("--fetch", type=Path, help="folder of fetch.urdf, fetch.srdf and its meshes")
     parser.add_argument("--count", type=int, default=1_000_000)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     print("| robot | verdicts | in contact | left in doubt by balls | ties, asked of coal | differ from coal "
           "| of these, coal's distance confirms | compiled [ns] | coal [us] |")  # fmt: skip
     print("|---" * 9 + "|")
-    for name in given.robots or ["pepper", *FILES, *(["fetch"] if given.fetch else [])]:
-        print(compare(name, robot_of(name, given.fetch), given.count), flush=True)
+    for name in arguments.robots or ["pepper", *FILES, *(["fetch"] if arguments.fetch else [])]:
+        print(compare(name, robot_of(name, arguments.fetch), arguments.count), flush=True)
 
 
 if __name__ == "__main__":

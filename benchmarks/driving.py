@@ -30,7 +30,7 @@ CART = """<robot name="cart"><link name="base"><inertial><origin xyz="0 0 0.2"/>
 WHEELS = Wheels(speed=0.6, acceleration=0.8, track=0.4, turning_radius=0.4, reach=3.0)
 
 
-def room(seed: int) -> tuple[pk.Scene, np.ndarray, np.ndarray]:
+def office(seed: int) -> tuple[pk.Scene, np.ndarray, np.ndarray]:
     """Return twelve boxes, and places of the base on either side of them."""
     rng, scene = np.random.default_rng(seed), pk.Scene()
     for number in range(12):
@@ -44,7 +44,7 @@ def drives(count: int) -> None:
     robot = pk.load_robot(CART, base="differential", wheels=WHEELS)
     rows, solved, tried = [], 0, 0
     for seed in range(count):
-        scene, start, goal = room(seed)
+        scene, start, goal = office(seed)
         ends = [
             robot.joint_vector(dict(zip(("BaseX", "BaseY", "BaseYaw"), end, strict=True)))
             for end in (start, goal)
@@ -60,27 +60,27 @@ def drives(count: int) -> None:
         solved += 1
         trajectory = pk.retime(robot, plan)
         timed = time.process_time()
-        assert trajectory.check(robot, scene=scene).ok
+        assert trajectory.check(robot, scene=scene).success
         state = trajectory.sample(0.005)
         yaw, (vx, vy, _) = state.position[:, 2], state.velocity[:, :3].T
-        slip = np.abs(vy * np.cos(yaw) - vx * np.sin(yaw)).max()
+        drift = np.abs(vy * np.cos(yaw) - vx * np.sin(yaw)).max()
         length = np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1).sum()
         bound = car_curve(start, goal, WHEELS.turning_radius).length
-        rows.append((1e3 * (planned - begin), 1e3 * (timed - planned), length / bound, 1e3 * slip))
-    (plan_ms, retime_ms, ratio, slip_mm), worst = np.median(rows[1:], axis=0), np.max(rows[1:], axis=0)
+        rows.append((1e3 * (planned - begin), 1e3 * (timed - planned), length / bound, 1e3 * drift))
+    (plan_ms, retime_ms, ratio, drift_mm), worst = np.median(rows[1:], axis=0), np.max(rows[1:], axis=0)
     print(f"{solved} of {tried} rooms, all certified; median (worst)\n")
     print("| `plan` [ms] | `retime` [ms] | length over the curve without boxes | sideways [mm/s] |")
     print("|---|---|---|---|")
     print(
         f"| {plan_ms:.0f} ({worst[0]:.0f}) | {retime_ms:.1f} ({worst[1]:.1f}) "
-        f"| {ratio:.2f} ({worst[2]:.2f}) | {slip_mm:.1f} ({worst[3]:.1f}) |"
+        f"| {ratio:.2f} ({worst[2]:.2f}) | {drift_mm:.1f} ({worst[3]:.1f}) |"
     )
 
 
 def curves() -> None:
     """Print the time of a curve's length, called from Python."""
     poses = np.random.default_rng(0).uniform([-3, -3, -3.1], [3, 3, 3.1], (4000, 3))
-    pieces = np.zeros((2, 5))
+    segments = np.zeros((2, 5))
     print("\n| length of a curve [us] | ours | OMPL |\n|---|---|---|")
     for name, backward in (("Reeds and Shepp", True), ("Dubins", False)):
         space = (ompl_base.ReedsSheppStateSpace if backward else ompl_base.DubinsStateSpace)(0.5)
@@ -99,7 +99,7 @@ def curves() -> None:
         for _ in range(7):
             begin = time.process_time()
             for a, b in itertools.pairwise(poses):
-                shortest_curve(a, b, 0.5, backward, pieces)
+                shortest_curve(a, b, 0.5, backward, segments)
             middle = time.process_time()
             for one, other in itertools.pairwise(states):
                 space.distance(one, other)

@@ -81,7 +81,7 @@ def measure(name: str, scene: pk.Scene, count: int, starts: int) -> None:
                 touching += not is_clear(scene, result.q, point)
             elif what == "reachable":
                 missed += 1
-            elif starts and result.status is pk.ik.Status.CLOSEST_COLLISION:
+            elif starts and result.status is pk.ik.IKStatus.CLOSEST_COLLISION:
                 missed += long_search(scene, point, starts, number)
         can = sum(solved) + missed
         milli = 1e3 * np.array(times)[np.array(solved)]

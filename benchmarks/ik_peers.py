@@ -75,17 +75,17 @@ def _pink_direction_task(pink: Any) -> type:
             super().__init__(cost=1.0, lm_damping=1e-6)
             self.frame, self.target, self.is_point = frame, target, is_point
 
-        def _seen(self, configuration: Any) -> tuple[np.ndarray, float]:
+        def _poses(self, configuration: Any) -> tuple[np.ndarray, float]:
             pose = configuration.get_transform_frame_to_world(self.frame)
             line = self.target - pose.translation if self.is_point else self.target
             distance = float(np.linalg.norm(line))
             return pose.rotation.T @ line / distance, distance
 
         def compute_error(self, configuration: Any) -> np.ndarray:
-            return self._seen(configuration)[0] - FORWARD
+            return self._poses(configuration)[0] - FORWARD
 
         def compute_jacobian(self, configuration: Any) -> np.ndarray:
-            d, distance = self._seen(configuration)
+            d, distance = self._poses(configuration)
             jacobian = configuration.get_frame_jacobian(self.frame)
             turn = np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]]) @ jacobian[3:]
             if not self.is_point:

@@ -28,8 +28,8 @@ options = simple_ik.SimpleIkOptions(
     check_collisions=False,
 )
 solver = simple_ik.SimpleIk(scene, options)
-given = json.loads(sys.argv[3])
-start = core.JointConfiguration(names, np.array([given.get(name, 0.0) for name in names]))
+start_values = json.loads(sys.argv[3])
+start = core.JointConfiguration(names, np.array([start_values.get(name, 0.0) for name in names]))
 print(json.dumps(names), file=answers, flush=True)
 for line in sys.stdin:
     goals = [

@@ -105,7 +105,7 @@ class Tally:
         if not found.success:
             return
         check = found.trajectory.check(robot, scene, jerk=arguments.jerk)
-        self.certified += all(getattr(check, part).ok for part in CHECKED)
+        self.certified += all(getattr(check, part).success for part in CHECKED)
         try:
             retimed, retiming = spent(lambda: pk.retime(robot, plan, jerk=arguments.jerk))
         except PepperKinError:

@@ -67,7 +67,8 @@ def run(start: np.ndarray, goal: np.ndarray, cost: Cost) -> Row | None:
     hits = bool(pk.collision.in_collision(PEPPER, straight, TABLE).any())
     return Row(
         plan, hits, planned - begin, retimed - planned, found.time, processor, found, again,
-        all(getattr(check, part).ok for part in CHECKED), (before.balance.ok, check.balance.ok),
+        all(getattr(check, part).success for part in CHECKED),
+        (before.balance.success, check.balance.success),
     )  # fmt: skip
 
 

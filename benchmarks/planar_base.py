@@ -34,23 +34,23 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--seconds", type=float, default=5.0)
     arguments = parser.parse_args()
-    lengths, drives, times, excess = [], [], [], []
+    lengths, drives, times, difference = [], [], [], []
     for case in problems(KINDS["base and arm, pillar"], arguments.count, 0, blocked=True):
         free = np.array([case.pepper.joint_index(joint) for joint in case.joints])
-        room = path_problem(
+        problem_data = path_problem(
             Checks(case.pepper, case.scene), case.start, case.goal[None], free, 0.01, RESOLUTION
         )
-        long = planners.aorrtc(room.problem, timeout=arguments.seconds, seed=1)
+        long = planners.aorrtc(problem_data.problem, timeout=arguments.seconds, seed=1)
         begin = time.thread_time()
         plan = pk.plan(case.pepper, case.start, case.goal, case.scene, joints=case.joints)
         times.append(time.thread_time() - begin)
         if not plan.success or not long.success:
             lengths.append(np.inf)
             continue
-        path = planners.Path(plan.path[:, free], room.problem.metric.weights)
+        path = planners.Path(plan.path[:, free], problem_data.problem.metric.weights)
         lengths.append(path.length / long.cost)
         drives.append(driven(path.points) / driven(long.path.points))
-        excess.append(driven(path.points) - driven(long.path.points))
+        difference.append(driven(path.points) - driven(long.path.points))
     print(
         "| problems | at most 1.1 times as long | length: median, 90 %, worst | driven: median, 90 %, worst ",
         end="",
@@ -59,7 +59,7 @@ def main() -> None:
     cells = [" ".join(f"{x:.3f}" for x in np.quantile(some, (0.5, 0.9, 1.0))) for some in (lengths, drives)]
     short = int(np.sum(np.array(lengths) <= 1.1))
     print(f"| {len(lengths)} | {short} | {cells[0]} | {cells[1]} ", end="")
-    print(f"| {max(excess):.2f} | {1e3 * np.median(times):.0f} |")
+    print(f"| {max(difference):.2f} | {1e3 * np.median(times):.0f} |")
 
 
 if __name__ == "__main__":

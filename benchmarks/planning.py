@@ -110,7 +110,7 @@ def validity(peer: Roboplan | None) -> None:
 
 def race(kind: Kind, count: int, peer: Roboplan | None) -> None:
     """Print how long one search takes."""
-    given = problems(kind, count, 1, blocked=True)
+    cases = problems(kind, count, 1, blocked=True)
 
     def search(problem: Problem, seed: int) -> bool:
         return planners.rrt_connect(toy(problem, compiled=True), seed=seed, timeout=5.0).success
@@ -134,14 +134,14 @@ def race(kind: Kind, count: int, peer: Roboplan | None) -> None:
 
     racers = {"search": search, "plan": whole, "OMPL with coal": ompl}
     if peer is not None:
-        peer.furnish(given[0].scene)
-        peer.group(" and ".join(kind.groups), given[0].joints)
+        peer.furnish(cases[0].scene)
+        peer.group(" and ".join(kind.groups), cases[0].joints)
         racers["RoboPlan"] = other
     for run in racers.values():
-        run(given[0], 0)
+        run(cases[0], 0)
     times: dict[str, list[float]] = {name: [] for name in racers}
     solved = dict.fromkeys(racers, 0)
-    for seed, problem in enumerate(given):
+    for seed, problem in enumerate(cases):
         for name, run in racers.items():
             begin = time.perf_counter()
             solved[name] += run(problem, seed)

@@ -240,7 +240,7 @@ def retimed(robot: pk.PepperModel, asked: Asked, plan: pk.Plan) -> bool | None:
         trajectory = pk.retime(robot, plan, balance=0.0)
     except pk.InfeasibleError:
         return None
-    return bool(pk.trajectory.check(robot, trajectory, scene=asked.scene).ok)
+    return bool(pk.trajectory.check(robot, trajectory, scene=asked.scene).success)
 
 
 def main() -> None:

@@ -97,12 +97,12 @@ class Ours:
 
 def sampled(curve: Any) -> np.ndarray:
     """Return states of a curve, close to one another."""
-    pieces = []
+    chunks = []
     for k, length in enumerate(np.diff(curve.breaks)):
         ends = curve.at(np.full(20, k), np.linspace(0.0, length, 20))
         count = int(np.ceil(np.abs(np.diff(ends, axis=0)).max(axis=1).sum() / FINE)) + 2
-        pieces.append(curve.at(np.full(count, k), np.linspace(0.0, length, count)))
-    return np.concatenate(pieces)
+        chunks.append(curve.at(np.full(count, k), np.linspace(0.0, length, count)))
+    return np.concatenate(chunks)
 
 
 class Tally:

@@ -32,7 +32,7 @@ def boxes(pepper, count):
     return scene
 
 
-def room(count):
+def office(count):
     """A million points of a table, a wall and a floor."""
     rng = np.random.default_rng(0)
     points = rng.uniform([-2, -2, 0], [2, 2, 0.005], (count, 3))
@@ -71,18 +71,18 @@ def main():
     print("|---|---|---|---|---|")
     for count in (0, 1, 5, 20, 100):
         row(f"{count} boxes", pepper, boxes(pepper, count), states)
-    points = room(1_000_000)
+    points = office(1_000_000)
     thinning, building = [], []
     for _ in range(3):
         begin = time.perf_counter()
-        scene = pk.Scene().add_point_cloud("room", points, 0.005).allow("room", "Tibia")
+        scene = pk.Scene().add_point_cloud("office", points, 0.005).allow("office", "Tibia")
         thinned = time.perf_counter()
         checker = CollisionChecker(pepper, scene)
         thinning.append(thinned - begin)
         building.append(time.perf_counter() - thinned)
-    kept = len(scene.objects["room"].geometry.points)
+    kept = len(scene.objects["office"].geometry.points)
     assert checker.pair_count > 0
-    assert isinstance(scene.objects["room"].geometry, PointCloud)
+    assert isinstance(scene.objects["office"].geometry, PointCloud)
     row(f"cloud of 1 000 000 points, {kept} kept", pepper, scene, states)
     print(f"\nThe cloud, best of three: {min(thinning):.2f} s to thin, {min(building):.2f} s for its tree.")
 

@@ -12,11 +12,11 @@ import pepper_kin as pk
 TICKS, SETTLED = 600, 300
 TABLE = pk.Scene().add_box("table", size=(0.4, 0.8, 0.03), position=(0.47, 0.05, 0.715))
 CASES = {
-    "left hand, gaze": {},
-    "both hands, gaze": {"both": True},
-    "both hands, gaze, balance": {"both": True, "balance": 0.02},
-    "left hand, gaze, self-collision": {"scene": pk.Scene()},
-    "both hands, gaze, self-collision": {"both": True, "scene": pk.Scene()},
+    "left hand, gaze": {"collisions": False},
+    "both hands, gaze": {"both": True, "collisions": False},
+    "both hands, gaze, balance": {"both": True, "balance": 0.02, "collisions": False},
+    "left hand, gaze, self-collision": {},
+    "both hands, gaze, self-collision": {"both": True},
     "both hands, gaze, self and table": {"both": True, "scene": TABLE},
 }
 
@@ -36,7 +36,7 @@ def main():
     pepper = pk.load_pepper()
     both = {name: options.pop("both", False) for name, options in CASES.items()}
     servos = {
-        name: pk.ik.Servo(pepper, pepper.posture("Stand"), **options) for name, options in CASES.items()
+        name: pk.servo.Servo(pepper, pepper.posture("Stand"), **options) for name, options in CASES.items()
     }
     setting, stepping, missing = ({name: [] for name in CASES} for _ in range(3))
     for _ in range(TICKS):

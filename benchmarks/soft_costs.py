@@ -56,10 +56,10 @@ def problem(generator):
 
 def integral(pepper, curve, spot):
     """Return states of a curve, and the integral of the price of a hot spot along it [m]."""
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), 100)
-    spans = np.diff(curve.breaks)[pieces]
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), 100)
+    spans = np.diff(curve.breaks)[segments]
     local = (np.tile(np.arange(100), len(curve.breaks) - 1) + 0.5) / 100 * spans
-    q, slopes = curve.at(pieces, local), curve.at(pieces, local, 1)
+    q, slopes = curve.at(segments, local), curve.at(segments, local, 1)
     places = pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:, :3, 3]
     price = 10 * np.exp(-np.sum((places - spot) ** 2, axis=1) / (2 * WIDTH**2))
     return q, float(price @ (np.linalg.norm(slopes * motion_bounds(pepper), axis=1) * spans / 100))
@@ -88,11 +88,11 @@ def main() -> None:
         solved += 1
         q, found = integral(pepper, plan.curve, spot)
         assert not pk.collision.in_collision(pepper, q, scene).any()
-        (told,) = plan.costs
-        assert abs(found - told.integral) <= 0.005 * found + 1e-6
+        (priced,) = plan.costs
+        assert abs(found - priced.integral) <= 0.005 * found + 1e-6
         plain.append(time_plain)
         costed.append(time_costed)
-        shares.append(told.integral / told.before)
+        shares.append(priced.integral / priced.before)
     print(f"{solved} of {count} problems solved, with costs and without; no curve touches")
     middle, most = np.median(shares), max(shares)
     print(f"integral beside that of the plan without costs: median {middle:.2f}, most {most:.2f}")

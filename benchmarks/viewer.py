@@ -149,9 +149,9 @@ def swinging(pepper):
 
 
 def rates(page, server):
-    """Measure frames of looks alone and of everything; return the rate of the latter [1/s]."""
+    """Measure frames of visual geometry alone and of everything; return the rate of the latter [1/s]."""
     rate = 0.0
-    for what in ("looks", "everything"):
+    for what in ("visual", "everything"):
         if what == "everything":
             for layer in server.call(lambda session: session.available):
                 server.call(lambda session, layer=layer: session.show(layer, True))

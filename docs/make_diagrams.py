@@ -56,7 +56,7 @@ class Drawing:
         )
 
 
-def rooms() -> None:
+def packages() -> None:
     """Draw the rooms: what stands higher is known to what stands lower."""
     d = Drawing(960, 690)
     d.box(40, 20, 250, 60, "model/", "room", "PepperModel, limits, URDF, digest")
@@ -183,5 +183,5 @@ def plan_call() -> None:
 
 
 if __name__ == "__main__":
-    rooms()
+    packages()
     plan_call()

@@ -34,7 +34,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_19": motions.draw_19_smooth_plan,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
-    "looks": pages.draw_looks,
+    "visual": pages.draw_visual,
     "reach": pages.draw_reach,
     "gestures": pages.draw_gestures,
     "timing": pages.draw_timing,

@@ -17,4 +17,4 @@ print(run.report())
 pk.Viewer(pepper).add_scene(scene).save_html("reach_and_look.html", run)
 
 assert plan.success
-assert certificate.ok
+assert certificate.success

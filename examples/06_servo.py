@@ -5,7 +5,7 @@ import numpy as np
 import pepper_kin as pk
 
 pepper = pk.load_pepper()
-servo = pk.ik.Servo(pepper, pepper.posture("Stand"), rate=100.0, scene=pk.Scene())
+servo = pk.servo.Servo(pepper, pepper.posture("Stand"), rate=100.0)
 
 
 def point_on_circle(time):
@@ -25,7 +25,7 @@ print(state.report())
 print(f"after 3 s the hand is never more than {1000 * max(misses[300:]):.2f} mm off the moving point")
 
 # No more commands: after the timeout it brakes as hard as the motors may, and rests.
-while state.status is not pk.ik.ServoStatus.RESTING:
+while state.status is not pk.servo.ServoStatus.RESTING:
     state = servo.step()
     path.append(state.q)
 print(state.report())

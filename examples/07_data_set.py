@@ -34,6 +34,7 @@ found = pk.ik.solve_batch(
     pk.ik.HandPosition("left", targets),
     seed=options.seed,
     threads=os.cpu_count() or 1,
+    collisions=False,  # kinematics alone: some of the targets were drawn where the robot touches itself
     progress=tell,
 )
 print(found.report())
@@ -43,7 +44,7 @@ np.savez_compressed(
     content,
     targets=targets,
     q=found.q,
-    solved=found.solved,
+    solved=found.success,
     errors=found.errors[:, 0],
     joint_names=np.array(pepper.joint_names),
     frame=np.array(frame),

@@ -13,7 +13,7 @@ tasks = [
     [pk.ik.HandPosition("left", cup), pk.ik.LookAt(cup)],
     [pk.ik.HandPosition("left", shelf)],
 ]
-result = pk.ik.place_base(pepper, tasks, scene=scene, seed=0)
+result = pk.base_placement.place_base(pepper, tasks, scene=scene, seed=0)
 print(result.report())
 
 # The configurations are those of the robot at that place: carry the hands back into the world.

@@ -15,7 +15,6 @@ parser.add_argument("--quick", action="store_true", help="only a few gestures")
 options = parser.parse_args()
 
 pepper = pk.load_pepper()
-body = pk.Scene()  # nothing but the robot itself
 folder = Path(options.output)
 folder.mkdir(parents=True, exist_ok=True)
 
@@ -23,7 +22,7 @@ folder.mkdir(parents=True, exist_ok=True)
 certified = {}
 for name in ("nod", "beat") if options.quick else gesture_names():
     motion = gesture(pepper, name)
-    certified[name] = motion.check(pepper, body)
+    certified[name] = motion.check(pepper)
     save(motion, folder / f"{name}.py")  # run on the robot: python nod.py --ip ROBOT
     print(f"{name:14} {motion.duration:5.2f} s  {gesture_meaning(name)}")
 
@@ -37,8 +36,8 @@ print(f"shake-head at tempo 4: {hasty.duration:.2f} s, not {calm.duration / 4:.2
 talk = [gesture(pepper, "nod"), gesture(pepper, "beat", side="left")]
 seam = np.abs(talk[0].end - talk[1].start).max()
 
-assert all(certificate.ok for certificate in certified.values())
-assert hasty.check(pepper, body).ok
+assert all(certificate.success for certificate in certified.values())
+assert hasty.check(pepper).success
 assert use.use.max() > 0.9
 assert hasty.duration > calm.duration / 4
 assert seam < 1e-9

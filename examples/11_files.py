@@ -46,11 +46,11 @@ names, times = ["HeadYaw"], [[0.5, 0.6, 1.5]]
 keys = [[0.9, [-0.9, [1, 0, 0], [1, 0, 0]], [0.0, [3, -0.3, 0.0], [3, 0, 0]]]]
 imported = import_timeline(pepper, naoqi_timeline(names, times, keys, name="snap"))
 print(imported.report())
-plot(imported.original, pepper, folder / "unsafe.png", title="as drawn")
-plot(imported.trajectory, pepper, folder / "safe.png", title="made safe")
+plot(pepper, imported.original, folder / "unsafe.png", title="as drawn")
+plot(pepper, imported.trajectory, folder / "safe.png", title="made safe")
 
 assert max(worst.values()) < 1e-9
 assert refused.line is not None
-assert {excess.quantity for excess in imported.excesses} >= {"velocity", "acceleration"}
-assert not imported.original.check(pepper).ok
-assert imported.trajectory.check(pepper, pk.Scene()).ok
+assert {violation.quantity for violation in imported.violations} >= {"velocity", "acceleration"}
+assert not imported.original.check(pepper).success
+assert imported.trajectory.check(pepper).success

@@ -13,7 +13,7 @@ level = pk.ik.AxisAlignment("LArm_effector", up, axis=(0, 0, 1), tolerance=tilt,
 # Left of the post, with the palm level to begin with.
 stand = pepper.posture("Stand")
 tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level]
-start = pk.ik.solve(pepper, tasks, q0=stand, scene=scene, joints="left_arm")
+start = pk.ik.solve(pepper, tasks, start=stand, scene=scene, joints="left_arm")
 print(start.report())
 
 # To the right of it; the constraint is a task of the goal too.
@@ -26,9 +26,9 @@ print(f"{trajectory.duration:.2f} s")
 
 # An independent look at the curve that retime follows: the tilt from the pose alone, distances by coal.
 spline = plan.curve
-pieces = np.repeat(np.arange(len(spline.breaks) - 1), 200)
+segments = np.repeat(np.arange(len(spline.breaks) - 1), 200)
 within = np.tile(np.linspace(0.0, 1.0, 200), len(spline.breaks) - 1)
-q = spline.at(pieces, within * np.diff(spline.breaks)[pieces])
+q = spline.at(segments, within * np.diff(spline.breaks)[segments])
 poses = pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 tilts = np.arccos(np.clip(poses[:, :3, 2] @ up, -1.0, 1.0))
 clearance = pk.collision.clearance(pepper, q, scene).min()

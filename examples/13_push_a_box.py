@@ -12,7 +12,7 @@ STEP, SPEED = 0.002, 0.1
 # The left hand just above a table, flat against a parcel's back; the robot will roll forward.
 pepper = pk.load_pepper(base="planar")
 target = pk.ik.HandPosition("left", (0.28, 0.18, TOP + 0.05))
-solution = pk.ik.solve(pepper, [target], scene=pk.Scene(), joints="left_arm")
+solution = pk.ik.solve(pepper, [target], joints="left_arm")
 assert solution.success
 
 # What stands is a frozen scene; what can move belongs to the world.

@@ -16,7 +16,7 @@ scene = (
 
 # Drive forward for two seconds, then let the commands cease: the base ramps, and stops by itself.
 base = OmniBase(pepper)
-controller = BaseController(base, timeout=0.5)
+controller = BaseController(base, command_timeout=0.5)
 suite = SensorSuite(pepper, seed=1, scene=scene)
 posture = pepper.joint_vector({"HeadPitch": 0.0})
 readings = {}
@@ -42,8 +42,8 @@ print(f"the base came to rest at x = {controller.pose[0]:.3f} m, y = {controller
 camera = Camera(pepper, "camera_depth")
 depth = camera.depth(posture, scene)
 column, row, _ = camera.project(posture, [[1.5, 0.0, 1.1]])[0]
-seen = depth[round(row), round(column)]
-print(f"the ball is at pixel ({column:.1f}, {row:.1f}), {seen:.3f} m away")
+distance = depth[round(row), round(column)]
+print(f"the ball is at pixel ({column:.1f}, {row:.1f}), {distance:.3f} m away")
 
 # A blow from behind: the robot tilts over its front wheels and falls back, or falls over.
 monitor = BalanceMonitor(pepper)
@@ -56,9 +56,9 @@ for rate in (0.3, 1.2):
     run = simulate_tipping(monitor, report, standing, start=(front, 0.0, rate))
     print(f"tilting at {rate} rad/s: {run.message}")
 
-assert abs(seen - (1.5 - 0.1 - 0.013)) < 0.02
+assert abs(distance - (1.5 - 0.1 - 0.013)) < 0.02
 assert len(readings["joint_encoders"]) == 200
 assert np.abs(readings["wheel_odometry"][-1].error[:2]).max() < 0.02
 assert np.allclose(controller.twist, 0.0)
 assert report.balanced
-assert run.status == "fallen"
+assert run.status.value == "fallen"

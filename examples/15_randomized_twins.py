@@ -35,7 +35,7 @@ batch = pk.TwinBatch(
     mass_scale={"right_arm": factors(0.7, 1.3, COUNT), "left_arm": factors(0.7, 1.3, COUNT)},
     payload={"RArm_effector": payload},
 )
-run = batch.execute(trajectory, settle=0.5, every=10, threads=os.cpu_count() or 1)
+run = batch.execute(trajectory, hold_time=0.5, every=10, threads=os.cpu_count() or 1)
 print(run.report())
 
 # How far the waving hand is from where it should be, all along the motion.
@@ -47,15 +47,15 @@ print(f"the hand of the robot as described is off by at most {1000 * worst[0]:.1
 print(
     f"of half of the others by {1000 * np.median(worst):.1f} mm, of the worst by {1000 * worst.max():.1f} mm"
 )
-told = np.corrcoef(payload, worst)[0, 1]
-print(f"the payload tells most of it: correlation {told:.2f}")
+correlation = np.corrcoef(payload, worst)[0, 1]
+print(f"the payload explains most of the error: correlation {correlation:.2f}")
 
 # The first robot does what a single twin does.
-alone = pk.Twin(pepper).execute(trajectory, settle=0.5)
+alone = pk.Twin(pepper).execute(trajectory, hold_time=0.5)
 apart = np.abs(alone.position_at(run.time) - run.position[0]).max()
 print(f"the first robot and a single twin: {apart:.1e} rad apart")
 
 assert run.success.all()
 assert apart < 1e-9
-assert told > 0.5
+assert correlation > 0.5
 assert worst[0] < np.median(worst)

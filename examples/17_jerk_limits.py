@@ -26,5 +26,5 @@ durations = [trajectory.duration for trajectory in timings.values()]
 assert durations == sorted(durations)
 assert jumps["no limit"] > 0.5  # it switches from full acceleration to full braking
 for jerk, factor in (("brisk", 30.0), ("moderate", 10.0), ("gentle", 5.0)):
-    assert timings[jerk].check(pepper, jerk=jerk).ok
+    assert timings[jerk].check(pepper, jerk=jerk).success
     assert jumps[jerk] < 1.01 * factor * 0.001  # at most so many times the limit in a second

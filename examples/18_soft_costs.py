@@ -25,9 +25,9 @@ put = [pk.ik.HandPosition("left", (0.36, 0.02, 0.84))]
 
 def hand_way(curve):
     """Return states along a curve, the hand's places, and the length of the path up to each."""
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), 200)
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), 200)
     within = np.tile(np.linspace(0.0, 1.0, 200), len(curve.breaks) - 1)
-    q = curve.at(pieces, within * np.diff(curve.breaks)[pieces])
+    q = curve.at(segments, within * np.diff(curve.breaks)[segments])
     steps = np.diff(q, axis=0) * motion_bounds(pepper)
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
     return q, pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:, :3, 3], lengths

@@ -6,7 +6,28 @@
     q = pepper.posture("Stand")
     pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 
-Rooms are imported when first used, so that importing the package itself is quick.
+Packages, imported when they are first used; `help(pk.ik)` lists what is in one:
+
+    model            the robot: loading, groups, postures, limits, shapes, exports
+    kinematics       poses, velocities and Jacobians of frames, maps of reach
+    dynamics         torques, accelerations, mass, energy, balance
+    symbolic         the same quantities as CasADi expressions
+    collision        scenes, contacts, distances
+    ik               tasks in, the best configuration and the reason out
+    servo            inverse kinematics tick by tick, for moving targets
+    base_placement   where to stand
+    motion           paths, Cartesian motions, optimization, gestures
+    trajectory       timing within limits, an independent check
+    files            trajectories in six formats
+    twin             simulation; within it `twin.world`, `twin.sensors`, `twin.base`
+    viewer           pages, pictures and films; within it `viewer.server`
+    planners         motion planners that know no robot
+    jobs             what the commands run
+    kernels, batch   machine code and batches
+    exceptions, status   errors on misuse; how calls end
+
+The names that most programs need can be had from here too: load_pepper, load_robot, PepperModel, pose, Scene,
+plan, plan_batch, PlanProblem, retime, Trajectory, Twin, TwinBatch, Viewer, PepperKinError.
 """
 
 from __future__ import annotations
@@ -21,14 +42,17 @@ if TYPE_CHECKING:
         batch,
         collision,
         dynamics,
+        exceptions,
         files,
         ik,
+        jobs,
         kernels,
         kinematics,
         model,
         motion,
         planners,
         servo,
+        status,
         symbolic,
         trajectory,
         twin,
@@ -42,9 +66,9 @@ if TYPE_CHECKING:
     from pepper_kin.twin import Twin, TwinBatch
     from pepper_kin.viewer import Viewer
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
-_ROOMS = (
+_PACKAGES = (
     "base_placement",
     "batch",
     "collision",
@@ -52,12 +76,14 @@ _ROOMS = (
     "exceptions",
     "files",
     "ik",
+    "jobs",
     "kernels",
     "kinematics",
     "model",
     "motion",
     "planners",
     "servo",
+    "status",
     "symbolic",
     "trajectory",
     "twin",
@@ -93,8 +119,10 @@ __all__ = [
     "batch",
     "collision",
     "dynamics",
+    "exceptions",
     "files",
     "ik",
+    "jobs",
     "kernels",
     "kinematics",
     "load_pepper",
@@ -107,10 +135,11 @@ __all__ = [
     "pose",
     "retime",
     "servo",
+    "status",
     "symbolic",
     "trajectory",
     "twin",
     "viewer",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{room: room for room in _ROOMS}})
+__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{name: name for name in _PACKAGES}})

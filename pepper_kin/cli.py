@@ -23,7 +23,7 @@ from pepper_kin.cli_terminal import (
     Seed,
     complete_gesture,
     complete_posture,
-    drop_output,
+    discard_output,
     one_of,
     print_json,
     print_written,
@@ -163,7 +163,7 @@ def export(
 
     Example: pepper-kin export mjcf --hands mimic --mesh-paths relative -o pepper/pepper.xml
     """
-    from pepper_kin.jobs import write_export
+    from pepper_kin.jobs import save_export
     from pepper_kin.model import export as export_text
     from pepper_kin.model import load_pepper
 
@@ -175,7 +175,7 @@ def export(
         else:
             print(text)
         return
-    print_written(write_export(pepper, format, output, mesh_paths=mesh_paths), as_json)
+    print_written(save_export(pepper, format, output, mesh_paths=mesh_paths), as_json)
 
 
 @app.command()
@@ -204,7 +204,7 @@ def gesture(
 
     Example: pepper-kin gesture wave --side left -o wave
     """
-    from pepper_kin.jobs import make_gesture, write_gesture, write_library_gesture
+    from pepper_kin.jobs import make_gesture, save_gesture, save_library_gesture
     from pepper_kin.model import load_pepper
     from pepper_kin.twin import GESTURES, replay
 
@@ -215,7 +215,7 @@ def gesture(
         _refuse_options(name, side=side, amplitude=amplitude, tempo=tempo)
         replayed = replay(pepper, name)
         if output is not None:
-            write_gesture(replayed, output)
+            save_gesture(replayed, output)
         _print(replayed, as_json)
         return
     made = make_gesture(
@@ -226,9 +226,9 @@ def gesture(
         tempo=1.0 if tempo is None else tempo,
     )
     if output is not None:
-        write_library_gesture(made, output)
+        save_library_gesture(made, output)
     _print(made, as_json)
-    if not made.certificate.ok:
+    if not made.certificate.success:
         raise typer.Exit(FAILED)
 
 
@@ -325,7 +325,7 @@ def _finish_reach(pepper: PepperModel, outcome: ReachOutcome, output: Path, as_j
             print_json(result_files.summary(pepper, outcome))
         print(outcome.message, file=sys.stderr)
         raise typer.Exit(FAILED)
-    files = result_files.write_outcome(pepper, outcome, output)
+    files = result_files.save_outcome(pepper, outcome, output)
     files["motion.html"] = save_reach_html(pepper, outcome, output / "motion.html")
     if as_json:
         print_json(result_files.summary(pepper, outcome))
@@ -373,13 +373,13 @@ def _print_reach(outcome: ReachOutcome) -> None:
 def main() -> None:
     """Run the command line.
 
-    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, told in one line; 130 Ctrl-C.
+    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, with one line of explanation; 130 Ctrl-C.
     """
     try:
         try:
             app()
         finally:
-            sys.stdout.flush()  # here, where it can still be told that it could not be written
+            sys.stdout.flush()  # here, where a failure to write can still be reported
     except InfeasibleError as error:
         print(f"pepper-kin: {error}", file=sys.stderr)
         sys.exit(FAILED)
@@ -390,7 +390,7 @@ def main() -> None:
         if error.filename is not None:
             raise
         print(f"pepper-kin: the output cannot be written: {error.strerror or error}", file=sys.stderr)
-        drop_output()
+        discard_output()
         sys.exit(FAILED)
     except KeyboardInterrupt:  # while the command line was being read
         sys.exit(INTERRUPTED)

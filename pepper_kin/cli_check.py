@@ -35,10 +35,10 @@ def dynamics(
     from pepper_kin.model import load_pepper, load_robot
 
     pepper = load_pepper() if urdf is None else load_robot(urdf)
-    with progress("checking dynamics") as told:
-        found = check_dynamics(pepper, states=states, seed=seed, progress=told)
+    with progress("checking dynamics") as report:
+        found = check_dynamics(pepper, states=states, seed=seed, progress=report)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
-    if not found.ok:
+    if not found.success:
         raise typer.Exit(FAILED)
 
 
@@ -57,10 +57,10 @@ def model(
     found = audit(ours if urdf is None else urdf)
     difference = None if urdf is None else compare(ours, urdf)
     if as_json:
-        told = {"audit": found.to_dict()}
+        summary = {"audit": found.to_dict()}
         if difference is not None:
-            told["comparison"] = difference.to_dict()
-        print(json.dumps(told, indent=2))
+            summary["comparison"] = difference.to_dict()
+        print(json.dumps(summary, indent=2))
     else:
         print(found.report())
         if difference is not None:
@@ -93,17 +93,17 @@ def paper(
 
     Example: pepper-kin check paper -o validation
     """
-    from pepper_kin.jobs import check_paper, write_paper_check
+    from pepper_kin.jobs import check_paper, save_paper_check
 
     if output is not None:
         check_folder(output)
-    with progress("replaying the paper's movements") as told:
-        found = check_paper(seed=seed, progress=told)
+    with progress("replaying the paper's movements") as report:
+        found = check_paper(seed=seed, progress=report)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if output is not None:
-        for path in write_paper_check(found, output).values():
+        for path in save_paper_check(found, output).values():
             print(f"wrote {path}", file=sys.stderr)
-    if not found.ok:
+    if not found.success:
         raise typer.Exit(FAILED)
 
 
@@ -121,13 +121,13 @@ def physics(
 
     if output is not None:
         check_folder(output)
-    with progress("running both engines") as told:
-        found = check_physics(seed=seed, progress=told)
+    with progress("running both engines") as report:
+        found = check_physics(seed=seed, progress=report)
     numbers = json.dumps(found.as_dict(), indent=2)
     print(numbers if as_json else found.report())
     if output is not None:
         make_folder(output)
         for name, text in (("physics.txt", found.report()), ("physics.json", numbers)):
             print(f"wrote {write_text(output / name, text + chr(10))}", file=sys.stderr)
-    if not found.ok:
+    if not found.success:
         raise typer.Exit(FAILED)

@@ -54,7 +54,7 @@ def plot(
     pepper = load_pepper(base=base, hands=hands)
     trajectory = load(file, pepper)
     make_folder(output.parent)
-    draw(trajectory, pepper, output, title=file.name)
+    draw(pepper, trajectory, output, title=file.name)
     print_written([output], as_json)
 
 
@@ -96,24 +96,24 @@ def render(
     Example: pepper-kin render demo/run.csv -o demo/movie.mp4
     """
     from pepper_kin.collision import Scene
-    from pepper_kin.jobs import read_motion
+    from pepper_kin.jobs import load_motion
     from pepper_kin.model import load_pepper
-    from pepper_kin.viewer import Camera, render_motion
+    from pepper_kin.viewer import Viewpoint, render_motion
 
     if camera is not None and view is not None:
         raise InvalidValueError("--camera", camera, f"to be left out with --view {view}")
-    seen = cast("CameraView | None", view) if camera is None else Camera(camera[:3], camera[3:])
+    view_or_camera = cast("CameraView | None", view) if camera is None else Viewpoint(camera[:3], camera[3:])
     pixels = None if size is None else _size(size)
     pepper = load_pepper(base=base, hands=hands)
-    motion = read_motion(file, pepper)
+    motion = load_motion(file, pepper)
     around = None if scene is None else Scene.load(scene)
     make_folder(output.parent)
     if not as_json:
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)
-    with progress("rendering") as told:
+    with progress("rendering") as report:
         path = render_motion(
-            pepper, motion, output, scene=around, fps=fps, size=pixels, view=seen,
-            at_time=at_time, on_frame=told,
+            pepper, motion, output, scene=around, fps=fps, size=pixels, view=view_or_camera,
+            at_time=at_time, on_frame=report,
         )  # fmt: skip
     print_written([path], as_json)
 
@@ -132,8 +132,8 @@ def bench(
 
     if not as_json:
         print("  measuring; what is compiled is compiled first, once on a machine ...", file=sys.stderr)
-    with progress("measuring") as told:
-        found = run_bench(repeats=repeats, seed=seed, progress=told)
+    with progress("measuring") as report:
+        found = run_bench(repeats=repeats, seed=seed, progress=report)
     if as_json:
         print_json(found.as_dict())
     else:

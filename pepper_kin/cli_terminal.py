@@ -1,4 +1,4 @@
-"""What all commands share: options, exit codes, printing, progress and completion."""
+"""Shared parts of all commands: options, exit codes, printing, progress and completion."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ Base = Annotated[str, typer.Option(help="fixed or planar.", autocompletion=one_o
 Hands = Annotated[str, typer.Option(help="locked, mimic or independent.", autocompletion=one_of(HANDS))]
 
 
-def print_json(told: Any) -> None:
+def print_json(value: Any) -> None:
     """Print plain values as JSON."""
-    print(json.dumps(told, indent=2))
+    print(json.dumps(value, indent=2))
 
 
-def drop_output() -> None:
+def discard_output() -> None:
     """Send to nowhere what is left to print: Python would try again as it ends, and complain."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
@@ -93,14 +93,14 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def stages(quiet: bool) -> Iterator[Callable[[str], None]]:
+def stages(silent: bool) -> Iterator[Callable[[str], None]]:
     """Tell of the stages of a reach: a bar on a terminal, a line each elsewhere, none if quiet.
 
     Yields:
         What to call with the name of each stage as it begins.
     """
     if not sys.stderr.isatty():
-        yield lambda stage: None if quiet else print(f"  {stage} ...", file=sys.stderr, flush=True)
+        yield lambda stage: None if silent else print(f"  {stage} ...", file=sys.stderr, flush=True)
         return
     with _bar() as bar:
         task = bar.add_task("", total=len(STAGES))

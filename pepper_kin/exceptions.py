@@ -3,12 +3,53 @@
 Every child of `PepperKinError` carries what was wrong as attributes, so that a program can react to it, and
 says it in one sentence that also lists what would have been right.  "Not found" (no IK solution, no path) is
 never raised: it is a status in a result.
+
+    PepperKinError                            the base of all errors
+    InvalidValueError, UnknownNameError, LimitError   a value that is not allowed
+    ModelError, FileFormatError, InfeasibleError, MissingDependencyError
+    ModelWarning, OvershootWarning
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
+
+__all__ = [
+    "FileFormatError",
+    "InfeasibleError",
+    "InvalidValueError",
+    "LimitError",
+    "MissingDependencyError",
+    "ModelError",
+    "ModelWarning",
+    "OvershootWarning",
+    "PepperKinError",
+    "UnknownNameError",
+]
+
+LONGEST_VALUE = 80
+"""Characters of a bad value that a message shows at most."""
+
+
+def shortened(value: object) -> str:
+    """Return a value as text on one line, cut at `LONGEST_VALUE` characters with "..." at the end."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+def did_you_mean(name: object, available: Iterable[object]) -> str:
+    """Return " (did you mean 'HeadYaw'?)" with the known name that is most like a wrong one; "" if none is.
+
+    Args:
+        name: The wrong name.
+        available: All known names; upper and lower case count as alike.
+    """
+    from difflib import get_close_matches
+
+    known = {str(other).lower(): str(other) for other in reversed(tuple(available))}
+    match = get_close_matches(str(name).lower(), known, n=1, cutoff=0.7)
+    return f" (did you mean {known[match[0]]!r}?)" if match else ""
 
 
 class PepperKinError(Exception):
@@ -32,17 +73,17 @@ class InvalidValueError(PepperKinError, ValueError):
 
     Attributes:
         quantity: Name of the argument.
-        value: The value refused (or the part of it that is wrong).
+        value: The value refused (or the part of it that is wrong); the message shows 80 characters of it.
         allowed: What would have been accepted, in words.
     """
 
     def __init__(self, quantity: str, value: object, allowed: str) -> None:
         self.quantity, self.value, self.allowed = quantity, value, allowed
-        super().__init__(f"{quantity}: got {value}, expected {allowed}")
+        super().__init__(f"{quantity}: got {shortened(value)}, expected {allowed}")
 
 
 class UnknownNameError(PepperKinError, KeyError):
-    """A joint, frame, posture, group, ... has no such name.
+    """A joint, frame, posture, group, ... has no such name; the message suggests the one most like it.
 
     Attributes:
         kind: What was looked up ("joint", "frame", ...).
@@ -52,7 +93,9 @@ class UnknownNameError(PepperKinError, KeyError):
 
     def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
         self.kind, self.name, self.available = kind, name, tuple(available)
-        super().__init__(f"unknown {kind} {name!r}; available: {', '.join(self.available) or '(none)'}")
+        hint = did_you_mean(name, self.available)
+        known = ", ".join(self.available) or "(none)"
+        super().__init__(f"unknown {kind} {shortened(repr(name))}{hint}; available: {known}")
 
     def __str__(self) -> str:
         """Return the sentence itself (KeyError would quote it)."""

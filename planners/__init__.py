@@ -3,14 +3,25 @@
 problem = Problem(lower, upper, start, goals, validity)
 result = rrt_connect(problem, seed=0, timeout=5.0)
 if result.success:
-    curve = smooth(problem, shortcut(problem, result.path))
+curve = smooth(problem, shortcut(problem, result.path))
+
+Problem, GoalSampler, StateValidityChecker, MotionValidator, CompiledMotionValidator, Metric, Deadline
+Result, Status, StopReason, Improvement, Path, SmoothPath
+rrt_connect, aorrtc, Roadmap              search, asymptotically optimal search, one graph for many queries
+ompl_plan, available_ompl_planners, OMPL_PLANNERS
+shortcut, rejoin, smooth, rounded_waypoints
+certify, PathCertificate                  an examination of a path
+ConstraintManifold, CompiledManifold, cbirrt, project, constrained_shortcut, constrained_smooth
+StateCost, transition_rrt, descend_cost   soft costs
+car_connect, CarResult, car_curve, CarCurve   paths of a car
+first_invalid_states, first_blocked_states    what is in the way where no path is found
 """
 
 from .aorrtc import aorrtc
 from .car_connect import CarResult, car_connect
 from .car_curves import CarCurve, car_curve
 from .cbirrt import cbirrt
-from .certificate import Certificate, certify
+from .certificate import PathCertificate, certify
 from .constrained_shortcut import constrained_shortcut, constrained_smooth, project
 from .constraint_manifold import CompiledManifold, ConstraintManifold
 from .cost_descent import StateCost, descend_cost
@@ -34,7 +45,6 @@ __all__ = [
     "OMPL_PLANNERS",
     "CarCurve",
     "CarResult",
-    "Certificate",
     "CompiledManifold",
     "CompiledMotionValidator",
     "ConstraintManifold",
@@ -44,6 +54,7 @@ __all__ = [
     "Metric",
     "MotionValidator",
     "Path",
+    "PathCertificate",
     "Problem",
     "Result",
     "Roadmap",

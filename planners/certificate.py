@@ -17,7 +17,7 @@ _ROUNDING = 1e-12  # of the box's size
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class PathCertificate:
     """What a path really does, computed anew from the problem and the path alone.
 
     Attributes:
@@ -38,13 +38,13 @@ class Certificate:
     resolution: float
 
     @property
-    def valid(self) -> bool:
+    def success(self) -> bool:
         """Whether all states checked are valid and inside the box, and the ends are exact."""
         ends_met = self.start_error == 0.0 and self.goal_error == 0.0
         return self.first_invalid is None and self.within_bounds and ends_met
 
 
-def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | None = None) -> Certificate:
+def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | None = None) -> PathCertificate:
     """Check a path against a problem, state by state.
 
     Args:
@@ -74,7 +74,7 @@ def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | No
     sampled = problem.goal_sampler is not None
     slack = _ROUNDING * (problem.upper - problem.lower)
     within = (states >= problem.lower - slack) & (states <= problem.upper + slack)
-    return Certificate(
+    return PathCertificate(
         first_invalid=None if valid.all() else states[int(np.argmin(valid))],
         within_bounds=bool(within.all()),
         start_error=float(problem.metric.distance(states[0], problem.start)),

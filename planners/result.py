@@ -7,62 +7,56 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
 
+from pepper_kin.status import ResultStatus
+
 from .path import Path
 from .vectors import FloatArray
 
 
-class Status(Enum):
+class Status(ResultStatus):
     """How a run of a planner ended; `advice` says what to do about it."""
 
-    SOLVED = "solved"
-    START_INVALID = "start_invalid"
-    GOAL_INVALID = "goal_invalid"
-    START_OFF_MANIFOLD = "start_off_manifold"
-    GOAL_OFF_MANIFOLD = "goal_off_manifold"
-    NO_GOAL = "no_goal"
-    START_SHUT_IN = "start_shut_in"
-    GOAL_SHUT_IN = "goal_shut_in"
-    NO_PATH_IN_TIME = "no_path_in_time"
-    OUT_OF_ITERATIONS = "out_of_iterations"
-
-    @property
-    def advice(self) -> str:
-        """One sentence: what the status means and what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    Status.SOLVED: (
-        "A path was found; shorten it with shortcut() or aorrtc(), and round its corners with smooth()."
-    ),
-    Status.START_INVALID: "The start state is not valid; begin at a valid state or reduce the margin.",
-    Status.GOAL_INVALID: "No goal state is valid; give other goals or reduce the margin.",
-    Status.START_OFF_MANIFOLD: (
-        "The start does not meet the constraints; begin at a state that does, or raise the tolerance."
-    ),
-    Status.GOAL_OFF_MANIFOLD: (
-        "No goal meets the constraints; project one onto the manifold, or raise the tolerance."
-    ),
-    Status.NO_GOAL: (
-        "The sampler of goals drew none that is valid; raise the timeout, reduce the margin, "
-        "or check that the sampler can succeed."
-    ),
-    Status.START_SHUT_IN: (
-        "Hardly any motion leads away from the start; move away what surrounds it, or reduce the margin."
-    ),
-    Status.GOAL_SHUT_IN: (
-        "Hardly any motion leads up to a goal; move away what surrounds it, reduce the margin, "
-        "or give other goals."
-    ),
-    Status.NO_PATH_IN_TIME: (
-        "No path was found within the time budget; raise the timeout, try another seed, "
-        "or check that the goal can be reached at all."
-    ),
-    Status.OUT_OF_ITERATIONS: (
-        "No path was found within the allowed iterations; raise max_iterations, try another seed, "
-        "or check that the goal can be reached at all."
-    ),
-}
+    SOLVED = (
+        "solved",
+        "A path was found; shorten it with shortcut() or aorrtc(), and round its corners with smooth().",
+    )
+    START_INVALID = (
+        "start_invalid",
+        "The start state is not valid; begin at a valid state or reduce the margin.",
+    )
+    GOAL_INVALID = "goal_invalid", "No goal state is valid; give other goals or reduce the margin."
+    START_OFF_MANIFOLD = (
+        "start_off_manifold",
+        "The start does not meet the constraints; begin at a state that does, or raise the tolerance.",
+    )
+    GOAL_OFF_MANIFOLD = (
+        "goal_off_manifold",
+        "No goal meets the constraints; project one onto the manifold, or raise the tolerance.",
+    )
+    NO_GOAL = (
+        "no_goal",
+        "The sampler of goals drew none that is valid; raise the timeout, reduce the margin, or check"
+        " that the sampler can succeed.",
+    )
+    START_SHUT_IN = (
+        "start_shut_in",
+        "Hardly any motion leads away from the start; move away what surrounds it, or reduce the margin.",
+    )
+    GOAL_SHUT_IN = (
+        "goal_shut_in",
+        "Hardly any motion leads up to a goal; move away what surrounds it, reduce the margin, or "
+        "give other goals.",
+    )
+    NO_PATH_IN_TIME = (
+        "no_path_in_time",
+        "No path was found within the time budget; raise the timeout, try another seed, or check that"
+        " the goal can be reached at all.",
+    )
+    OUT_OF_ITERATIONS = (
+        "out_of_iterations",
+        "No path was found within the allowed iterations; raise max_iterations, try another seed, or "
+        "check that the goal can be reached at all.",
+    )
 
 
 class StopReason(Enum):

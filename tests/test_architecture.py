@@ -1,4 +1,4 @@
-"""The arrows of the design: each room imports only rooms above it in the tower."""
+"""The arrows of the design: each package imports only those above it."""
 
 import ast
 import subprocess
@@ -8,13 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from pepper_kin import _ROOMS
+from pepper_kin import _PACKAGES
 
 ROOT = Path(__file__).parents[1]
 TOWER = (
     "lazy_names",
     "exceptions",
+    "status",
     "atomic_file",
+    "numpy_archive",
     "model",
     "symbolic",
     "kernels",
@@ -37,18 +39,20 @@ TOWER = (
     "cli_show",
     "cli",
 )
-"""From the top down: a room may import those before it."""
+"""From the top down: a package may import those before it."""
 APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planners")}
 ONLY = {
     "kernels": {"exceptions", "atomic_file"},
     "core": {"exceptions", "kernels"},
-    "planners": {"exceptions", "kernels", "core"},
+    "planners": {"exceptions", "status", "kernels", "core"},
     "urdf": {"exceptions"},
     "exceptions": set(),
+    "status": set(),
     "lazy_names": set(),
     "atomic_file": {"exceptions"},
+    "numpy_archive": {"exceptions", "atomic_file"},
 }
-"""Rooms that know nothing of the robot."""
+"""Packages that know nothing of the robot."""
 
 
 def python_files():
@@ -56,7 +60,7 @@ def python_files():
         yield from sorted((ROOT / folder).rglob("*.py"))
 
 
-def room_of(path):
+def package_of(path):
     parts = path.relative_to(ROOT).with_suffix("").parts
     if parts[0] != "pepper_kin":
         return parts[0]
@@ -69,8 +73,8 @@ def tree_of(path):
 
 
 @cache
-def rooms_imported(path):
-    """Rooms of pepper_kin that a file imports, at the top or inside functions; type-checking imports too."""
+def packages_imported(path):
+    """Packages of pepper_kin that a file imports, at the top, in functions or for type checking."""
     found = set()
     package = ("pepper_kin", *path.relative_to(ROOT).parts[:-1])
     if package[1] == "pepper_kin":
@@ -96,25 +100,25 @@ ALL_FILES = list(python_files())
 
 @pytest.mark.parametrize("path", ALL_FILES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_arrows_point_one_way(path):
-    room = room_of(path)
-    if room == "__init__":
+    package = package_of(path)
+    if package == "__init__":
         return
-    imported = rooms_imported(path) - {room}
-    assert "__init__" not in imported, "a room must not import the package's front door"
-    if room in ONLY:
-        assert imported <= ONLY[room]
+    imported = packages_imported(path) - {package}
+    assert "__init__" not in imported, "a package must not import the package's front door"
+    if package in ONLY:
+        assert imported <= ONLY[package]
         return
-    assert room in TOWER, f"{room} has no place in the tower"
-    above = set(TOWER[: TOWER.index(room)]) | {"planners", "urdf"}
-    assert imported <= above, f"{room} imports {sorted(imported - above)}"
+    assert package in TOWER, f"{package} has no place in the tower"
+    above = set(TOWER[: TOWER.index(package)]) | {"planners", "urdf"}
+    assert imported <= above, f"{package} imports {sorted(imported - above)}"
     for other in imported:
-        assert (room, other) not in APART, f"{room} and {other} are kept apart"
+        assert (package, other) not in APART, f"{package} and {other} are kept apart"
 
 
 def test_only_the_command_line_imports_the_viewer():
     for path in ALL_FILES:
-        if "viewer" in rooms_imported(path):
-            assert room_of(path) in ("viewer", "cli", "cli_show", "__init__"), path
+        if "viewer" in packages_imported(path):
+            assert package_of(path) in ("viewer", "cli", "cli_show", "__init__"), path
 
 
 def test_planners_name_no_robot():
@@ -131,7 +135,7 @@ def test_planners_name_no_robot():
 def test_files_and_functions_stay_small(path):
     """An algorithm of the core or of the planners is one file; elsewhere a file is one concept."""
     text = path.read_text(encoding="utf-8")
-    assert text.count("\n") <= (700 if room_of(path) in ("core", "planners") else 460)
+    assert text.count("\n") <= (700 if package_of(path) in ("core", "planners") else 460)
     for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno - node.lineno + 1 <= 85, f"{path.name}: {node.name}"
@@ -177,14 +181,14 @@ def test_heavy_libraries_are_not_loaded_by_importing_the_package():
     assert done.stdout.strip() == "[]"
 
 
-ROOMS = (*(room for room in _ROOMS if room != "exceptions"), "cli")
+PACKAGES = (*(package for package in _PACKAGES if package != "exceptions"), "cli")
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_heavy_libraries_are_not_loaded_by_importing_a_room(room):
-    """A room's import takes 0.3 s at most: each of these takes longer than all of our own files."""
+@pytest.mark.parametrize("package", PACKAGES)
+def test_heavy_libraries_are_not_loaded_by_importing_a_package(package):
+    """A package's import takes 0.3 s at most: each of these takes longer than all of our own files."""
     code = (
-        f"import sys, pepper_kin.{room}; "
+        f"import sys, pepper_kin.{package}; "
         "heavy = {'pinocchio', 'placo', 'coal', 'casadi', 'proxsuite', 'toppra', 'ruckig', 'scipy', 'numba',"
         " 'mujoco', 'meshcat', 'tornado', 'asyncio', 'matplotlib', 'rich', 'xacro', 'yaml',"
         " 'fast_simplification'}; "

@@ -13,7 +13,7 @@ import pepper_kin as pk
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.drawable import Drawable
-from pepper_kin.viewer.recording import write_motion_page
+from pepper_kin.viewer.recording import save_motion_page
 
 from .camera import framing
 from .stage import BLUE, ORANGE, pictures_of_page, tube_mesh
@@ -50,5 +50,5 @@ def gesture_album(pepper: PepperModel, names: Sequence[str], size: tuple[int, in
     times = np.arange(len(names), dtype=float)
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "album.html"
-        write_motion_page(page, drawn, all_links, times, poses, title="album")
+        save_motion_page(drawn, all_links, times, poses, page, title="album")
         return pictures_of_page(page, framing(BODY, size, 20, 8, margin=1.0), times)

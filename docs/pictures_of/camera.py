@@ -68,11 +68,11 @@ def framing(
     """
     a, e = np.radians([azimuth, elevation])
     axes = _axes(np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]))
-    seen = np.asarray(points, dtype=float).reshape(-1, 3) @ np.array(axes).T
-    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    visible = np.asarray(points, dtype=float).reshape(-1, 3) @ np.array(axes).T
+    middle = (visible.min(axis=0) + visible.max(axis=0)) / 2
     slope = np.tan(np.radians(FIELD_OF_VIEW) / 2)
-    wide, high = (np.abs(seen[:, :2] - middle[:2]) / [slope * size[0] / size[1], slope]).T
-    distance = margin * max(0.3, float((seen[:, 2] - middle[2] + np.maximum(wide, high)).max()))
+    wide, high = (np.abs(visible[:, :2] - middle[:2]) / [slope * size[0] / size[1], slope]).T
+    distance = margin * max(0.3, float((visible[:, 2] - middle[2] + np.maximum(wide, high)).max()))
     target = middle @ np.array(axes)
     target -= 2 * slope * distance * (shift[0] * axes[0] + shift[1] * axes[1])
     return Camera(target + distance * axes[2], target, size)

@@ -19,7 +19,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 def variables_of(name: str, *arguments: str) -> dict[str, Any]:
     """Run an example in an empty folder and return its variables; what it prints goes nowhere."""
     (script,) = EXAMPLES.glob(f"{name}*.py")
-    before, given = Path.cwd(), sys.argv
+    before, variables = Path.cwd(), sys.argv
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         os.chdir(folder)
         sys.argv = [script.name, *arguments]
@@ -27,4 +27,4 @@ def variables_of(name: str, *arguments: str) -> dict[str, Any]:
             return runpy.run_path(str(script))
         finally:
             os.chdir(before)
-            sys.argv = given
+            sys.argv = variables

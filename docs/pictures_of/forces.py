@@ -14,8 +14,8 @@ from .stage import BLUE, ORANGE, Stage
 
 def draw_02_check_dynamics() -> None:
     """Torques beside the differences that the check finds, on one logarithmic scale."""
-    told = variables_of("02")
-    pepper, q, v, a, tau = (told[name] for name in ("pepper", "q", "v", "a", "tau"))
+    example = variables_of("02")
+    pepper, q, v, a, tau = (example[name] for name in ("pepper", "q", "v", "a", "tau"))
     against = np.abs(tau - pk.dynamics.newton_euler(pepper, q, v, a))
     back = np.abs(pk.dynamics.forward_dynamics(pepper, q, v, tau) - a)
     sheet = Sheet()
@@ -46,8 +46,8 @@ def draw_02_check_dynamics() -> None:
 
 def draw_04_any_robot() -> None:
     """The two-link arm in three postures, and the torques that hold it all round."""
-    told = variables_of("04")
-    robot = told["robot"]
+    example = variables_of("04")
+    robot = example["robot"]
     sheet = Sheet((800, 400))
     arm = sheet.axes(60, 45, 330, 300)
     for angle, opacity in ((0.0, 1.0), (0.7, 0.45), (-0.6, 0.45)):
@@ -59,7 +59,7 @@ def draw_04_any_robot() -> None:
             line[:, 0], line[:, 2], color=COLORS["blue"], linewidth=9, alpha=opacity, solid_capstyle="round"
         )
         arm.plot(line[:2, 0], line[:2, 2], "o", color="white", markersize=5, alpha=opacity)
-    torque = told["torque"]
+    torque = example["torque"]
     for x, words in ((0.0, f"{torque[0]:.2f} N m"), (0.5, f"{torque[1]:.2f} N m")):
         arm.annotate(words, (x, 1.0), (x + 0.03, 1.17), ha="center", arrowprops={"arrowstyle": "->"})
     arm.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(0.4, 1.55), xlabel="x [m]", ylabel="z [m]")
@@ -77,16 +77,16 @@ def draw_04_any_robot() -> None:
 
 def draw_09_gradients() -> None:
     """The arm before and after, with the palm at one point, and what each motor has to hold."""
-    told = variables_of("09")
-    pepper, q0, relaxed = told["pepper"], told["q0"], told["relaxed"]
+    example = variables_of("09")
+    pepper, q0, relaxed = example["pepper"], example["q0"], example["relaxed"]
     size = (430, 500)
     stage = Stage().robot(pepper, relaxed).robot(pepper, q0, color=ORANGE, opacity=0.35, apart_from=relaxed)
-    stage.ball(told["target"], BLUE, 0.02)
+    stage.ball(example["target"], BLUE, 0.02)
     around = np.array([[x, y, z] for x in (-0.12, 0.15) for y in (-0.25, 0.28) for z in (0.45, 1.24)])
-    camera = framing([*around, told["target"]], size, 48, 8, margin=1.0)
+    camera = framing([*around, example["target"]], size, 48, 8, margin=1.0)
     sheet = Sheet().image(stage.picture(camera))
-    sheet.label(camera, told["target"], "the palm stays", (-20, -70))
-    shares = np.stack([told["before"], told["after"]], axis=1)
+    sheet.label(camera, example["target"], "the palm stays", (-20, -70))
+    shares = np.stack([example["before"], example["after"]], axis=1)
     kept = np.flatnonzero(shares.max(axis=1) > 0.01)
     plot = sheet.axes(560, 50, 220, 385)
     rows = np.arange(len(kept))[::-1]
@@ -101,8 +101,8 @@ def draw_09_gradients() -> None:
 
 def draw_15_randomized_twins() -> None:
     """The spread of the hand's error over time, and what tells it."""
-    told = variables_of("15")
-    times, errors = told["run"].time, 1000 * told["errors"]
+    example = variables_of("15")
+    times, errors = example["run"].time, 1000 * example["errors"]
     sheet = Sheet((800, 400))
     plot = sheet.axes(60, 45, 390, 300)
     for low, high, opacity in ((0.0, 1.0, 0.15), (0.05, 0.95, 0.25), (0.25, 0.75, 0.45)):
@@ -113,11 +113,11 @@ def draw_15_randomized_twins() -> None:
     plot.set(xlabel="s", ylabel="mm", xlim=(0, times[-1]), ylim=(0, None))
     plot.set_title(f"{len(errors)} Peppers wave: how far off is the hand?")
     plot.legend(loc="upper right", ncols=2, fontsize=9)
-    told_by = sheet.axes(525, 45, 255, 300)
-    colors = told["friction"][:, 0]
-    dots = told_by.scatter(told["payload"], 1000 * told["worst"], 9, c=colors, cmap="viridis")
-    told_by.set(xlabel="payload [kg]", ylabel="worst error [mm]", title="heavier hands, larger errors")
-    sheet.figure.colorbar(dots, ax=told_by, label="friction [N m]", pad=0.03, fraction=0.1, aspect=30)
-    told_by.get_figure().axes[-1].set_position((0.905, 0.14, 0.012, 0.75))
-    told_by.set_position((0.645, 0.14, 0.245, 0.75))
+    scatter_plot = sheet.axes(525, 45, 255, 300)
+    colors = example["friction"][:, 0]
+    dots = scatter_plot.scatter(example["payload"], 1000 * example["worst"], 9, c=colors, cmap="viridis")
+    scatter_plot.set(xlabel="payload [kg]", ylabel="worst error [mm]", title="heavier hands, larger errors")
+    sheet.figure.colorbar(dots, ax=scatter_plot, label="friction [N m]", pad=0.03, fraction=0.1, aspect=30)
+    scatter_plot.get_figure().axes[-1].set_position((0.905, 0.14, 0.012, 0.75))
+    scatter_plot.set_position((0.645, 0.14, 0.245, 0.75))
     sheet.save("example_15.png")

@@ -20,8 +20,8 @@ HAND = "LArm_effector"
 
 def draw_10_gestures() -> None:
     """Six gestures at their height, and the hasty one where a limit slows it down."""
-    told = variables_of("10", "--quick")
-    pepper = told["pepper"]
+    example = variables_of("10", "--quick")
+    pepper = example["pepper"]
     sheet = Sheet()
     names = ("wave", "point", "think", "shrug", "bow", "welcome")
     for column, (name, picture) in enumerate(
@@ -31,7 +31,7 @@ def draw_10_gestures() -> None:
         sheet.text(71 + 132 * column, 6, name, ha="center")
     head = pepper.joint_index("HeadYaw")
     limit = pepper.acceleration_limits[head]
-    calm, hasty = told["calm"], told["hasty"]
+    calm, hasty = example["calm"], example["hasty"]
     plots = [sheet.axes(left, 282, 305, 165) for left in (72, 475)]
     for motion, color, name in ((calm, "blue", "tempo 1"), (hasty, "orange", "tempo 4, amplitude 1.25")):
         times = np.linspace(0.0, motion.duration, 800)
@@ -50,8 +50,8 @@ def draw_10_gestures() -> None:
 
 def draw_11_files() -> None:
     """The animation as it was drawn and as it was made safe."""
-    told = variables_of("11")
-    pepper, imported = told["pepper"], told["imported"]
+    example = variables_of("11")
+    pepper, imported = example["pepper"], example["imported"]
     head = pepper.joint_index("HeadYaw")
     limits = {
         "position": ("rad", pepper.upper_limits[head]),
@@ -88,10 +88,10 @@ def draw_11_files() -> None:
 
 def draw_12_carry_a_tray() -> None:
     """The tray's way round the post, and its tilt with and without the constraint."""
-    told = variables_of("12")
-    pepper, q, poses = told["pepper"], told["q"], told["poses"]
+    example = variables_of("12")
+    pepper, q, poses = example["pepper"], example["q"], example["poses"]
     size = (470, 500)
-    stage = Stage().scene(told["scene"]).robot(pepper, q[-1])
+    stage = Stage().scene(example["scene"]).robot(pepper, q[-1])
     stage.robot(pepper, q[0], color=GRAY, opacity=0.22, apart_from=q[-1])
     stage.tube(poses[:: max(1, len(poses) // 150), :3, 3])
     for share in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
@@ -103,19 +103,19 @@ def draw_12_carry_a_tray() -> None:
     sheet = Sheet().image(stage.picture(camera))
     sheet.label(camera, [0.33, 0.17, 1.3], "post", (45, 20))
     sheet.label(camera, poses[0, :3, 3], "start", (35, -60))
-    free = told["free"].path
+    free = example["free"].path
     spline = pk.trajectory.path.as_cubic_path(pepper, free)
-    pieces = np.repeat(np.arange(len(spline.breaks) - 1), 60)
-    within = np.tile(np.linspace(0.0, 1.0, 60), len(spline.breaks) - 1) * np.diff(spline.breaks)[pieces]
-    tipped = pk.kinematics.frame_pose(pepper, spline.at(pieces, within), HAND)[:, 2, 2]
+    segments = np.repeat(np.arange(len(spline.breaks) - 1), 60)
+    within = np.tile(np.linspace(0.0, 1.0, 60), len(spline.breaks) - 1) * np.diff(spline.breaks)[segments]
+    tipped = pk.kinematics.frame_pose(pepper, spline.at(segments, within), HAND)[:, 2, 2]
     plot = sheet.axes(535, 60, 245, 370)
     for values, color, name in (
         (np.degrees(np.arccos(np.clip(tipped, -1, 1))), "gray", "without the constraint"),
-        (np.degrees(told["tilts"]), "orange", "with it"),
+        (np.degrees(example["tilts"]), "orange", "with it"),
     ):
         plot.plot(np.linspace(0, 100, len(values)), values, color=COLORS[color], label=name)
-    plot.axhline(np.degrees(told["tilt"]), color="#26323f", linestyle="--", linewidth=1)
-    plot.text(99, np.degrees(told["tilt"]) + 0.4, "5° are allowed", ha="right", fontsize=9)
+    plot.axhline(np.degrees(example["tilt"]), color="#26323f", linestyle="--", linewidth=1)
+    plot.text(99, np.degrees(example["tilt"]) + 0.4, "5° are allowed", ha="right", fontsize=9)
     plot.set(xlabel="% of the path", ylabel="tilt [degree]", title="how far the tray leans", ylim=(0, 75))
     plot.legend(fontsize=9, loc="upper center")
     sheet.save("example_12.png")
@@ -123,13 +123,13 @@ def draw_12_carry_a_tray() -> None:
 
 def draw_16_live_target() -> None:
     """The three targets, the hand's way to them, and the last posture."""
-    told = variables_of("16")
-    pepper, path, heard = told["pepper"], np.array(told["path"]), told["heard"]
+    example = variables_of("16")
+    pepper, path, heard = example["pepper"], np.array(example["path"]), example["heard"]
     points = list(
         dict.fromkeys(tuple(float(x) for x in place) for name, place in heard if name == "left hand")
     )
-    stage = Stage().scene(told["scene"]).robot(pepper, told["reached"])
-    stage.robot(pepper, told["start"], color=GRAY, opacity=0.2, apart_from=told["reached"])
+    stage = Stage().scene(example["scene"]).robot(pepper, example["reached"])
+    stage.robot(pepper, example["start"], color=GRAY, opacity=0.2, apart_from=example["reached"])
     stage.tube(smooth(path), ORANGE, 0.004)
     around = np.array([[x, y, z] for x in (-0.2, 0.72) for y in (-0.3, 0.3) for z in (0.5, 1.22)])
     camera = framing(around, SIZE, 35, 16, margin=1.0)
@@ -153,9 +153,9 @@ def smooth(path: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def draw_17_jerk_limits() -> None:
     """The hardest joint's acceleration over time, for each timing."""
-    told = variables_of("17")
-    pepper = told["pepper"]
-    timings: dict[str, Trajectory] = told["timings"]
+    example = variables_of("17")
+    pepper = example["pepper"]
+    timings: dict[str, Trajectory] = example["timings"]
     sheet = Sheet()
     longest = max(trajectory.duration for trajectory in timings.values())
     joint = pepper.joint_index("RElbowRoll")
@@ -178,11 +178,11 @@ def draw_17_jerk_limits() -> None:
 
 def draw_18_soft_costs() -> None:
     """The hand's way past the plate, with the price and without."""
-    told = variables_of("18")
-    pepper, plate, ways = told["pepper"], told["plate"], told["ways"]
+    example = variables_of("18")
+    pepper, plate, ways = example["pepper"], example["plate"], example["ways"]
     size = (470, 500)
     q, places, lengths = ways["with"]
-    stage = Stage().scene(told["scene"]).robot(pepper, q[-1])
+    stage = Stage().scene(example["scene"]).robot(pepper, q[-1])
     stage.robot(pepper, q[0], color=GRAY, opacity=0.22, apart_from=q[-1])
     stage.tube(smooth(ways["without"][1]), GRAY, 0.005)
     stage.tube(smooth(places), ORANGE, 0.005)
@@ -203,8 +203,8 @@ def draw_18_soft_costs() -> None:
 
 def draw_19_smooth_plan() -> None:
     """Speed and acceleration of two joints, along the retimed plan and the optimized one."""
-    told = variables_of("19")
-    pepper, timings = told["pepper"], (("retimed", told["retimed"]), ("optimized", told["motion"]))
+    example = variables_of("19")
+    pepper, timings = example["pepper"], (("retimed", example["retimed"]), ("optimized", example["motion"]))
     sheet = Sheet()
     longest = max(trajectory.duration for _, trajectory in timings)
     for row, name in enumerate(("HipPitch", "LShoulderPitch")):

@@ -1,4 +1,4 @@
-"""Pictures of the guides: the demo and its film, looks, reach, gestures, the live page, a timed motion."""
+"""Pictures of the guides: demo and film, visual geometry, reach, gestures, live page, a timed motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pepper_kin.model import Box, PepperModel
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.viewer import JointMotion, find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
-from pepper_kin.viewer.video import write_video
+from pepper_kin.viewer.video import save_video
 
 from .album import gesture_album
 from .camera import framing
@@ -61,20 +61,22 @@ def draw_film() -> None:
     with tempfile.TemporaryDirectory() as folder:
         page = viewer.save_html(Path(folder) / "film.html", motion, series={})
         aim(page, framing([*BODY, *TABLE], size, 42, 12, margin=0.98))
-        write_video(page, FOLDER / "demo.gif", fps=16.0, size=size, timeout=600.0)
+        save_video(page, FOLDER / "demo.gif", fps=16.0, size=size, timeout=600.0)
 
 
-def draw_looks() -> None:
-    """The robot's looks, its capsules and its spheres, from three sides."""
+def draw_visual() -> None:
+    """The robot's visual geometry, its capsules and its spheres, from three sides."""
     pepper = pk.load_pepper()
-    for name, looks, over in (
-        ("looks", "visual", None),
+    for name, geometry_type, over in (
+        ("visual", "visual", None),
         ("capsules", "visual", "collision"),
         ("spheres", "visual", "spheres"),
     ):
         for view in ("front", "side", "three-quarter"):
             picture = FOLDER / f"{name}_{view}.png"
-            pk.Viewer(pepper, looks=looks, over=over).save_image(picture, size=(480, 640), view=view)
+            pk.Viewer(pepper, geometry_type=geometry_type, over=over).save_image(
+                picture, size=(480, 640), view=view
+            )
 
 
 def draw_reach() -> None:

@@ -19,10 +19,10 @@ HAND = "LArm_effector"
 
 def draw_01_reach_and_look() -> None:
     """The way over the table: ghosts, the hand's trace, the target."""
-    told = variables_of("01")
-    pepper, point = told["pepper"], told["point"]
-    q = told["trajectory"](np.linspace(0.0, told["trajectory"].duration, 80)).position
-    stage = Stage().scene(told["scene"]).robot(pepper, q[-1]).ball(point)
+    example = variables_of("01")
+    pepper, point = example["pepper"], example["point"]
+    q = example["trajectory"](np.linspace(0.0, example["trajectory"].duration, 80)).position
+    stage = Stage().scene(example["scene"]).robot(pepper, q[-1]).ball(point)
     for k in (0, 30, 50):
         stage.robot(pepper, q[k], color=ORANGE, opacity=0.16, apart_from=q[-1])
     stage.tube(pk.kinematics.frame_pose(pepper, q, HAND)[:, :3, 3])
@@ -37,29 +37,29 @@ def draw_01_reach_and_look() -> None:
 
 def draw_03_unreachable() -> None:
     """How far the hand gets, and what is left to the target."""
-    told = variables_of("03")
-    pepper, target, palm = told["pepper"], told["target"], told["palm"]
-    stage = Stage().robot(pepper, told["result"].q).ball(target)
+    example = variables_of("03")
+    pepper, target, palm = example["pepper"], example["target"], example["palm"]
+    stage = Stage().robot(pepper, example["result"].q).ball(target)
     for share in np.linspace(0.06, 0.94, 12):
         stage.ball(palm + share * (target - palm), ORANGE, 0.006)
-    stage.robot(pepper, pepper.posture("Stand"), color=GRAY, opacity=0.14, apart_from=told["result"].q)
+    stage.robot(pepper, pepper.posture("Stand"), color=GRAY, opacity=0.14, apart_from=example["result"].q)
     camera = framing([*BODY, target + np.array([0.0, 0.0, 0.1])], SIZE, 68, 8)
     sheet = Sheet().image(stage.picture(camera))
     gap = np.linalg.norm(target - palm)
     sheet.label(camera, (palm + target) / 2, f"{gap:.2f} m short", (0, -45))
     sheet.label(camera, target, "target", (0, 40))
-    sheet.text(24, 20, f"{told['result'].status.name}: the nearest posture within every limit")
+    sheet.text(24, 20, f"{example['result'].status.name}: the nearest posture within every limit")
     sheet.save("example_03.png")
 
 
 def draw_05_reach_map() -> None:
     """Both maps round the robot, cut open at its left shoulder, colored by manipulability."""
-    told = variables_of("05")
-    pepper = told["pepper"]
+    example = variables_of("05")
+    pepper = example["pepper"]
     sheet = Sheet()
     camera = framing([[x, 0.1, z] for x in (-0.9, 0.9) for z in (0.0, 1.4)], (400, 440), 66, 12, margin=1.0)
     for column, (title, found) in enumerate(
-        (("arm alone", told["alone"]), ("with the torso", told["helped"]))
+        (("arm alone", example["alone"]), ("with the torso", example["helped"]))
     ):
         stage = Stage().robot(pepper, pepper.posture("Stand"))
         best = found.best[found.counts > 0] / found.best.max()
@@ -81,24 +81,24 @@ def draw_05_reach_map() -> None:
 
 def draw_06_servo() -> None:
     """The circle that the hand draws, and how far off it is."""
-    told = variables_of("06")
-    pepper, path = told["pepper"], np.array(told["path"])
+    example = variables_of("06")
+    pepper, path = example["pepper"], np.array(example["path"])
     size = (430, 500)
     stage = Stage().robot(pepper, path[600])
     hands = pk.kinematics.frame_pose(pepper, path[:801], HAND)[:, :3, 3]
     stage.tube(hands[::4], ORANGE, 0.004)
-    stage.ball(told["point_on_circle"](6.0), BLUE, 0.014)
+    stage.ball(example["point_on_circle"](6.0), BLUE, 0.014)
     camera = framing([*UPPER, *hands], size, 40, 10, margin=1.0)
     sheet = Sheet().image(stage.picture(camera))
     sheet.label(camera, hands[330], "the hand's way", (-105, 75))
-    times = 0.01 * np.arange(1, len(told["misses"]) + 1)
+    times = 0.01 * np.arange(1, len(example["misses"]) + 1)
     off = sheet.axes(500, 50, 275, 165)
-    off.semilogy(times, 1000 * np.array(told["misses"]), color=COLORS["orange"])
+    off.semilogy(times, 1000 * np.array(example["misses"]), color=COLORS["orange"])
     off.axhline(0.5, color=COLORS["gray"], linewidth=1, linestyle="--")
     off.text(8, 0.55, "0.5 mm", ha="right", va="bottom", fontsize=9, color=COLORS["gray"])
     off.set(title="hand to moving point", ylabel="mm", xlim=(0, 8))
     hard = sheet.axes(500, 285, 275, 165)
-    use = np.abs(np.diff(path, 2, axis=0)) * told["servo"].rate ** 2 / pepper.acceleration_limits
+    use = np.abs(np.diff(path, 2, axis=0)) * example["servo"].rate ** 2 / pepper.acceleration_limits
     hard.plot(0.01 * np.arange(1, len(path) - 1), use.max(axis=1), color=COLORS["blue"], linewidth=0.9)
     hard.axvline(8.0, color=COLORS["gray"], linewidth=1, linestyle="--")
     hard.text(7.9, 0.93, "no more commands", ha="right", va="top", fontsize=9, color=COLORS["gray"])
@@ -108,8 +108,8 @@ def draw_06_servo() -> None:
 
 def draw_07_data_set() -> None:
     """Some of the targets, and postures that reach five of them."""
-    told = variables_of("07", "--count", "4000")
-    pepper, targets, found = told["pepper"], told["targets"], told["found"]
+    example = variables_of("07", "--count", "4000")
+    pepper, targets, found = example["pepper"], example["targets"], example["found"]
     stage = Stage()
     far = targets[targets[:, 1] < 0.12]  # nothing between the viewer and the postures
     height = np.clip((far[:, 2] - 0.25) / 1.1, 0.0, 0.999)
@@ -117,23 +117,23 @@ def draw_07_data_set() -> None:
     for shade in range(8):
         color = (*colormaps["viridis"]((shade + 0.5) / 8)[:3], 1.0)
         stage.points(far[shades == shade], color, 0.008)
-    front = np.flatnonzero(found.solved & (targets[:, 0] > 0.25) & (targets[:, 1] > 0.0))
+    front = np.flatnonzero(found.success & (targets[:, 0] > 0.25) & (targets[:, 1] > 0.0))
     rows = front[np.argsort(targets[front, 2])][np.linspace(20, len(front) - 20, 5).astype(int)]
     for k, row in enumerate(rows):
         stage.robot(pepper, found.q[row], opacity=1.0 if k == 2 else 0.25)
         stage.ball(targets[row], ORANGE, 0.028)
     camera = framing([*BODY, *targets[front]], SIZE, 64, 8, shift=(0.0, -0.03))
     sheet = Sheet().image(stage.picture(camera))
-    sheet.text(20, 20, f"{found.solved.mean():.2%} of {len(targets)} targets solved", fontsize=12)
+    sheet.text(20, 20, f"{found.success.mean():.2%} of {len(targets)} targets solved", fontsize=12)
     sheet.text(20, 44, "five of them, and the postures\nthat reach them")
     sheet.save("example_07.png")
 
 
 def draw_08_base_placement() -> None:
     """The place found, both configurations, and the other places that would do."""
-    told = variables_of("08")
-    pepper, place = told["pepper"], told["place"]
-    stage = Stage().scene(told["scene"])
+    example = variables_of("08")
+    pepper, place = example["pepper"], example["place"]
+    stage = Stage().scene(example["scene"])
     stage.robot(pepper, place.q[0], place=place.transform_base_to_world)
     stage.robot(
         pepper,
@@ -143,7 +143,7 @@ def draw_08_base_placement() -> None:
         opacity=0.28,
         apart_from=place.q[0],
     )
-    stage.ball(told["cup"], ORANGE).ball(told["shelf"], BLUE)
+    stage.ball(example["cup"], ORANGE).ball(example["shelf"], BLUE)
     stage.robot(pepper, pepper.posture("Stand"), color=GRAY, opacity=0.3)
     here = place.transform_base_to_world
     way = np.linspace([0.25, 0.0, 0.012], [*(here[:2, 3] - 0.28 * here[:2, 0]), 0.012], 2)
@@ -151,8 +151,8 @@ def draw_08_base_placement() -> None:
     corners = [[2.3, -0.6, 0.7], [2.3, 0.6, 0.7], *(BODY + here[:3, 3]), *BODY]
     camera = framing(corners, SIZE, 40, 18, margin=1.0)
     sheet = Sheet().image(stage.picture(camera))
-    sheet.label(camera, told["cup"], "cup", (35, -55))
-    sheet.label(camera, told["shelf"], "shelf", (50, 50))
+    sheet.label(camera, example["cup"], "cup", (35, -55))
+    sheet.label(camera, example["shelf"], "shelf", (50, 50))
     sheet.label(camera, [0.0, 0.0, 1.2], "where it stood", (0, 40))
     words = f"stand at x = {place.x:.2f} m, y = {place.y:.2f} m, turned by {np.degrees(place.yaw):.0f}°"
     sheet.text(20, 20, words, fontsize=12)

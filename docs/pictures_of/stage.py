@@ -18,7 +18,7 @@ from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.browser_session import BrowserSession
 from pepper_kin.viewer.drawable import Color, Drawable, marker
-from pepper_kin.viewer.recording import write_motion_page
+from pepper_kin.viewer.recording import save_motion_page
 
 from .camera import Camera
 
@@ -121,7 +121,7 @@ class Stage:
         """Draw what is on the stage as the camera sees it."""
         with tempfile.TemporaryDirectory() as folder:
             page = Path(folder) / "stage.html"
-            write_motion_page(page, self._drawn, (), [0.0], np.zeros((1, 0, 4, 4)), title="stage")
+            save_motion_page(self._drawn, (), [0.0], np.zeros((1, 0, 4, 4)), page, title="stage")
             (drawn,) = pictures_of_page(page, camera, [0.0])
             return drawn
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.atomic_file import write_bytes
-from pepper_kin.base_placement.floor_map import FloorMap
+from pepper_kin.base_placement.placement_map import PlacementMap
 from pepper_kin.exceptions import MissingDependencyError
 from pepper_kin.model.joint_vectors import as_finite
 
 
-def save_floor_picture(found: FloorMap, path: str | Path, targets: ArrayLike | None = None) -> Path:
+def save_floor_picture(found: PlacementMap, path: str | Path, targets: ArrayLike | None = None) -> Path:
     """Draw a floor map from above: the best score of each cell, and an arrow for its heading.
 
     Args:

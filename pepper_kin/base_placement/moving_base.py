@@ -90,7 +90,7 @@ def _on_wheels(pepper: PepperModel) -> PepperModel:
     moving = on_planar_base(pepper.document, "placement", FAR, {})
     robot = model_of(moving, pepper.semantics, pepper.sphere_set)
     changed = pepper.dynamics_model.changed()
-    if changed is not None:  # what is not told by the document: payloads, other masses and placements
+    if changed is not None:  # what the document does not hold: payloads, other masses and placements
         model = robot.pinocchio_model
         for joint, name in enumerate(changed.names):
             own = model.getJointId(name) if joint else model.getJointId(BASE_JOINTS[2])

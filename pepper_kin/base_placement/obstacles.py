@@ -42,7 +42,7 @@ def touches_obstacles(robot: PepperModel, q: Array, scene: Scene) -> np.ndarray:
 
 
 def _without_self(robot: PepperModel) -> PepperModel:
-    """Return the robot with no pair of its own links to check."""
+    """Return the robot without self-collision pairs."""
     known = _kept.of(robot)
     found = known.get("")
     if found is None:

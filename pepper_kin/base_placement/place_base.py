@@ -1,10 +1,10 @@
-"""Where to stand: the base's place from which targets are best reached."""
+"""Base placement: the base pose from which targets are best reached."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from pepper_kin.base_placement.score import PlacementTerms, PlacementWeights
 from pepper_kin.base_placement.task_sets import Given
 from pepper_kin.base_placement.trial import Trials
 from pepper_kin.ik.certificate import CertificateInputs
-from pepper_kin.ik.result import IKResult, Status
+from pepper_kin.ik.result import IKResult, IKStatus
 from pepper_kin.ik.solve import solve, whole_number
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
@@ -45,10 +45,11 @@ APART = (0.10, 0.25)
 def place_base(
     pepper: PepperModel,
     tasks: Given,
-    q0: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     *,
     stand: ArrayLike | None = None,
     scene: Scene | None = None,
+    collisions: bool = True,
     joints: str | Sequence[str] | None = None,
     candidates: int | ArrayLike = 192,
     keep: int = 5,
@@ -67,10 +68,12 @@ def place_base(
         pepper: The robot; with a fixed base, targets and scene are meant in the world in which it stands at
             `stand`, and the base is moved all the same.
         tasks: One task; a list of tasks that one configuration has to meet; or a list of such lists, each met
-            by a configuration of its own from the same place.  Tasks with N targets stand for N such lists.
-        q0: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
-        stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in q0, or the origin.
-        scene: What to keep clear of, itself included; None for nothing.  The way there is not looked at.
+            by a separate configuration from the same place.  Tasks with N targets stand for N such lists.
+        start: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
+        stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in `start`, or the origin.
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+            The way to the place is not examined.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
         joints: Joints that may move, by names of joints and groups, the base's apart; None for all.
         candidates: Number of places to try at first, or the places themselves, shape (N, 3); in that case no
             other is tried but the current one.
@@ -85,10 +88,12 @@ def place_base(
     Raises:
         InvalidValueError: for no task, or numbers that are none, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        LimitError: for a q0 outside the joint limits.
+        LimitError: for a start outside the joint limits.
     """
     begin = time.perf_counter()
-    job = make_job(pepper, tasks, q0, stand, scene, joints, weights, seed=seed, threads=threads)
+    job = make_job(
+        pepper, tasks, start, stand, scene, collisions, joints, weights, seed=seed, threads=threads
+    )
     whole_number("keep", keep, 1)
     trials = _tried(job, candidates)
     placements = _finalists(job, trials, keep)
@@ -101,38 +106,45 @@ def place_base(
         scores=read_only(trials.scores),
         reached=_frozen(trials.reached),
         touching=_frozen(trials.touching),
-        names=tuple(", ".join(task.label for task in group) for group in job.trier.sets),
+        names=tuple(", ".join(task.label for task in group) for group in job.evaluator.sets),
         time=time.perf_counter() - begin,
-        seed=job.trier.seed,
+        seed=job.evaluator.seed,
     )
 
 
 def _tried(job: Job, candidates: int | ArrayLike) -> Trials:
     """Try the given places, or so many proposals and the surroundings of the best."""
-    trier = job.trier
+    evaluator = job.evaluator
     if np.ndim(candidates) > 0:
-        given = as_finite(candidates, "candidates", (None, 3)).copy()
-        given[:, 2] = wrapped(given[:, 2])
-        return trier(np.concatenate([job.stand[None], given]))
+        checked = as_finite(candidates, "candidates", (None, 3)).copy()
+        checked[:, 2] = wrapped(checked[:, 2])
+        return evaluator(np.concatenate([job.stand[None], checked]))
     count = whole_number("candidates", candidates, 1)  # type: ignore[arg-type]
     places = propose(
-        trier.moving, trier.sets, trier.q0, job.stand, job.movable, count, trier.seed, trier.scene
+        evaluator.moving,
+        evaluator.sets,
+        evaluator.q0,
+        job.stand,
+        job.movable,
+        count,
+        evaluator.seed,
+        evaluator.scene if evaluator.obstacles else None,
     )
-    return _look_around(job, trier(places))
+    return _look_around(job, evaluator(places))
 
 
 def _look_around(job: Job, trials: Trials) -> Trials:
     """Try places around the best ones."""
-    trier, generator = job.trier, np.random.default_rng((job.trier.seed, 1))
-    base = trier.moving.base
-    low, high = trier.moving.robot.lower_limits[base], trier.moving.robot.upper_limits[base]
+    evaluator, generator = job.evaluator, np.random.default_rng((job.evaluator.seed, 1))
+    base = evaluator.moving.base
+    low, high = evaluator.moving.robot.lower_limits[base], evaluator.moving.robot.upper_limits[base]
     for best, times, meters, radians in ROUNDS:
         centers = np.repeat(trials.places[trials.order()[:best]], times, axis=0)
         places = np.clip(
             centers + (meters, meters, radians) * generator.standard_normal(centers.shape), low, high
         )
         places[:, 2] = wrapped(places[:, 2])
-        trials = trials.with_more(trier(places))
+        trials = trials.with_more(evaluator(places))
     return trials
 
 
@@ -160,36 +172,38 @@ def _order(job: Job, trials: Trials) -> list[int]:
     """Return the rows, the best first; with a scene the first of them are measured exactly."""
     order = trials.order()
     good = order[trials.good[order]][:MEASURED]
-    trier = job.trier
-    if trier.scene is None or not good.size:
+    evaluator = job.evaluator
+    if not evaluator.obstacles or not good.size:
         return [int(row) for row in order]
     q = trials.q[:, good]
-    distances = obstacle_clearance(trier.moving.robot, q, trier.scene)
-    margin, _ = trier.scorer.limit_margins(q)
-    travels = trier.scorer.travels(trials.places[good])
-    scores = trier.scorer.scores(margin, trier.scorer.manipulabilities(q), distances, *travels)
+    distances = obstacle_clearance(evaluator.moving.robot, q, cast("Scene", evaluator.scene))
+    margin, _ = evaluator.scorer.limit_margins(q)
+    travels = evaluator.scorer.travels(trials.places[good])
+    scores = evaluator.scorer.scores(margin, evaluator.scorer.manipulabilities(q), distances, *travels)
     first = good[np.argsort(-scores, kind="stable")]
     return [int(row) for row in (*first, *order[~np.isin(order, first)])]
 
 
 def _placement(job: Job, trials: Trials, row: int) -> Placement:
     """Return one place with its answers: those known where they are good, else of a longer search."""
-    trier, place = job.trier, trials.places[row]
-    moving, scene = trier.moving, trier.scene
-    start = moving.states(trier.q0, place[None])[0]
+    evaluator, place = job.evaluator, trials.places[row]
+    moving, scene = evaluator.moving, evaluator.scene
+    start = moving.states(evaluator.q0, place[None])[0]
     results = []
-    for k, tasks in enumerate(trier.sets):
+    for k, tasks in enumerate(evaluator.sets):
         if trials.good[row]:
             q = read_only(trials.q[k, row])
             evidence = CertificateInputs(moving.robot, tasks, start, job.movable, scene, q).certificate
             counts = int(trials.iterations[row, k]), int(trials.restarts[row, k])
-            result = IKResult(Status.SOLVED, q, *counts, 0.0, "fast", seed=trier.seed, evidence=evidence)
+            result = IKResult(
+                IKStatus.SOLVED, q, *counts, 0.0, "fast", seed=evaluator.seed, evidence=evidence
+            )
             results.append(result)
         else:
             results.append(
                 solve(
-                    moving.robot, tasks, start, scene=scene, joints=trier.names, seed=trier.seed,
-                    restarts=RESTARTS,
+                    moving.robot, tasks, start, scene=scene, collisions=scene is not None,
+                    joints=evaluator.names, seed=evaluator.seed, restarts=RESTARTS,
                 )
             )  # fmt: skip
     found = np.array([result.q for result in results])
@@ -202,15 +216,16 @@ def _placement(job: Job, trials: Trials, row: int) -> Placement:
 
 def _terms(job: Job, q: Array, place: Array) -> tuple[PlacementTerms, float]:
     """Return the terms and the score of configurations, shape (T, n), at a place."""
-    scorer, states = job.trier.scorer, q[:, None]
+    scorer, states = job.evaluator.scorer, q[:, None]
     margin, joint = scorer.limit_margins(states)
     skill, (distance, turn) = scorer.manipulabilities(states), scorer.travels(place[None])
-    scene = job.trier.scene
-    near = np.full(1, np.inf) if scene is None else obstacle_clearance(job.trier.moving.robot, states, scene)
+    near, evaluator = np.full(1, np.inf), job.evaluator
+    if evaluator.obstacles:
+        near = obstacle_clearance(evaluator.moving.robot, states, cast("Scene", evaluator.scene))
     score = scorer.scores(margin, skill, near, distance, turn)
     terms = PlacementTerms(
         limit_margin=None if joint[0] < 0 else float(margin[0]),
-        tightest_joint="" if joint[0] < 0 else job.trier.moving.robot.joint_names[joint[0]],
+        tightest_joint="" if joint[0] < 0 else job.evaluator.moving.robot.joint_names[joint[0]],
         manipulability=None if np.isnan(skill[0]) else float(skill[0]),
         clearance=float(near[0]) if np.isfinite(near[0]) else None,
         distance=float(distance[0]),

@@ -26,7 +26,7 @@ SAMPLES = 300
 MARGIN = 1.1
 LEAST_RADIUS = 0.5
 
-# With a scene so many times more places are drawn than kept.
+# Among obstacles so many times more places are drawn than kept.
 SPARE = 3
 
 
@@ -38,7 +38,7 @@ def propose(
     movable: np.ndarray,
     count: int,
     seed: int,
-    scene: Scene | None,
+    obstacles: Scene | None,
 ) -> Array:
     """Return places from which a set of tasks is reached at least when the others are left out.
 
@@ -54,7 +54,7 @@ def propose(
         movable: Joints of the moving robot that may move, the base's apart, shape (moving.robot.n,).
         count: Number of places.
         seed: Draws them.
-        scene: Places come first at which q0 touches none of its obstacles; None for nothing to touch.
+        obstacles: Places come first at which q0 touches none of them; None where there are none.
 
     Returns:
         The current place, then the others: x, y [m], yaw [rad], shape (count, 3).
@@ -67,11 +67,11 @@ def propose(
     free[moving.base] = True
     for tasks, share in zip(sets, shares.tolist(), strict=True):
         if share:
-            drawn = share if scene is None else SPARE * share
+            drawn = share if obstacles is None else SPARE * share
             starts = _starts(moving, tasks, q0, stand, movable, drawn, generator)
             found = _stands(moving, tasks, starts, moving.names(free))
-            if scene is not None:
-                touching = touches_obstacles(moving.robot, moving.states(q0, found), scene)
+            if obstacles is not None:
+                touching = touches_obstacles(moving.robot, moving.states(q0, found), obstacles)
                 found = found[np.argsort(touching, kind="stable")]
             places.append(found[:share])
     return np.concatenate(places)
@@ -105,8 +105,10 @@ def _starts(
 
 def _stands(moving: MovingBase, tasks: TaskSet, starts: Array, names: tuple[str, ...]) -> Array:
     """Return where the base comes to stand from each start; where it finds no way, the start's place."""
-    found = solve_batch(moving.robot, tasks, starts, joints=names, restarts=0, max_iterations=STEPS)
-    places = np.where(found.solved[:, None], found.q[:, moving.base], starts[:, moving.base])
+    found = solve_batch(
+        moving.robot, tasks, starts, collisions=False, joints=names, restarts=0, max_iterations=STEPS
+    )
+    places = np.where(found.success[:, None], found.q[:, moving.base], starts[:, moving.base])
     places[:, 2] = wrapped(places[:, 2])
     return np.asarray(places)
 

@@ -4,45 +4,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 
-from pepper_kin.base_placement.floor_map import FloorMap, map_of
+from pepper_kin.base_placement.placement_map import PlacementMap, map_of
 from pepper_kin.base_placement.score import PlacementTerms
-from pepper_kin.ik.result import IKResult
+from pepper_kin.ik.result import NOT_EXAMINED, IKResult
 from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
+from pepper_kin.status import ResultStatus
 
 
-class PlacementStatus(Enum):
+class PlacementStatus(ResultStatus):
     """How the search for a place ended."""
 
-    FOUND = "found"
-    NOT_TOGETHER = "not_together"
-    UNREACHABLE = "unreachable"
-    BLOCKED_BY_COLLISION = "blocked_by_collision"
-
-    @property
-    def advice(self) -> str:
-        """What to do, in a sentence."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    PlacementStatus.FOUND: "Drive to the first placement and use its q.",
-    PlacementStatus.NOT_TOGETHER: (
-        "Each target is reached from somewhere, but no place was found for all: serve them from several "
-        "places, bring them closer together, let more joints move, or try more candidates."
-    ),
-    PlacementStatus.UNREACHABLE: (
-        "No place helps with the targets that are named: change their height or direction, let more joints "
-        "move, or ask for less (a position without an orientation, a wider tolerance)."
-    ),
-    PlacementStatus.BLOCKED_BY_COLLISION: (
-        "All targets are reached, but only in collision: move the obstacle or the targets, or try more "
-        "candidates."
-    ),
-}
+    FOUND = "found", "Drive to the first placement and use its q."
+    NOT_TOGETHER = (
+        "not_together",
+        "Each target is reached from somewhere, but no place was found for all: serve them from "
+        "several places, bring them closer together, let more joints move, or try more candidates.",
+    )
+    UNREACHABLE = (
+        "unreachable",
+        "No place helps with the targets that are named: change their height or direction, let more "
+        "joints move, or ask for less (a position without an orientation, a wider tolerance).",
+    )
+    BLOCKED_BY_COLLISION = (
+        "blocked_by_collision",
+        "All targets are reached, but only in collision: move the obstacle or the targets, or try "
+        "more candidates.",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +60,7 @@ class Placement:
 
     @property
     def success(self) -> bool:
-        """Whether every target is reached and, with a scene, nothing touches."""
+        """Whether every target is reached and nothing touches, where collisions are examined."""
         return all(result.success and not result.in_collision for result in self.results)
 
     @property
@@ -98,7 +88,8 @@ class PlacementResult:
         places: All places that were tried: x, y [m], yaw [rad], shape (N, 3); the first is the current place.
         scores: Their scores, without clearance, shape (N,); 0 where a target is not reached.
         reached: Whether each set is reached from each place, shape (N, T).
-        touching: Whether something touches there, shape (N,); looked at where all sets are reached.
+        touching: Whether something touches there, shape (N,); looked at where all sets are reached
+            and collisions are examined.
         names: What each set moves, in words.
         time: Wall-clock time of the call [s].
         seed: Of the search.
@@ -135,8 +126,8 @@ class PlacementResult:
         """What to do next, in a sentence."""
         return self.status.advice
 
-    def score_map(self, resolution: float = 0.1) -> FloorMap:
-        """Return the best score of the places that were tried, by cells of the floor; see `floor_map`.
+    def score_map(self, resolution: float = 0.1) -> PlacementMap:
+        """Return the best score of the places that were tried, by cells of the floor; see `placement_map`.
 
         Raises:
             InvalidValueError: for a resolution that is not above 0.
@@ -162,6 +153,8 @@ class PlacementResult:
             f"{len(self.places)} places tried, {int(every.sum())} reach every target{touching}; "
             f"{self.time:.2f} s (seed {self.seed})"
         )
+        if self.best.results[0].in_collision is None:
+            lines.append(NOT_EXAMINED)
         if not self.success:
             lines.append(self.advice)
         return "\n".join(lines)

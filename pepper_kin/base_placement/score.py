@@ -1,4 +1,4 @@
-"""How good a place is, in terms that can be read one by one."""
+"""Scores of base placements, as a sum of named terms."""
 
 from __future__ import annotations
 

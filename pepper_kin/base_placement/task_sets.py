@@ -1,4 +1,4 @@
-"""What a placement has to serve: sets of tasks, each for one configuration."""
+"""Targets of a base placement: sets of tasks, each for one configuration."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _groups(tasks: Given) -> list[list[Task | TaskGroup]]:
     if isinstance(tasks, (Task, TaskGroup)):
         return [[tasks]]
     if not isinstance(tasks, Iterable) or isinstance(tasks, (str, bytes)):
-        raise InvalidValueError("tasks", repr(tasks)[:80], "tasks such as HandPosition, or lists of them")
+        raise InvalidValueError("tasks", repr(tasks), "tasks such as HandPosition, or lists of them")
     items = list(tasks)
     single = [item for item in items if isinstance(item, (Task, TaskGroup))]
     if len(single) == len(items):
@@ -57,7 +57,7 @@ def _groups(tasks: Given) -> list[list[Task | TaskGroup]]:
     groups = []
     for item in items:
         if not isinstance(item, Iterable) or isinstance(item, (str, bytes)):
-            raise InvalidValueError("tasks", repr(item)[:80], "tasks such as HandPosition, or lists of them")
+            raise InvalidValueError("tasks", repr(item), "tasks such as HandPosition, or lists of them")
         groups.append(list(item))
     return groups
 

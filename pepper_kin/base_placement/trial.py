@@ -35,9 +35,9 @@ class Trials:
         reached: Whether each set is met, shape (N, T).
         iterations: Steps over all starts from q0, shape (N, T).
         restarts: Starts used after q0, shape (N, T).
-        excess: Sum over all tasks of error / tolerance where that is above 1, shape (N,).
+        violation: Sum over all tasks of error / tolerance where that is above 1, shape (N,).
         touching: Whether any configuration touches something, shape (N,); looked at only where all sets are
-            met and a scene is given.
+            met, unless collisions are left out.
         scores: Without clearance, shape (N,); 0 where a set is not met.
     """
 
@@ -46,7 +46,7 @@ class Trials:
     reached: np.ndarray
     iterations: np.ndarray
     restarts: np.ndarray
-    excess: Array
+    violation: Array
     touching: np.ndarray
     scores: Array
 
@@ -63,7 +63,7 @@ class Trials:
     def order(self) -> np.ndarray:
         """Return the rows, the best first: free, then touching, then by what is reached and how nearly."""
         return np.lexsort(
-            (np.arange(len(self.places)), -self.scores, self.excess, -self.reached.sum(axis=1), ~self.good)
+            (np.arange(len(self.places)), -self.scores, self.violation, -self.reached.sum(axis=1), ~self.good)
         )
 
     def with_more(self, more: Trials) -> Trials:
@@ -76,7 +76,7 @@ class Trials:
 
 
 @dataclass(frozen=True, eq=False)
-class Trier:
+class CandidateEvaluator:
     """Tries places out.
 
     Attributes:
@@ -85,7 +85,7 @@ class Trier:
         q0: Joint positions to come from, shape (n,) [rad or m].
         names: Joints that may move.
         scorer: Scores what is found.
-        scene: What to keep clear of, or None.
+        scene: What to keep clear of; None leaves collisions out.
         seed: Of the restarts.
         threads: Threads that share the places.
     """
@@ -99,24 +99,29 @@ class Trier:
     seed: int
     threads: int
 
+    @property
+    def obstacles(self) -> bool:
+        """Whether anything stands around the robot."""
+        return self.scene is not None and bool(self.scene.objects)
+
     def __call__(self, places: Array) -> Trials:
         """Search from every place, shape (N, 3), for a configuration for every set."""
         starts = self.moving.states(self.q0, places)
         found = [
             solve_batch(
-                self.moving.robot, tasks, starts, seed=self.seed, joints=self.names, restarts=STARTS,
-                max_iterations=STEPS, threads=self.threads,
+                self.moving.robot, tasks, starts, seed=self.seed, collisions=False, joints=self.names,
+                restarts=STARTS, max_iterations=STEPS, threads=self.threads,
             )
             for tasks in self.sets
         ]  # fmt: skip
         q = np.array([batch.q for batch in found])
-        reached = np.array([batch.solved for batch in found]).T
+        reached = np.array([batch.success for batch in found]).T
         iterations = np.array([batch.iterations for batch in found]).T
         restarts = np.array([batch.restarts for batch in found]).T
-        excess = np.zeros(len(places))
+        violation = np.zeros(len(places))
         for tasks, batch in zip(self.sets, found, strict=True):
             share = batch.errors / np.array([task.tolerance for task in tasks])
-            excess += np.where(share > 1, share, 0.0).sum(axis=1)
+            violation += np.where(share > 1, share, 0.0).sum(axis=1)
         every = reached.all(axis=1)
         rows = np.flatnonzero(every)
         scores, touching = np.zeros(len(places)), np.zeros(len(places), dtype=bool)
@@ -126,7 +131,7 @@ class Trier:
             unknown = np.full(rows.size, np.inf)
             skill = self.scorer.manipulabilities(q[:, rows])
             scores[rows] = self.scorer.scores(margin, skill, unknown, *self.scorer.travels(places[rows]))
-        return Trials(places, q, reached, iterations, restarts, excess, touching, scores)
+        return Trials(places, q, reached, iterations, restarts, violation, touching, scores)
 
     def _kept_clear(self, starts: Array, q: Array) -> tuple[Array, np.ndarray]:
         """Look for other solutions where one touches something.
@@ -156,10 +161,10 @@ class Trier:
                 others = starts[rows].copy()
                 others[:, movable] += HALF_WAY * (generator.uniform(low, high) - others[:, movable])
                 batch = solve_batch(
-                    robot, tasks, others, joints=self.names, restarts=0, max_iterations=STEPS,
-                    threads=self.threads,
+                    robot, tasks, others, collisions=False, joints=self.names, restarts=0,
+                    max_iterations=STEPS, threads=self.threads,
                 )  # fmt: skip
-                free = batch.solved.copy()
+                free = batch.success.copy()
                 free[free] = ~in_collision(robot, batch.q[free], self.scene)
                 found[k, rows[free]] = batch.q[free]
                 rows = rows[~free]

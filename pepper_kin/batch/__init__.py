@@ -1,4 +1,9 @@
-"""Quantities for batches of states, at the speed of compiled code."""
+"""Quantities for batches of states, at the speed of compiled code.
+
+kernel                                    machine code of a quantity by name
+over_states, all_over_states, state_data  a function of one state, over arrays of states
+KERNEL_FROM                               batches of so many states and more go to machine code
+"""
 
 from pepper_kin.batch.kernels_of import kernel
 from pepper_kin.batch.states import (

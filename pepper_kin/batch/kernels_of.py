@@ -42,7 +42,7 @@ def kernel(
         InvalidValueError: for another dtype, arguments that are no names, or no robot.
     """
     if not isinstance(pepper, PepperModel):
-        raise InvalidValueError("pepper", repr(pepper)[:80], "a PepperModel, as load_pepper gives")
+        raise InvalidValueError("pepper", repr(pepper), "a PepperModel, as load_pepper gives")
     width = host_target().vector_bytes if wide else _PACKAGE_VECTOR_BYTES
     key = (quantity, *args, dtype, width)
     with _lock:
@@ -51,7 +51,7 @@ def kernel(
             found = known.get(key)
         except TypeError:
             allowed = "names, which can be hashed (a tuple for several)"
-            raise InvalidValueError(f"arguments of {quantity}", repr(args)[:80], allowed) from None
+            raise InvalidValueError(f"arguments of {quantity}", repr(args), allowed) from None
     if found is None:
         found = compile_function(
             lambda: _expression(pepper, quantity, args),

@@ -1,4 +1,17 @@
-"""Collision of the robot with itself and the world."""
+"""Collision of the robot with itself and the world.
+
+    Scene, SceneObject, AttachedObject        frozen: what stands around the robot, and what it holds
+    HalfSpace, ConvexMesh, TriangleMesh, PointCloud   geometries of objects, beside those of `model`
+    in_collision, clearance                   verdicts and least distances, of one state or many
+    closest_pair, ClosestPair, contacts, Contact
+    near_pairs, NearPairs                     all pairs within a distance, with gradients
+    least_clearance, LeastClearance           the least distance along many states
+    without_robot                             the points of a cloud that are not the robot's own
+    CollisionChecker, checker_for             one robot in one scene, kept for many calls
+
+`scene=None` means the same in every room: nothing stands around the robot, and the robot is checked against
+itself all the same.  What can leave collisions out takes `collisions=False`, and its report says so.
+"""
 
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact

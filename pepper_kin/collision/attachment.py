@@ -29,8 +29,8 @@ def attached(
         InvalidValueError: for neither or both of transform and robot, or a bad one.
     """
     links = (touch_links,) if isinstance(touch_links, str) else tuple(touch_links)
-    given = transform_object_to_frame is not None
-    if given == (pepper is not None) or (pepper is None) != (q is None):
+    has_pose = transform_object_to_frame is not None
+    if has_pose == (pepper is not None) or (pepper is None) != (q is None):
         raise InvalidValueError(
             f"place of {item.name!r} on the robot",
             "both or neither of two ways, or half of one",

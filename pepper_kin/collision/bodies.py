@@ -18,9 +18,10 @@ from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.collision.solids import HalfSpace, SceneGeometry, padding
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.shapes import read_only
 
-Looks = Literal["collision", "visual"]
+GeometryType = Literal["collision", "visual"]
 """What stands for the robot: its collision shapes, or the surfaces that are drawn."""
 
 ROBOT, ATTACHED, WORLD = "robot", "attached", "world"
@@ -77,38 +78,37 @@ class Body:
         return pinocchio.GeometryObject(self.label, self.joint, self.frame, placement, shape)
 
 
-def bodies(pepper: PepperModel, scene: Scene, looks: str = "collision") -> tuple[Body, ...]:
+def bodies(pepper: PepperModel, scene: Scene, geometry_type: str = "collision") -> tuple[Body, ...]:
     """Return all solids: those of the robot, then attached ones, then the world's.
 
     Raises:
         UnknownNameError: for a frame or link that the robot lacks.
-        InvalidValueError: for an object named like a link, or unknown looks.
+        InvalidValueError: for an object named like a link, or an unknown geometry type.
         FileFormatError: for a mesh whose file cannot be read.
     """
-    check_looks(looks)
+    check_geometry_type(geometry_type)
     check_names(pepper, scene)
-    moving = moving_bodies(pepper, tuple(scene.attached.values()), looks)
+    moving = moving_bodies(pepper, tuple(scene.attached.values()), geometry_type)
     return (*moving, *map(world_body, solid_objects(scene)))
 
 
-def check_looks(looks: str) -> None:
-    """Refuse what is not one of `Looks`.
+def check_geometry_type(geometry_type: str) -> None:
+    """Refuse what is not one of `GeometryType`.
 
     Raises:
         InvalidValueError: naming those that are known.
     """
-    if looks not in get_args(Looks):
-        raise InvalidValueError("looks", repr(looks), f"one of {', '.join(get_args(Looks))}")
+    check_choice("geometry_type", geometry_type, get_args(GeometryType))
 
 
 @lru_cache(maxsize=64)
 def moving_bodies(
-    pepper: PepperModel, attached: tuple[AttachedObject, ...], looks: str = "collision"
+    pepper: PepperModel, attached: tuple[AttachedObject, ...], geometry_type: str = "collision"
 ) -> tuple[Body, ...]:
     """Return the solids of the robot, the same whatever it holds, then those of what hangs on it."""
     if attached:
-        return (*moving_bodies(pepper, (), looks), *_attached(pepper, attached))
-    return tuple(_robot(pepper, looks))
+        return (*moving_bodies(pepper, (), geometry_type), *_attached(pepper, attached))
+    return tuple(_robot(pepper, geometry_type))
 
 
 def solid_objects(scene: Scene) -> list[SceneObject]:
@@ -123,7 +123,7 @@ def world_body(item: SceneObject) -> Body:
 
 
 def checked_pairs(
-    pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], looks: str = "collision"
+    pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], geometry_type: str = "collision"
 ) -> NDArray[np.intp]:
     """Return places of the pairs of solids that are checked, the world's second, in order, shape (k, 2).
 
@@ -132,7 +132,7 @@ def checked_pairs(
     """
     moving = tuple([body for body in solids if body.kind != WORLD])
     world = [body.owner for body in solids[len(moving) :]]
-    own = np.array(moving_pairs(pepper, scene, moving, looks), np.intp).reshape(-1, 2)
+    own = np.array(moving_pairs(pepper, scene, moving, geometry_type), np.intp).reshape(-1, 2)
     allowed, met = may_touch_in_world(scene), np.ones((len(moving), len(world)), dtype=bool)
     for i, body in enumerate(moving):
         if body.owner in allowed:
@@ -142,7 +142,7 @@ def checked_pairs(
 
 
 def moving_pairs(
-    pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], looks: str = "collision"
+    pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], geometry_type: str = "collision"
 ) -> list[tuple[int, int]]:
     """Return places of the pairs of the robot's solids, and those it holds, that are checked.
 
@@ -150,7 +150,7 @@ def moving_pairs(
     SRDF disables, pairs that the scene allows, and an attached object against links that it may touch.
     """
     disabled = pepper.semantics.disabled_pairs
-    if looks == "visual":
+    if geometry_type == "visual":
         # Surfaces can tell apart what capsules cannot.
         disabled = {pair: reason for pair, reason in disabled.items() if reason != REASON}
     found = []
@@ -205,8 +205,8 @@ def _frames(names: tuple[str, ...]) -> frozenset[str]:
     return frozenset(names)
 
 
-def _robot(pepper: PepperModel, looks: str) -> Iterator[Body]:
-    shapes = pepper.collision_shapes if looks == "collision" else pepper.visual_shapes
+def _robot(pepper: PepperModel, geometry_type: str) -> Iterator[Body]:
+    shapes = pepper.collision_shapes if geometry_type == "collision" else pepper.visual_shapes
     for shape in shapes:
         frame, joint, pose = _on_frame(pepper, shape.link, shape.transform_shape_to_link)
         yield Body(shape.link, ROBOT, shape.link, frame, joint, shape.geometry, pose, shape.name)

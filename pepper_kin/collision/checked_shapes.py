@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision.bodies import WORLD, Body, Looks, bodies, checked_pairs
+from pepper_kin.collision.bodies import WORLD, Body, GeometryType, bodies, checked_pairs
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
 
@@ -21,21 +21,21 @@ class CheckedShapes:
     Args:
         pepper: The robot.
         scene: The scene, whose names fit the robot.
-        looks: Which shapes of the robot.
+        geometry_type: Which shapes of the robot.
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene, looks: Looks) -> None:
-        self._pepper, self._scene, self._looks = pepper, scene, looks
+    def __init__(self, pepper: PepperModel, scene: Scene, geometry_type: GeometryType) -> None:
+        self._pepper, self._scene, self._geometry_type = pepper, scene, geometry_type
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
         """The solids, the world's last."""
-        return bodies(self._pepper, self._scene, self._looks)
+        return bodies(self._pepper, self._scene, self._geometry_type)
 
     @cached_property
     def pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Places of the solids of each pair, the world's second, in order."""
-        first, second = checked_pairs(self._pepper, self._scene, self.bodies, self._looks).T
+        first, second = checked_pairs(self._pepper, self._scene, self.bodies, self._geometry_type).T
         return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
     @cached_property

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision.bodies import Looks, check_looks, check_names
+from pepper_kin.collision.bodies import GeometryType, check_geometry_type, check_names
 from pepper_kin.collision.checked_shapes import CheckedShapes
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.contact import ClosestPair, Contact
@@ -38,8 +38,8 @@ class CollisionChecker:
         scene: The world around it, with what the robot holds; None for none.
         margin: Distance to what stands in the world below which `in_collision` says yes [m].
         self_margin: The same for two parts of the robot, what it holds included [m].
-        looks: "collision" for the shapes that contain the bodies; "visual" for the surfaces that are drawn:
-            slower by far, thinner, and a part inside another does not touch it.
+        geometry_type: "collision" for the shapes that contain the bodies; "visual" for the surfaces that are
+            drawn: slower by far, thinner, and a part inside another does not touch it.
     """
 
     def __init__(
@@ -48,19 +48,19 @@ class CollisionChecker:
         scene: Scene | None = None,
         margin: float = 0.0,
         self_margin: float = 0.0,
-        looks: Looks = "collision",
+        geometry_type: GeometryType = "collision",
     ) -> None:
         self.pepper = pepper
         self.margin, self.self_margin = _finite("margin", margin), _finite("self_margin", self_margin)
         self.scene = scene if scene is not None else Scene()
-        check_looks(looks)
+        check_geometry_type(geometry_type)
         check_names(pepper, self.scene)
-        self._ranges = dependent_ranges(pepper) if looks == "collision" else ()
-        self._shapes = CheckedShapes(pepper, self.scene, looks)
+        self._ranges = dependent_ranges(pepper) if geometry_type == "collision" else ()
+        self._shapes = CheckedShapes(pepper, self.scene, geometry_type)
         geometries = [item.geometry for item in self.scene.objects.values()]
         for geometry in (*geometries, *(item.geometry for item in self.scene.attached.values())):
             if isinstance(geometry, Mesh):
-                coal_geometry(geometry)  # a file that cannot be read is told of now
+                coal_geometry(geometry)  # a file that cannot be read is reported now
         self._local = threading.local()
         self._like = self
 
@@ -294,17 +294,17 @@ def checker_for(
     scene: Scene | None = None,
     margin: float = 0.0,
     self_margin: float = 0.0,
-    looks: Looks = "collision",
+    geometry_type: GeometryType = "collision",
 ) -> CollisionChecker:
     """Return the checker of a robot in a scene, built once and kept for the next call."""
-    return _checker_for(pepper, scene, margin, self_margin, looks)
+    return _checker_for(pepper, scene, margin, self_margin, geometry_type)
 
 
 @lru_cache(maxsize=64)
 def _checker_for(
-    pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float, looks: Looks
+    pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float, geometry_type: GeometryType
 ) -> CollisionChecker:
     """Keep one checker however the arguments are written."""
     if margin == 0.0 and self_margin == 0.0:
-        return CollisionChecker(pepper, scene, looks=looks)
-    return _checker_for(pepper, scene, 0.0, 0.0, looks).with_margins(margin, self_margin)
+        return CollisionChecker(pepper, scene, geometry_type=geometry_type)
+    return _checker_for(pepper, scene, 0.0, 0.0, geometry_type).with_margins(margin, self_margin)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision.mesh_file import check_is_file
+from pepper_kin.collision.mesh_file import check_is_file, read_mesh
 from pepper_kin.collision.solids import (
     ConvexMesh,
     HalfSpace,
@@ -16,7 +16,6 @@ from pepper_kin.collision.solids import (
     SceneGeometry,
     TriangleMesh,
 )
-from pepper_kin.exceptions import FileFormatError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 
 FLAT = 1e-3
@@ -120,10 +119,5 @@ def _mesh_of_file(mesh: Mesh) -> Any:
 @lru_cache(maxsize=256)
 def _read_mesh(mesh: Mesh, state: tuple[int, int]) -> Any:
     """Read a mesh once for all checkers of a robot, and again where its file has changed."""
-    import coal
-
-    try:
-        tree = coal.MeshLoader().load(str(mesh.path), np.array(mesh.scale))
-        return _as_solid(tree) or tree
-    except (RuntimeError, ValueError) as error:
-        raise FileFormatError(mesh.path, f"cannot be read as a mesh: {error}") from error
+    tree = _tree(*read_mesh(mesh.path, mesh.scale))
+    return _as_solid(tree) or tree

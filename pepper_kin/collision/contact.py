@@ -1,4 +1,4 @@
-"""Where two things touch or nearly do."""
+"""Contact points of two bodies that touch or nearly do."""
 
 from __future__ import annotations
 

@@ -154,9 +154,9 @@ class _Search:
         halves = [(i, j) for i, j in ((stretch.start, middle), (middle + 1, stretch.end)) if i < j]
         approach = np.zeros((len(halves), pairs.size))
         if halves:
-            levers = self._levers(centers, used)
+            motion_bounds = self._motion_bounds(centers, used)
             first, second = self.moves[0][pairs], self.moves[1][pairs]
-            lever = levers[places[0]] * first + levers[places[1]] * second
+            lever = motion_bounds[places[0]] * first + motion_bounds[places[1]] * second
             steps = [np.abs(self.path[i:j] - self.path[middle]).max(axis=0) for i, j in halves]
             approach = np.array(steps) @ lever.T
         distance = self._measure(middle, pairs, self._gaps(pairs, centers, places), approach)
@@ -203,7 +203,7 @@ class _Search:
         return centers, used, (place[first], place[second])
 
     def _gaps(self, pairs: Indices, centers: Array, places: tuple[Indices, Indices]) -> Array:
-        """Return the distances of the pairs' balls [m], a lower bound of their own."""
+        """Return the distances of the pairs' balls [m], a lower bound of the distances of the pairs."""
         checker = self.checker
         apart = centers[places[0]] - centers[places[1]]
         gaps = np.sqrt(np.einsum("ij,ij->i", apart, apart))
@@ -212,7 +212,7 @@ class _Search:
             gaps = np.where(self.flat[pairs], heights, gaps)
         return np.asarray(gaps - checker._shapes.bounding_reach[pairs] - checker._shapes.paddings[pairs])
 
-    def _levers(self, centers: Array, used: Indices) -> Array:
+    def _motion_bounds(self, centers: Array, used: Indices) -> Array:
         """Return how far each joint moves each body at most, shape (bodies, joints) [m/rad or 1]."""
         jacobian = self.checker._data[0].J
         linear, angular = jacobian[:3], jacobian[3:]

@@ -1,4 +1,4 @@
-"""Triangles of a mesh file: STL (binary or text) and OBJ by own readers, other formats by coal's loader."""
+"""Triangles of a mesh file: STL (binary or text) and OBJ by own readers, other formats by trimesh."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision.mesh_process import mesh_of_other_format
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 
@@ -22,40 +23,55 @@ def read_mesh(
     """Read the vertices and triangles of a mesh.
 
     Args:
-        path: The file; its suffix tells the format.
+        path: The file; its suffix is the format.
         scale: Factors along x, y and z, shape (3,), or one for all, from the file's unit to meters.
 
     Returns:
-        Vertices, shape (k, 3) [m], and faces, shape (f, 3), indices of vertices.
+        Vertices, shape (k, 3) [m], and faces, shape (f, 3), indices of vertices. Faces with two corners at
+        one place are left out.
 
     Raises:
         FileFormatError: naming the file, and the line in a text, with what is wrong.
         InvalidValueError: for a scale that is not finite.
     """
+    vertices, faces, _ = read_colored_mesh(path, scale)
+    return vertices, faces
+
+
+def read_colored_mesh(
+    path: str | os.PathLike[str], scale: ArrayLike = (1.0, 1.0, 1.0)
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
+    """Read the vertices, triangles and colors of a mesh; see `read_mesh`.
+
+    Returns:
+        Vertices and faces as of `read_mesh`, and the colors of the faces, shape (f, 4): red, green, blue and
+        opacity of 0 to 255. Shape (0, 4) where the file names none, or is STL or OBJ.
+    """
     file = Path(path)
     factors = np.broadcast_to(as_finite(scale, "scale", np.shape(scale)), 3)
     suffix = file.suffix.lower()
     check_is_file(file)
-    if suffix not in (".stl", ".obj"):
-        vertices, faces = _by_coal(file)
-        return vertices * factors, faces
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise FileFormatError(file, f"cannot be read as a mesh: {error.strerror or error}") from error
-    if suffix == ".obj":
-        vertices, faces = _obj(file, content)
+    colors = np.empty((0, 4), np.uint8)
+    if suffix in (".stl", ".obj"):
+        try:
+            content = file.read_bytes()
+        except OSError as error:
+            raise FileFormatError(file, f"cannot be read as a mesh: {error.strerror or error}") from error
+        vertices, faces = (_obj if suffix == ".obj" else _stl)(file, content)
     else:
-        vertices, faces = _stl(file, content)
+        vertices, faces, colors = mesh_of_other_format(file)
+    corners = vertices[faces]
+    whole = (corners != np.roll(corners, 1, axis=1)).any(axis=2).all(axis=1)
+    faces, colors = faces[whole], colors[whole] if len(colors) else colors
     if not len(faces):
         raise FileFormatError(file, "the mesh holds no triangle")
     if not np.isfinite(vertices).all():
         raise FileFormatError(file, "a vertex of the mesh is NaN or infinite")
-    return vertices * factors, faces
+    return vertices * factors, faces, colors
 
 
 def check_is_file(file: Path) -> None:
-    """Refuse a file that is missing, before coal's loader, which may end the process over some.
+    """Refuse a file that is missing.
 
     Raises:
         FileFormatError: naming it; where its folder is unknown, what that is for.
@@ -186,18 +202,3 @@ def _numbers(file: Path, words: list[str], line: int) -> list[float]:
     if len(numbers) != 3:
         raise FileFormatError(file, f"a vertex is {' '.join(words)!r}, not three numbers", line)
     return numbers
-
-
-def _by_coal(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    import coal
-
-    try:
-        model = coal.MeshLoader().load(str(file), np.ones(3))
-    except (RuntimeError, ValueError) as error:
-        raise FileFormatError(file, f"cannot be read as a mesh: {error}") from error
-    # Its triangles can be indexed, but not iterated over.
-    faces = [(t[0], t[1], t[2]) for t in map(model.tri_indices, range(model.num_tris))]
-    vertices = np.array(model.vertices(), dtype=float).reshape(-1, 3)
-    if not faces or not np.isfinite(vertices).all():
-        raise FileFormatError(file, "the mesh holds no triangle, or a vertex that is NaN or infinite")
-    return vertices, np.array(faces, dtype=np.int64)

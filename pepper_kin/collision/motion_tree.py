@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision.coal_shapes import coal_geometry
-from pepper_kin.core.motion_bounds import MotionTree, body_levers
+from pepper_kin.core.motion_bounds import MotionTree, body_motion_bounds
 from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere
 from pepper_kin.model.shapes import read_only
 from pepper_kin.symbolic.alignment import joint_axis
@@ -82,7 +82,7 @@ def bounds_anywhere(pepper: PepperModel) -> Array:
     return motion_bounds(pepper, lower, upper)
 
 
-def levers_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
+def motion_bounds_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
     """Return how far each joint of the Pinocchio model moves each of some bodies, shape (m, nv) [m/rad or 1].
 
     Joints may turn to anywhere, and slide within their limits.  Infinite for a body without bounds.
@@ -96,9 +96,9 @@ def levers_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
     for k in np.flatnonzero(tree.slides):
         place = model.joints[int(k) + 1].idx_q
         lower[k], upper[k] = model.lowerPositionLimit[place], model.upperPositionLimit[place]
-    levers = np.empty((len(hulls), tree.parents.size))
-    body_levers(tree, lower, upper, levers)
-    return levers
+    motion_bounds = np.empty((len(hulls), tree.parents.size))
+    body_motion_bounds(tree, lower, upper, motion_bounds)
+    return motion_bounds
 
 
 @lru_cache(maxsize=32)
@@ -149,9 +149,9 @@ def _bounds(pepper: PepperModel, tree: MotionTree, lower: Array, upper: Array) -
             pepper.full_offset + np.where(taken, end, 0.0).sum(axis=1)
             for end in (ends.min(axis=0), ends.max(axis=0))
         )
-    levers = np.empty((tree.carriers.size, tree.parents.size))
-    body_levers(tree, np.ascontiguousarray(low), np.ascontiguousarray(high), levers)
-    greatest = np.where(taken, levers.max(axis=0, initial=0.0)[:, None], 0.0)
+    motion_bounds = np.empty((tree.carriers.size, tree.parents.size))
+    body_motion_bounds(tree, np.ascontiguousarray(low), np.ascontiguousarray(high), motion_bounds)
+    greatest = np.where(taken, motion_bounds.max(axis=0, initial=0.0)[:, None], 0.0)
     return np.maximum((np.abs(gains) * greatest).sum(axis=0), LEAST)
 
 

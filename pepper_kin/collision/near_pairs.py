@@ -52,7 +52,7 @@ class NearPairs:
         return len(self.names)
 
 
-def near_pairs(pepper: PepperModel, q: ArrayLike, distance: float, scene: Scene | None = None) -> NearPairs:
+def near_pairs(pepper: PepperModel, q: ArrayLike, within: float, scene: Scene | None = None) -> NearPairs:
     """Return all pairs of shapes nearer than a distance, with witness points and gradients.
 
     With (a, b) the nearest points, n the unit vector from b to a and J the Jacobians of the points,
@@ -64,7 +64,7 @@ def near_pairs(pepper: PepperModel, q: ArrayLike, distance: float, scene: Scene 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
-        distance: Pairs at this distance or farther are left out [m].
+        within: Pairs at this distance or farther are left out [m].
         scene: The world around it; None for the robot against itself only.
 
     Returns:
@@ -76,7 +76,7 @@ def near_pairs(pepper: PepperModel, q: ArrayLike, distance: float, scene: Scene 
     state = as_joint_vectors(pepper, q, "q")
     if state.ndim != 1:
         raise InvalidValueError("q", f"shape {state.shape}", f"one configuration, shape ({pepper.n},)")
-    return pairs_within(checker_for(pepper, scene), state, check_positive("distance", distance, "[m]"))
+    return pairs_within(checker_for(pepper, scene), state, check_positive("within", within, "[m]"))
 
 
 def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPairs:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision.bodies import Looks
+from pepper_kin.collision.bodies import GeometryType
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.scene import Scene
@@ -74,8 +74,8 @@ def without_robot(
     """
     from pepper_kin.collision.fast import fast_checker_for
 
-    seen = np.ascontiguousarray(as_finite(points, "points", (None, 3)))
-    return seen[~fast_checker_for(pepper, scene).near(q, seen, not_negative("margin", margin))]
+    cloud = np.ascontiguousarray(as_finite(points, "points", (None, 3)))
+    return cloud[~fast_checker_for(pepper, scene).near(q, cloud, not_negative("margin", margin))]
 
 
 def clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.float64]:
@@ -120,7 +120,7 @@ def contacts(
     scene: Scene | None = None,
     *,
     within: float = 0.0,
-    looks: Looks = "collision",
+    geometry_type: GeometryType = "collision",
 ) -> tuple[Contact, ...]:
     """Return where things touch at one configuration, the deepest first.
 
@@ -132,8 +132,8 @@ def contacts(
         q: Joint positions [rad or m], shape (n,).
         scene: The world around it, with what the robot holds; None for the robot against itself only.
         within: Pairs nearer than this are listed as well [m].
-        looks: "collision" for the shapes that contain the bodies; "visual" for the surfaces that are drawn,
-            which are the vendor's where the robot was loaded with its meshes.
+        geometry_type: "collision" for the shapes that contain the bodies; "visual" for the surfaces that are
+            drawn, which are the vendor's where the robot was loaded with its meshes.
 
     Returns:
         The contacts.
@@ -141,4 +141,4 @@ def contacts(
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity; for `within` below 0.
     """
-    return checker_for(pepper, scene, looks=looks).contact_points(q, within)
+    return checker_for(pepper, scene, geometry_type=geometry_type).contact_points(q, within)

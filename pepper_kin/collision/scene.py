@@ -36,7 +36,7 @@ from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import rotation_to_axis, transform
 
 VOXEL = 0.02
-"""Edge of the cubes to which clouds are thinned unless told otherwise [m]."""
+"""Edge of the cubes to which clouds are thinned by default [m]."""
 
 
 class Scene:
@@ -67,9 +67,7 @@ class Scene:
         for names, kind in ((standing, SceneObject), (hanging, AttachedObject)):
             for name, item in names.items():
                 if not isinstance(item, kind) or item.name != name:
-                    raise InvalidValueError(
-                        f"object {name!r}", repr(item)[:60], f"a {kind.__name__} so named"
-                    )
+                    raise InvalidValueError(f"object {name!r}", repr(item), f"a {kind.__name__} so named")
         for name in standing.keys() & hanging.keys():
             raise InvalidValueError("object name", repr(name), "a name used once, in the world or attached")
         pairs = frozenset(_sorted_pair(a, b) for a, b in allowed)

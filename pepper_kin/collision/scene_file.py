@@ -105,7 +105,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         The scene.
 
     Raises:
-        FileFormatError: for a file that cannot be read, is no JSON (with the line), is no scene or one of
+        FileFormatError: for a file that cannot be read, is not JSON (with the line), is not a scene or one of
             another version, or holds a wrong object (naming it and what is wrong).
     """
     file = Path(path)

@@ -1,4 +1,4 @@
-"""What a scene holds: obstacles that stand in the world and objects that hang on the robot."""
+"""Objects of a scene: obstacles in the world and objects attached to the robot."""
 
 from __future__ import annotations
 

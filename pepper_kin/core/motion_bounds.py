@@ -1,4 +1,4 @@
-"""How far joints can move points of a body: proven bounds, from the tree of joints and their ranges.
+"""Motion bounds: proven bounds on the motion of a body's points, from the tree of joints and their ranges.
 
 Turning joint j by a small angle moves a point by that angle times the point's distance from the joint's axis.
 The *lever* of the joint is the greatest such distance over all points that it carries and all positions of
@@ -78,10 +78,10 @@ def _reach(tree: MotionTree, joint: int, along: float, share: float, aside: Floa
 
 @compiled
 def _pass_joint(
-    tree: MotionTree, joint: int, low: float, high: float, which: int, ball: Floats1, room: Floats2
+    tree: MotionTree, joint: int, low: float, high: float, which: int, ball: Floats1, scratch: Floats2
 ) -> None:
     """Replace a ball in a joint's frame by one in the parent's that holds it wherever the joint stands."""
-    axis, shift, aside = tree.axes[joint], room[0], room[1]
+    axis, shift, aside = tree.axes[joint], scratch[0], scratch[1]
     half = 0.5 * (high - low)
     middle = 0.5 * (low + high) if math.isfinite(half) else 0.0
     if tree.slides[joint]:
@@ -127,7 +127,7 @@ def _from_axis(tree: MotionTree, joint: int, ball: Floats1) -> float:
 
 
 @compiled("void(MotionTree, float64[::1], float64[::1], float64[:, ::1])")
-def body_levers(tree: MotionTree, lower: Floats1, upper: Floats1, levers: Floats2) -> None:
+def body_motion_bounds(tree: MotionTree, lower: Floats1, upper: Floats1, motion_bounds: Floats2) -> None:
     """Write a bound of each joint's lever for each body.
 
     The distance from an axis is a convex function, so that it is greatest in one of the balls whose hull
@@ -137,14 +137,14 @@ def body_levers(tree: MotionTree, lower: Floats1, upper: Floats1, levers: Floats
         tree: Joints and bodies.
         lower: Lower ends of the joints' ranges, shape (J,) [rad or m]; may be infinite.
         upper: Upper ends, shape (J,).
-        levers: Written, shape (B, J) [m/rad or 1]; 0 where a joint does not move a body, infinite where a
-            joint between slides without limits.
+        motion_bounds: Written, shape (B, J) [m/rad or 1]; 0 where a joint does not move a body, infinite
+            where a joint between slides without limits.
     """
-    room, ball = np.empty((2, 3)), np.empty(4)
+    scratch, ball = np.empty((2, 3)), np.empty(4)
     least = np.empty(tree.parents.size)
     for body in range(tree.carriers.size):
         for j in range(tree.parents.size):
-            levers[body, j] = 0.0
+            motion_bounds[body, j] = 0.0
         for b in range(tree.first[body], tree.first[body + 1]):
             for which in range(_WAYS):
                 for i in range(3):
@@ -154,9 +154,9 @@ def body_levers(tree: MotionTree, lower: Floats1, upper: Floats1, levers: Floats
                 while j >= 0:
                     lever = 1.0 if tree.slides[j] else _from_axis(tree, j, ball) * _ROUNDING
                     least[j] = lever if which == 0 else min(least[j], lever)
-                    _pass_joint(tree, j, lower[j], upper[j], which, ball, room)
+                    _pass_joint(tree, j, lower[j], upper[j], which, ball, scratch)
                     j = tree.parents[j]
             j = tree.carriers[body]
             while j >= 0:
-                levers[body, j] = max(levers[body, j], least[j])
+                motion_bounds[body, j] = max(motion_bounds[body, j], least[j])
                 j = tree.parents[j]

@@ -67,7 +67,7 @@ class Placed(NamedTuple):
 
 
 def unplaced(count: int, bounded: Ints1, endless: Ints1) -> Placed:
-    """Return room for the places of solids, of which some are bounded and others half-spaces."""
+    """Return arrays for the poses of solids, of which some are bounded and others half-spaces."""
     nodes = max(2 * len(bounded) - 1, 0)
     return Placed(
         np.empty((count, 4, 4)), np.empty((nodes, 6)), np.zeros((nodes, 2), np.int64), bounded.copy(), endless
@@ -548,7 +548,7 @@ def sphere(o: Vector, d: Vector, center: Vector, radius: float) -> Interval:
 
 @compiled
 def box(o: Vector, d: Vector, half: Vector) -> Interval:
-    """Return the interval in a box of given half lengths."""
+    """Return the interval in a box of known half lengths."""
     enter, leave = between(o[0], d[0], -half[0], half[0])
     low, high = between(o[1], d[1], -half[1], half[1])
     enter, leave = max(enter, low), min(leave, high)
@@ -575,7 +575,7 @@ def tube(o: Vector, d: Vector, radius: float) -> Interval:
 
 @compiled
 def cylinder(o: Vector, d: Vector, radius: float, half: float) -> Interval:
-    """Return the interval in a cylinder along z of a given half length."""
+    """Return the interval in a cylinder along z of a known half length."""
     enter, leave = tube(o, d, radius)
     low, high = between(o[2], d[2], -half, half)
     enter, leave = max(enter, low), min(leave, high)

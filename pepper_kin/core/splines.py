@@ -24,7 +24,7 @@ def evaluate_at_times(breaks: Array, coefficients: Array, time: Array, state: Ar
         time: Within the breaks, shape (T,).
         state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
     """
-    piece, local = np.empty(time.size, np.int64), np.empty(time.size)
+    segment, local = np.empty(time.size, np.int64), np.empty(time.size)
     last, i = breaks.size - 2, 0
     for k in range(time.size):
         t = time[k]
@@ -38,33 +38,33 @@ def evaluate_at_times(breaks: Array, coefficients: Array, time: Array, state: Ar
                     i = middle
         while i < last and t >= breaks[i + 1]:
             i += 1
-        piece[k], local[k] = i, t - breaks[i]
-    evaluate_on_pieces(coefficients, piece, local, state)
+        segment[k], local[k] = i, t - breaks[i]
+    evaluate_on_segments(coefficients, segment, local, state)
 
 
 @compiled("void(float64[:, :, ::1], int64[::1], float64[::1], float64[:, :, ::1])")
-def evaluate_on_pieces(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+def evaluate_on_segments(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
     """Evaluate chosen polynomials and their derivatives by Horner's scheme.
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
-        piece: Indices of pieces, shape (T,).
+        segment: Indices of pieces, shape (T,).
         local: Arguments, shape (T,).
         state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
     """
     if state.shape[0] == 3 and coefficients.shape[1] == 7:
-        _evaluate_degree_six(coefficients, piece, local, state)
+        _evaluate_degree_six(coefficients, segment, local, state)
     elif state.shape[0] == 3:
-        _evaluate_states(coefficients, piece, local, state)
+        _evaluate_states(coefficients, segment, local, state)
     else:
-        _evaluate_derivatives(coefficients, piece, local, state)
+        _evaluate_derivatives(coefficients, segment, local, state)
 
 
 @compiled
-def _evaluate_derivatives(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+def _evaluate_derivatives(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
     order, count, n = coefficients.shape[1], state.shape[0], coefficients.shape[2]
-    for k in range(piece.size):
-        i, x = piece[k], local[k]
+    for k in range(segment.size):
+        i, x = segment[k], local[k]
         for d in range(count):
             for j in range(n):
                 state[d, k, j] = 0.0
@@ -82,7 +82,7 @@ def _evaluate_derivatives(coefficients: Array, piece: np.ndarray, local: Array, 
 
 
 @compiled
-def _evaluate_states(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+def _evaluate_states(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
     """The same sums for a value and two derivatives at once.
 
     They are made in arrays that the compiler knows to overlap with no other, so that joints share vector
@@ -90,8 +90,8 @@ def _evaluate_states(coefficients: Array, piece: np.ndarray, local: Array, state
     """
     order, n = coefficients.shape[1], coefficients.shape[2]
     value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
-    for k in range(piece.size):
-        i, x = piece[k], local[k]
+    for k in range(segment.size):
+        i, x = segment[k], local[k]
         for j in range(n):
             value[j], slope[j], bend[j] = coefficients[i, order - 1, j], 0.0, 0.0
         for power in range(order - 2, -1, -1):
@@ -108,12 +108,12 @@ def _evaluate_states(coefficients: Array, piece: np.ndarray, local: Array, state
 
 
 @compiled
-def _evaluate_degree_six(coefficients: Array, piece: np.ndarray, local: Array, state: Array) -> None:
+def _evaluate_degree_six(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
     """The same sums written out for what timing gives."""
     n = coefficients.shape[2]
     value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
-    for k in range(piece.size):
-        i, x = piece[k], local[k]
+    for k in range(segment.size):
+        i, x = segment[k], local[k]
         for j in range(n):
             p = coefficients[i, 6, j]
             d = p
@@ -188,7 +188,7 @@ def cubic_spline(points: Array, breaks: Array, coefficients: Array) -> None:
 
 
 @compiled("float64(float64[::1], float64[:, :, ::1], float64[::1], float64[::1])", lean=True)
-def greatest_excess(breaks: Array, coefficients: Array, lower: Array, upper: Array) -> float:
+def greatest_violation(breaks: Array, coefficients: Array, lower: Array, upper: Array) -> float:
     """Return how far a piecewise cubic leaves its bounds at most, negative where it stays inside.
 
     Args:
@@ -198,8 +198,8 @@ def greatest_excess(breaks: Array, coefficients: Array, lower: Array, upper: Arr
         upper: Upper bounds, shape (n,).
     """
     worst = -np.inf
-    pieces, _, n = coefficients.shape
-    for i in range(pieces):
+    segments, _, n = coefficients.shape
+    for i in range(segments):
         h = breaks[i + 1] - breaks[i]
         for j in range(n):
             q, c = coefficients[i, 0, j], coefficients[i, 1, j]
@@ -219,7 +219,7 @@ def greatest_excess(breaks: Array, coefficients: Array, lower: Array, upper: Arr
 def bounded_cubic_spline(
     points: Array, lower: Array, upper: Array, same: float, breaks: Array, coefficients: Array
 ) -> float:
-    """Compute a `cubic_spline` and return its `greatest_excess` over bounds.
+    """Compute a `cubic_spline` and return its `greatest_violation` over bounds.
 
     Args:
         points: shape (k, n).
@@ -242,15 +242,15 @@ def bounded_cubic_spline(
         if i > 0 and np.sqrt(square) <= same:
             return np.inf
     cubic_spline(points, breaks, coefficients)
-    return greatest_excess(breaks, coefficients, lower, upper)
+    return greatest_violation(breaks, coefficients, lower, upper)
 
 
-def derivatives_on_pieces(coefficients: Array, piece: ArrayLike, local: ArrayLike, count: int) -> Array:
+def derivatives_on_segments(coefficients: Array, segment: ArrayLike, local: ArrayLike, count: int) -> Array:
     """Return value and first derivatives of chosen polynomials, for any shapes that go together.
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
-        piece: Indices of pieces, negative ones from the end, shape (...).
+        segment: Indices of pieces, negative ones from the end, shape (...).
         local: Arguments, shape (...).
         count: Number of derivatives, the value among them, at most 4.
 
@@ -260,15 +260,15 @@ def derivatives_on_pieces(coefficients: Array, piece: ArrayLike, local: ArrayLik
     Raises:
         IndexError: for a piece that is not there.
     """
-    index, argument = np.broadcast_arrays(np.asarray(piece, np.int64), np.asarray(local, dtype=float))
-    pieces, _, n = coefficients.shape
+    index, argument = np.broadcast_arrays(np.asarray(segment, np.int64), np.asarray(local, dtype=float))
+    segments, _, n = coefficients.shape
     state = np.empty((count, *index.shape, n))
     if index.size:
-        if not (-pieces <= index.min() and index.max() < pieces):
-            raise IndexError(f"pieces {index.min()} to {index.max()} of a curve of {pieces}")
-        index = np.ascontiguousarray(np.where(index < 0, index + pieces, index).ravel())
+        if not (-segments <= index.min() and index.max() < segments):
+            raise IndexError(f"pieces {index.min()} to {index.max()} of a curve of {segments}")
+        index = np.ascontiguousarray(np.where(index < 0, index + segments, index).ravel())
         argument = np.ascontiguousarray(argument.ravel())
-        evaluate_on_pieces(coefficients, index, argument, state.reshape(count, index.size, n))
+        evaluate_on_segments(coefficients, index, argument, state.reshape(count, index.size, n))
     return state
 
 

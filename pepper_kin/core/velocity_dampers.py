@@ -54,27 +54,27 @@ def clear_rows(shifts: Floats2, first: int, pairs: PairTable, reach: float, doub
     Returns:
         How many rows after `first` no other pair comes too near, -1 where that cannot be said of `first`.
     """
-    levers, n = pairs.motion_bounds, pairs.motion_bounds.size
+    bounds, n = pairs.motion_bounds, pairs.motion_bounds.size
     doubts[:] = False
     turned = np.empty(n)
     for row in range(first, shifts.shape[0]):
         travel = 0.0
         for i in range(n):
             turned[i] = abs(shifts[row, i] - shifts[first, i])
-            travel += levers[i] * turned[i]
+            travel += bounds[i] * turned[i]
         if travel > reach:
             return row - first - 1
         for k in range(pairs.spare.size):
             if doubts[k]:
                 continue
-            lever, turn, plane = 0.0, 0.0, 0.0
+            bound, turn, plane = 0.0, 0.0, 0.0
             for i in range(n):
                 plane -= pairs.gradients[k, i] * (shifts[row, i] - shifts[first, i])
                 if pairs.movers[k, i]:
                     turn += turned[i]
-                    lever += levers[i] * turned[i]
-            plane += turn * pairs.cores[k] + 0.5 * turn * lever
-            doubts[k] = min(lever, plane) > pairs.spare[k]
+                    bound += bounds[i] * turned[i]
+            plane += turn * pairs.cores[k] + 0.5 * turn * bound
+            doubts[k] = min(bound, plane) > pairs.spare[k]
     return shifts.shape[0] - first - 1
 
 

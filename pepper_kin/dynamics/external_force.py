@@ -1,4 +1,4 @@
-"""What forces from outside ask of the joints."""
+"""Joint torques of external forces."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _wrench(frame: str, force: ArrayLike) -> Array:
     except (TypeError, ValueError):
         wrench = np.full(6, np.nan)
     if wrench.ndim == 0 or wrench.shape[-1] != 6 or not np.isfinite(wrench).all():
-        raise InvalidValueError(f"force at {frame}", repr(force)[:60], "finite numbers of shape (..., 6)")
+        raise InvalidValueError(f"force at {frame}", repr(force), "finite numbers of shape (..., 6)")
     return wrench
 
 

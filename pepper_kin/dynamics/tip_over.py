@@ -1,4 +1,4 @@
-"""What the floor does to the robot, and how far it is from tipping over."""
+"""Base wrench on the floor, and the margin to tipping over."""
 
 from __future__ import annotations
 

@@ -1,24 +1,30 @@
-"""Files of motions: trajectories in six formats, tables over time, animations of Choregraphe and NAOqi."""
+"""Files of motions: trajectories in six formats, tables over time, animations of Choregraphe and NAOqi.
+
+    save, load                                trajectories: CSV, NPZ, JSON, ROS 2 YAML, NAOqi script, MCAP
+    save_table, load_table, load_columns      columns over time as CSV, and what they mean
+    read_joint_states                         joint states of ROS, from MCAP or CSV
+    read_choregraphe, read_naoqi_export       animations made elsewhere, as timelines
+    naoqi_timeline, naoqi_arguments, NaoqiArguments   lists as ALMotion.angleInterpolation takes them
+
+`save` and its like take what is saved first and the path last; every file appears whole or not at all.
+"""
 
 from pepper_kin.files.choregraphe import naoqi_timeline, read_choregraphe, read_naoqi_export
-from pepper_kin.files.csv_file import read_csv, write_csv
 from pepper_kin.files.formats import load, save
 from pepper_kin.files.joint_states import read_joint_states
 from pepper_kin.files.naoqi_file import NaoqiArguments, naoqi_arguments
-from pepper_kin.files.table_file import read_columns, read_table, write_table
+from pepper_kin.files.table_file import load_columns, load_table, save_table
 
 __all__ = [
     "NaoqiArguments",
     "load",
+    "load_columns",
+    "load_table",
     "naoqi_arguments",
     "naoqi_timeline",
     "read_choregraphe",
-    "read_columns",
-    "read_csv",
     "read_joint_states",
     "read_naoqi_export",
-    "read_table",
     "save",
-    "write_csv",
-    "write_table",
+    "save_table",
 ]

@@ -14,7 +14,7 @@ from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.files.json_file import read_utf8
 from pepper_kin.trajectory.key_curve import Handle, Key
-from pepper_kin.trajectory.timeline import HANDS, Curve, Timeline
+from pepper_kin.trajectory.timeline import HANDS, JointCurve, Timeline
 
 # How NAOqi numbers the kinds; Choregraphe exports 3 for handles that it computed itself.
 NAOQI_KINDS = {0: "constant", 1: "linear", 2: "bezier", 3: "bezier"}
@@ -96,7 +96,9 @@ def naoqi_timeline(
                 f"lists of {joint}", f"{len(at)} times, {len(values)} keys", "as many of each"
             )
         curves.append(
-            Curve(str(joint), tuple(_naoqi_key(joint, t, key) for t, key in zip(at, values, strict=True)))
+            JointCurve(
+                str(joint), tuple(_naoqi_key(joint, t, key) for t, key in zip(at, values, strict=True))
+            )
         )
     return Timeline(name, tuple(curves))
 
@@ -205,7 +207,7 @@ def _timeline(path: PathName, element: _Element, name: str) -> Timeline | None:
         raise FileFormatError(path, str(error), element.line) from error
 
 
-def _curve(path: PathName, element: _Element, fps: float, first: float) -> Curve | None:
+def _curve(path: PathName, element: _Element, fps: float, first: float) -> JointCurve | None:
     joint = _attribute(path, element, "actuator")
     unit = int(_number(path, element, "unit", "1" if joint in HANDS else "0"))
     if unit not in (_DEGREE, _SHARE):
@@ -227,7 +229,7 @@ def _curve(path: PathName, element: _Element, fps: float, first: float) -> Curve
             keys.append(Key(time, scale * _number(path, child, "value"), *handles))
         except InvalidValueError as error:
             raise FileFormatError(path, f"{joint}: {error}", child.line) from error
-    return Curve(joint, tuple(keys)) if keys else None
+    return JointCurve(joint, tuple(keys)) if keys else None
 
 
 def _handles(path: PathName, key: _Element, fps: float, scale: float) -> tuple[Handle, Handle]:

@@ -12,9 +12,9 @@ from pepper_kin.files.table_file import (
     COLUMNS_FILE,
     TIME,
     PathName,
-    read_columns,
-    read_table,
-    write_table,
+    load_columns,
+    load_table,
+    save_table,
 )
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.samples import Samples
@@ -24,7 +24,7 @@ _QUANTITIES = ("position", "velocity", "acceleration")
 
 
 def write_csv(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
-    """Write a trajectory, sampled, as CSV; see `write_table` for the format.
+    """Write a trajectory, sampled, as CSV; see `save_table` for the format.
 
     Columns: `time`, then `<joint>.position` of all joints, `<joint>.velocity` of all, `<joint>.acceleration`
     of all.
@@ -47,7 +47,7 @@ def write_csv(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
         values = getattr(samples, quantity)
         columns.update({f"{name}.{quantity}": values[:, j] for j, name in enumerate(samples.joint_names)})
     units = dict(zip(samples.joint_names, samples.joint_units, strict=True))
-    return write_table(path, columns, units)
+    return save_table(columns, path, joint_units=units)
 
 
 def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
@@ -66,9 +66,9 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     Raises:
         FileFormatError: naming path and line and what is wrong there.
     """
-    names = pepper.joint_names if pepper is not None else _joints(list(read_table(path)))
+    names = pepper.joint_names if pepper is not None else _joints(list(load_table(path)))
     header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names)]
-    table = read_table(path, header)
+    table = load_table(path, header)
     time = table[TIME]
     if time.size < 2:
         raise FileFormatError(path, "one line of numbers makes no trajectory, expected at least 2", 2)
@@ -87,6 +87,6 @@ def _joints(header: Sequence[str]) -> tuple[str, ...]:
 def _units(path: Path, names: Sequence[str]) -> tuple[str, ...]:
     """Return the joints' units from the companion file, or radians where there is none."""
     companion = path.with_name(COLUMNS_FILE)
-    known = read_columns(companion) if companion.exists() else {}
+    known = load_columns(companion) if companion.exists() else {}
     units = (known.get(f"{name}.position", {}).get("unit", "rad") for name in names)
     return tuple(unit if unit in ("rad", "m") else "rad" for unit in units)

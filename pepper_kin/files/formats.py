@@ -37,7 +37,7 @@ FORMATS: dict[str, _Format] = {
 
 
 def save(
-    trajectory: Trajectory, path: PathName, format: str | None = None, *, dt: float | None = None
+    trajectory: Trajectory, path: PathName, *, format: str | None = None, dt: float | None = None
 ) -> Path:
     """Write a trajectory to a file, whole or not at all.
 
@@ -66,7 +66,7 @@ def save(
     return chosen.write(path, trajectory, chosen.step if dt is None else dt)
 
 
-def load(path: PathName, pepper: PepperModel | None = None, format: str | None = None) -> Trajectory:
+def load(path: PathName, pepper: PepperModel | None = None, *, format: str | None = None) -> Trajectory:
     """Read a trajectory that `save` wrote.
 
     Args:

@@ -28,7 +28,7 @@ def write_json(path: PathName, trajectory: Trajectory) -> Path:
     Raises:
         FileFormatError: where the file cannot be written.
     """
-    pieces = ",\n".join("  " + json.dumps(piece) for piece in trajectory.coefficients.tolist())
+    segments = ",\n".join("  " + json.dumps(segment) for segment in trajectory.coefficients.tolist())
     head = {
         "format": FORMAT,
         "version": VERSION,
@@ -38,7 +38,7 @@ def write_json(path: PathName, trajectory: Trajectory) -> Path:
     }
     lines = [f'"{name}": {json.dumps(value)}' for name, value in head.items()]
     return atomic_file.write_text(
-        path, "{\n" + ",\n".join(lines) + ',\n"coefficients": [\n' + pieces + "\n]\n}\n"
+        path, "{\n" + ",\n".join(lines) + ',\n"coefficients": [\n' + segments + "\n]\n}\n"
     )
 
 

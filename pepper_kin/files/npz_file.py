@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.files.sampled_motion import check_joint_names
 from pepper_kin.model import PepperModel
+from pepper_kin.numpy_archive import read_arrays
 from pepper_kin.trajectory.trajectory import Trajectory
 
 FORMAT = "pepper_kin.trajectory"
@@ -53,17 +53,7 @@ def read_npz(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     Raises:
         FileFormatError: naming path and array and what is wrong.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except OSError as error:
-        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
-    except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, KeyError) as error:
-        raise FileFormatError(path, f"is not a complete NumPy archive: {error}") from error
-    except Exception as error:  # zlib.error of a damaged member has no common base with the others
-        raise FileFormatError(path, f"is damaged: {error}") from error
-    if sorted(arrays) != sorted(_ARRAYS):
-        raise FileFormatError(path, f"holds {', '.join(sorted(arrays))}, expected {', '.join(_ARRAYS)}")
+    arrays = read_arrays(path, _ARRAYS)
     _check_tag(path, arrays["format"], arrays["version"])
     names, units = arrays["joint_names"], arrays["joint_units"]
     for name, texts in (("joint_names", names), ("joint_units", units)):

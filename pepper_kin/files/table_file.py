@@ -24,8 +24,8 @@ COLUMNS_FILE = "columns.json"
 _KEYS = {"unit", "quantity", "joint"}
 
 
-def write_table(
-    path: PathName, columns: Mapping[str, ArrayLike], joint_units: Mapping[str, str] | None = None
+def save_table(
+    columns: Mapping[str, ArrayLike], path: PathName, *, joint_units: Mapping[str, str] | None = None
 ) -> Path:
     """Write columns over time as CSV, and explain them in `columns.json` beside it.
 
@@ -35,8 +35,8 @@ def write_table(
     files are replaced in one step each, so that no half of one is ever seen.
 
     Args:
-        path: The CSV file; its folder must exist.
         columns: Name -> values, shape (T,); "time" first, rising.
+        path: The CSV file; its folder must exist.
         joint_units: Joint -> "rad" or "m"; "rad" where a joint is missing.
 
     Returns:
@@ -58,7 +58,7 @@ def write_table(
         raise InvalidValueError(TIME, "times that do not rise", "times that rise")
     table = np.column_stack([as_finite(values, name, (time.size,)) for name, values in columns.items()])
     companion = target.with_name(COLUMNS_FILE)
-    known = read_columns(companion) if companion.exists() else {}
+    known = load_columns(companion) if companion.exists() else {}
     lines = [",".join(names), *(",".join(map(repr, row)) for row in table.tolist())]
     atomic_file.write_text(target, "\n".join(lines) + "\n")
     atomic_file.write_text(companion, json.dumps({**known, **meaning}, indent=1) + "\n")
@@ -76,7 +76,7 @@ def _meaning(name: str, units: Mapping[str, str]) -> dict[str, str | None]:
     return {"unit": unit_of(quantity, units.get(joint, "rad")), "quantity": quantity, "joint": joint}
 
 
-def read_columns(path: PathName) -> dict[str, dict[str, Any]]:
+def load_columns(path: PathName) -> dict[str, dict[str, Any]]:
     """Read a `columns.json`: column -> {"unit", "quantity", "joint"}.
 
     Raises:
@@ -94,8 +94,8 @@ def read_columns(path: PathName) -> dict[str, dict[str, Any]]:
     return dict(content)
 
 
-def read_table(path: PathName, expected: Sequence[str] | None = None) -> dict[str, Array]:
-    """Read a table that `write_table` wrote.
+def load_table(path: PathName, expected: Sequence[str] | None = None) -> dict[str, Array]:
+    """Read a table that `save_table` wrote.
 
     Args:
         path: The CSV file.
@@ -118,7 +118,7 @@ def numbers_of(path: PathName, names: list[str], rows: list[str]) -> dict[str, A
     """Return the numbers in the lines of a table, column -> values, shape (T,).
 
     Raises:
-        FileFormatError: as `read_table`, for what is wrong beyond the first line.
+        FileFormatError: as `load_table`, for what is wrong beyond the first line.
     """
     table = np.empty((len(rows), len(names)))
     for i, row in enumerate(rows):

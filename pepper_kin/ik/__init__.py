@@ -1,14 +1,23 @@
 """Inverse kinematics: tasks in, the best configuration and the reason out.
 
-The differential-IK controller and the search for a place to stand have rooms of their own, `pepper_kin.servo`
-and `pepper_kin.base_placement`; their names can be had here too, and are loaded when first asked for.
+    solve, IKResult, IKStatus                 one problem; TaskError and TorqueUse are parts of the result
+    solve_batch, BatchResult                  many targets at once
+    solutions                                 several configurations for one problem
+    HandPose, HandPosition, LookAt, Point, PointAt            tasks of Pepper
+    FramePose, FramePosition, FrameOrientation, FrameInPlane  tasks of any frame
+    AxisAlignment, LineThroughPoint
+    RelativePose, RelativePosition, RelativeOrientation       of one frame to another
+    JointPosture, JointValue, BasePlacement, BasePosition, BaseYaw
+    CenterOfMass, CenterOfMassOverWheels
+    Expression                                any CasADi expression of q
+    Task, TaskGroup                           base classes for tasks of your own
+
+The differential-IK controller and the search for a place to stand are separate packages, `pepper_kin.servo`
+and `pepper_kin.base_placement`.
 """
 
-import importlib
-from typing import Any
-
 from pepper_kin.ik.batch import BatchResult, solve_batch
-from pepper_kin.ik.result import IKResult, Status, TaskError, TorqueUse
+from pepper_kin.ik.result import IKResult, IKStatus, TaskError, TorqueUse
 from pepper_kin.ik.solutions import solutions
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks import (
@@ -54,6 +63,7 @@ __all__ = [
     "HandPose",
     "HandPosition",
     "IKResult",
+    "IKStatus",
     "JointPosture",
     "JointValue",
     "LineThroughPoint",
@@ -63,7 +73,6 @@ __all__ = [
     "RelativeOrientation",
     "RelativePose",
     "RelativePosition",
-    "Status",
     "Task",
     "TaskError",
     "TaskGroup",
@@ -72,28 +81,3 @@ __all__ = [
     "solve",
     "solve_batch",
 ]
-
-_HOMES = {
-    "DifferentialStep": "servo",
-    "PlacementResult": "base_placement",
-    "PlacementStatus": "base_placement",
-    "PlacementWeights": "base_placement",
-    "Servo": "servo",
-    "ServoState": "servo",
-    "ServoStatus": "servo",
-    "differential_step": "servo",
-    "floor_map": "base_placement",
-    "place_base": "base_placement",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"pepper_kin.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})

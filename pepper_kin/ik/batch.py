@@ -17,10 +17,10 @@ from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import Rows
 from pepper_kin.ik.fast.structure import known_structures
-from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
+from pepper_kin.ik.priorities import SolverContext, balanced, is_ordered, solve_with_priorities
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, make_problem, movable_joints
-from pepper_kin.ik.result import IKResult, Status
-from pepper_kin.ik.solve import checked_margin, solve, whole_number
+from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus
+from pepper_kin.ik.solve import checked_room, solve, whole_number
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -39,7 +39,7 @@ PIECE = 512
 
 Arrays: TypeAlias = tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]
 
-CODES = tuple(Status)
+CODES = tuple(IKStatus)
 """The status of each code in `BatchResult.codes`."""
 
 
@@ -77,9 +77,9 @@ class BatchResult:
         return len(self.q)
 
     @property
-    def solved(self) -> np.ndarray:
+    def success(self) -> np.ndarray:
         """Whether every task is met, shape (N,)."""
-        return self.codes == CODES.index(Status.SOLVED)
+        return self.codes == CODES.index(IKStatus.SOLVED)
 
     @property
     def hard_met(self) -> np.ndarray:
@@ -88,7 +88,7 @@ class BatchResult:
         limits = np.array([self._tasks[k].tolerance for k in hard])
         return np.asarray(np.all(self.errors[:, hard] <= limits, axis=1))
 
-    def status(self, row: int) -> Status:
+    def status(self, row: int) -> IKStatus:
         """Return how the search of one row ended."""
         return CODES[int(self.codes[row])]
 
@@ -115,6 +115,8 @@ class BatchResult:
         ends = ", ".join(f"{count} {status.value}" for status, count in counts.items() if count)
         if any(task.hard for task in self._tasks):
             ends += f"; hard tasks met in {int(self.hard_met.sum())}"
+        if self._scene is None:
+            ends += f"; {NOT_EXAMINED}"
         rate = len(self) / self.time if self.time > 0 else math.inf
         return f"{len(self)} targets: {ends}; {self.time:.2f} s, {rate:.0f} a second ({self.solver})"
 
@@ -122,10 +124,11 @@ class BatchResult:
 def solve_batch(
     pepper: PepperModel,
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
-    q0: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     *,
     solver: str = "fast",
     scene: Scene | None = None,
+    collisions: bool = True,
     margin: float = 0.0,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
@@ -143,9 +146,11 @@ def solve_batch(
     Args:
         pepper: The robot.
         tasks: The tasks; those with a single target have the same one in every row.
-        q0: Where to start and what to stay near [rad or m], shape (n,) or (N, n); `pepper.neutral()` if None.
+        start: Where to begin and what to stay near [rad or m], shape (n,) or (N, n); None for
+            `pepper.neutral()`.
         solver: "fast", "placo" or "proxsuite".
-        scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
         margin: Distance to the scene that is kept [m].
         seed: Draws the restarts.
         joints: Joints that may move, by names of joints and groups; None for all.
@@ -160,32 +165,38 @@ def solve_batch(
     Raises:
         InvalidValueError: as `solve`, and where the numbers of targets differ or no task has several.
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        LimitError: for a q0 outside the joint limits.
+        LimitError: for a start outside the joint limits.
     """
     begin = time.perf_counter()
     check_choice("solver", solver, ALL_SOLVERS)
     parts = tuple(flatten_tasks(pepper, tasks, batch=True))
-    start = pepper.neutral() if q0 is None else as_joint_vectors(pepper, q0, "q0")
-    check_within_limits(pepper, start, "q0")
-    count = _count(parts, start)
-    starts = np.broadcast_to(np.clip(start, pepper.lower_limits, pepper.upper_limits), (count, pepper.n))
+    q0 = pepper.neutral() if start is None else as_joint_vectors(pepper, start, "start")
+    check_within_limits(pepper, q0, "start")
+    count = _count(parts, q0)
+    starts = np.broadcast_to(np.clip(q0, pepper.lower_limits, pepper.upper_limits), (count, pepper.n))
     movable = None if joints is None else movable_joints(pepper, joints)
     whole_number("seed", seed, 0)
     whole_number("restarts", restarts, 0)
     whole_number("max_iterations", max_iterations, 1)
     whole_number("threads", threads, 1)
-    world = Collisions(pepper, scene, checked_margin(scene, margin))
+    world = Collisions(pepper, *checked_room(scene, collisions, margin))
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
     if solver == "fast" and known_structures(parts) is not None:
         budget = SearchBudget(deadline=math.inf, **options)
         arrays = _solve_fast(world, parts, starts, movable, budget, threads, progress)
     else:
-        options |= {"solver": solver, "joints": joints, "scene": scene, "margin": margin}
+        options |= {
+            "solver": solver,
+            "joints": joints,
+            "scene": scene,
+            "collisions": collisions,
+            "margin": margin,
+        }
         arrays = _solve_each(pepper, parts, starts, options, progress)
     for array in arrays:
         array.setflags(write=False)
     duration = time.perf_counter() - begin
-    return BatchResult(*arrays, duration, solver, seed, pepper, parts, starts, movable, scene)
+    return BatchResult(*arrays, duration, solver, seed, pepper, parts, starts, movable, world.scene)
 
 
 def _solve_fast(
@@ -204,7 +215,7 @@ def _solve_fast(
     q, numbers, errors, iterations, restarts = rows.answers()
     codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]
     if is_ordered(tasks):
-        for row in np.flatnonzero(codes != CODES.index(Status.SOLVED)):
+        for row in np.flatnonzero(codes != CODES.index(IKStatus.SOLVED)):
             _put_in_order(world, tasks, starts, movable, budget, int(row), (q, codes, errors))
     return q, codes, errors, iterations, restarts
 
@@ -223,11 +234,11 @@ def _put_in_order(
     ones = [task.at(row) for task in tasks]
     moves = np.ones(pepper.n, dtype=bool) if movable is None else movable
     problem = make_problem(pepper, ones, starts[row], moves, keep_idle=world.scene is None)
-    q[row] = put_first(problem, SolverContext("fast", world, budget), q[row].copy())
+    q[row] = solve_with_priorities(problem, SolverContext("fast", world, budget), q[row].copy())
     errors[row] = [task.error(pepper, q[row]) for task in ones]
     met = all(error <= task.tolerance for error, task in zip(errors[row], ones, strict=True))
     if met and world.free(q[row]):
-        codes[row] = CODES.index(Status.SOLVED)
+        codes[row] = CODES.index(IKStatus.SOLVED)
 
 
 def _solve_each(
@@ -256,9 +267,11 @@ def _count(tasks: Sequence[Task], start: Array) -> int:
     """Return N, on which all that come in numbers agree."""
     counts = {f"targets of {task.label}": task.count for task in tasks if task.count is not None}
     if start.ndim > 2:
-        raise InvalidValueError("q0", f"shape {start.shape}", f"shape (n,) or (N, n), n = {start.shape[-1]}")
+        raise InvalidValueError(
+            "start", f"shape {start.shape}", f"shape (n,) or (N, n), n = {start.shape[-1]}"
+        )
     if start.ndim == 2:
-        counts["q0"] = len(start)
+        counts["start"] = len(start)
     if not counts:
         raise InvalidValueError("tasks", "one target each", "N targets, shape (N, ...); `solve` takes one")
     if len(set(counts.values())) > 1:
@@ -274,16 +287,16 @@ def _share_out(
     progress: Callable[[int, int], None] | None,
 ) -> None:
     """Call work(begin, end) for pieces of the rows, on several threads."""
-    pieces = [(begin, min(begin + PIECE, count)) for begin in range(0, count, PIECE)]
+    chunks = [(begin, min(begin + PIECE, count)) for begin in range(0, count, PIECE)]
     done = 0
     if threads == 1:
-        for begin, end in pieces:
+        for begin, end in chunks:
             work(begin, end)
             if progress is not None:
                 progress(end, count)
         return
     with ThreadPoolExecutor(threads) as pool:
-        futures = {pool.submit(work, *piece): piece for piece in pieces}
+        futures = {pool.submit(work, *chunk): chunk for chunk in chunks}
         try:
             for future in as_completed(futures):
                 future.result()

@@ -9,7 +9,7 @@ import numpy as np
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import Problem, make_problem
-from pepper_kin.ik.result import Certificate, TaskError, TorqueUse
+from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
 
@@ -42,14 +42,14 @@ class CertificateInputs(NamedTuple):
     scene: Scene | None
     q: Array
 
-    def certificate(self) -> Certificate:
+    def certificate(self) -> IKCertificate:
         """Return the certificate."""
         movable = np.ones(self.pepper.n, dtype=bool) if self.movable is None else self.movable
         problem = make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=self.scene is None)
         return certify(problem, Collisions(self.pepper, self.scene), self.q)
 
 
-def certify(problem: Problem, collisions: Collisions, q: Array) -> Certificate:
+def certify(problem: Problem, collisions: Collisions, q: Array) -> IKCertificate:
     """Return the certificate of q, shape (n,) [rad or m]."""
     pepper = problem.pepper
     errors = tuple(
@@ -76,7 +76,7 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> Certificate:
         blocking[:] = False
     ratios = torque_ratios(pepper, q)
     hardest = int(np.argmax(ratios))
-    return Certificate(
+    return IKCertificate(
         errors=errors,
         active_limits=_names(problem, at_lower | at_upper),
         blocking_limits=_names(problem, blocking),

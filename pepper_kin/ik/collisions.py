@@ -98,7 +98,7 @@ class Collisions:
         """Return the same as functions at addresses, valid until the next call and on this thread.
 
         Args:
-            signals: A table, see `pepper_kin.kernels.interrupts`, that is told to stop where a verdict fails;
+            signals: A table, see `pepper_kin.kernels.interrupts`, that is set to stop where a verdict fails;
                 `check` then raises why.
         """
         if self.scene is None:

@@ -1,4 +1,4 @@
-"""Why a target was not reached, and what would help."""
+"""Explanation of unreached targets: what blocks them, and what would help."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import Problem, SearchBudget
-from pepper_kin.ik.result import Status
+from pepper_kin.ik.result import IKStatus
 from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.task import words_for_length
@@ -70,7 +70,7 @@ def what_is_in_the_way(problem: Problem, collisions: Collisions, budget: SearchB
 
     pepper, tasks, q0, movable = problem.pepper, problem.tasks, problem.q0, problem.movable
     first = search_compiled(pepper, tasks, q0, movable, budget)
-    postures = [first.q] if first.status is Status.SOLVED else []
+    postures = [first.q] if first.status is IKStatus.SOLVED else []
     postures += alternatives(pepper, tasks, q0, movable, budget.seed, POSTURES, budget.max_iterations)
     checker = checker_for(pepper, collisions.scene, collisions.margin)
     depths: dict[tuple[str, str], list[float | None]] = {}
@@ -95,7 +95,7 @@ def _solvable(problem: Problem, solver: str, budget: SearchBudget) -> bool:
     """Whether a problem is solved, collisions left out."""
     nothing = Collisions(problem.pepper, None)
     found = make_solver(solver, problem).search(nothing, budget._replace(restarts=RESTARTS))
-    return found.status is Status.SOLVED
+    return found.status is IKStatus.SOLVED
 
 
 def why_beyond_reach(problem: Problem) -> str:

@@ -185,20 +185,20 @@ def flatten_tasks(
         InvalidValueError: for no task at all, or something that is none.
         UnknownNameError: for a frame or joint that the robot lacks.
     """
-    given = tasks
+    items = tasks
     if type(tasks) is not list:
-        given = [tasks] if isinstance(tasks, (Task, TaskGroup)) else tasks
-        if not isinstance(given, Iterable) or isinstance(given, (str, bytes)):
-            raise InvalidValueError("tasks", repr(tasks)[:80], "a list of tasks such as HandPosition")
+        items = [tasks] if isinstance(tasks, (Task, TaskGroup)) else tasks
+        if not isinstance(items, Iterable) or isinstance(items, (str, bytes)):
+            raise InvalidValueError("tasks", repr(tasks), "a list of tasks such as HandPosition")
     flat: list[Task] = []
-    for item in cast("Iterable[Any]", given):
+    for item in cast("Iterable[Any]", items):
         kind = _kind_of(cast("Hashable", type(item)))
         if kind is Task:
             flat.append(item)
         elif kind is TaskGroup:
             flat.extend(item.parts)
         else:
-            raise InvalidValueError("tasks", repr(item)[:80], "tasks such as HandPosition or LookAt")
+            raise InvalidValueError("tasks", repr(item), "tasks such as HandPosition or LookAt")
     if not flat:
         raise InvalidValueError("tasks", "none", "at least one task")
     for task in flat:
@@ -211,9 +211,9 @@ def flatten_tasks(
 
 
 @lru_cache(maxsize=256)
-def _kind_of(given: Hashable) -> type | None:
+def _kind_of(items: Hashable) -> type | None:
     """Return Task or TaskGroup for their subclasses, else None; asking an abstract class is slow."""
-    return next((kind for kind in (Task, TaskGroup) if issubclass(cast("type", given), kind)), None)
+    return next((kind for kind in (Task, TaskGroup) if issubclass(cast("type", items), kind)), None)
 
 
 def movable_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> np.ndarray:

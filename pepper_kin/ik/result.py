@@ -4,44 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from pepper_kin.ik.tasks.task import Array, words_for
+from pepper_kin.status import ResultStatus
 
 
-class Status(Enum):
+class IKStatus(ResultStatus):
     """How a call ended."""
 
-    SOLVED = "solved"
-    CLOSEST_UNREACHABLE = "closest_unreachable"
-    CLOSEST_LIMITS = "closest_limits"
-    CLOSEST_COLLISION = "closest_collision"
-    TIMED_OUT = "timed_out"
+    SOLVED = "solved", "Use q."
+    CLOSEST_UNREACHABLE = (
+        "closest_unreachable",
+        "No posture of the joints that may move reaches it, even without joint limits: bring the "
+        "targets nearer or closer together, move the base, let more joints move, or loosen a "
+        "tolerance.",
+    )
+    CLOSEST_LIMITS = (
+        "closest_limits",
+        "Only the joint limits are in the way: move the target or the base, let more joints move, or "
+        "ask for less (a position without an orientation, a wider tolerance).",
+    )
+    CLOSEST_COLLISION = (
+        "closest_collision",
+        "It is reached only in collision: move the target or the obstacle, approach from another "
+        "side, or give more restarts.",
+    )
+    TIMED_OUT = (
+        "timed_out",
+        "Time ran out before the search was done: give more time or a start nearer the target.",
+    )
 
-    @property
-    def advice(self) -> str:
-        """What to do, in a sentence."""
-        return _ADVICE[self]
 
-
-_ADVICE = {
-    Status.SOLVED: "Use q.",
-    Status.CLOSEST_UNREACHABLE: (
-        "No posture of the joints that may move reaches it, even without joint limits: bring the targets "
-        "nearer or closer together, move the base, let more joints move, or loosen a tolerance."
-    ),
-    Status.CLOSEST_LIMITS: (
-        "Only the joint limits are in the way: move the target or the base, let more joints move, or ask for "
-        "less (a position without an orientation, a wider tolerance)."
-    ),
-    Status.CLOSEST_COLLISION: (
-        "It is reached only in collision: move the target or the obstacle, approach from another side, or "
-        "give more restarts."
-    ),
-    Status.TIMED_OUT: "Time ran out before the search was done: give more time or a start nearer the target.",
-}
+NOT_EXAMINED = "collisions were not examined"
+"""Line of the reports of what was asked for with ``collisions=False``."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,7 @@ class TorqueUse:
 
 
 @dataclass(frozen=True)
-class Certificate:
+class IKCertificate:
     """What holds at q, computed from the problem and q alone; the attributes are those of `IKResult`."""
 
     errors: tuple[TaskError, ...]
@@ -112,7 +109,7 @@ class SearchResult(NamedTuple):
     """
 
     q: Array
-    status: Status
+    status: IKStatus
     iterations: int
     restarts: int
 
@@ -136,19 +133,19 @@ class IKResult:
             target is beyond reach whatever the posture; may be empty.
     """
 
-    status: Status
+    status: IKStatus
     q: Array
     iterations: int
     restarts: int
     time: float
     solver: str
     seed: int
-    evidence: Callable[[], Certificate] = field(repr=False)
+    evidence: Callable[[], IKCertificate] = field(repr=False)
     hint: str = ""
 
     def __init__(
         self,
-        status: Status,
+        status: IKStatus,
         q: Array,
         iterations: int,
         restarts: int,
@@ -156,7 +153,7 @@ class IKResult:
         solver: str,
         *,
         seed: int,
-        evidence: Callable[[], Certificate],
+        evidence: Callable[[], IKCertificate],
         hint: str = "",
     ) -> None:
         # At once, as the generated way of a frozen class, one attribute after the other, takes a microsecond.
@@ -166,7 +163,7 @@ class IKResult:
         )  # fmt: skip
 
     @cached_property
-    def certificate(self) -> Certificate:
+    def certificate(self) -> IKCertificate:
         """What holds at q, recomputed from the tasks, the robot and the scene."""
         return self.evidence()
 
@@ -187,12 +184,12 @@ class IKResult:
 
     @property
     def clearance(self) -> float | None:
-        """Smallest distance to itself and the scene [m]; None where collisions were not considered."""
+        """Smallest distance to itself and the scene [m]; None with `collisions=False`."""
         return self.certificate.clearance
 
     @property
     def in_collision(self) -> bool | None:
-        """Whether q touches itself or the scene; None where collisions were not considered."""
+        """Whether q touches itself or the scene; None with `collisions=False`."""
         return self.certificate.in_collision
 
     @property
@@ -208,7 +205,7 @@ class IKResult:
     @property
     def success(self) -> bool:
         """Whether every task is met."""
-        return self.status is Status.SOLVED
+        return self.status is IKStatus.SOLVED
 
     @property
     def hard_met(self) -> bool:
@@ -229,14 +226,14 @@ class IKResult:
     def advice(self) -> str:
         """What to do next, in a sentence; or in two, where hard tasks are met and others are not."""
         if self._is_proven_out_of_reach:
-            return f"Time ran out, but more of it would not help.  {Status.CLOSEST_UNREACHABLE.advice}"
+            return f"Time ran out, but more of it would not help.  {IKStatus.CLOSEST_UNREACHABLE.advice}"
         if self._only_hard_met:
             return f"Use q if the soft tasks may fall short.  Otherwise: {self.status.advice}"
         return self.status.advice
 
     @property
     def _is_proven_out_of_reach(self) -> bool:
-        return self.status is Status.TIMED_OUT and bool(self.hint)
+        return self.status is IKStatus.TIMED_OUT and bool(self.hint)
 
     @property
     def _only_hard_met(self) -> bool:
@@ -253,6 +250,8 @@ class IKResult:
         if self.clearance is not None:
             touching = "; it touches" if self.in_collision else ""
             lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}")
+        else:
+            lines.append(NOT_EXAMINED)
         lines.append(self._torque())
         lines.append(
             f"{self.solver}: {self.iterations} iterations, {self.restarts} restarts (seed {self.seed}), "
@@ -264,11 +263,11 @@ class IKResult:
 
     def _headline(self) -> str:
         words = {
-            Status.SOLVED: "solved: every task is met",
-            Status.CLOSEST_UNREACHABLE: "not reached: beyond reach; this is the closest found",
-            Status.CLOSEST_LIMITS: "not reached: blocked by joint limits; this is the closest found",
-            Status.CLOSEST_COLLISION: "not reached: blocked by collision; this is the closest found",
-            Status.TIMED_OUT: "not reached: time ran out; this is the closest found so far",
+            IKStatus.SOLVED: "solved: every task is met",
+            IKStatus.CLOSEST_UNREACHABLE: "not reached: beyond reach; this is the closest found",
+            IKStatus.CLOSEST_LIMITS: "not reached: blocked by joint limits; this is the closest found",
+            IKStatus.CLOSEST_COLLISION: "not reached: blocked by collision; this is the closest found",
+            IKStatus.TIMED_OUT: "not reached: time ran out; this is the closest found so far",
         }[self.status]
         if self._is_proven_out_of_reach:
             words = "not reached: time ran out, but it is beyond reach; this is the closest found so far"
@@ -284,7 +283,7 @@ class IKResult:
             return f"{error.label}{hard}: error {words_for(error.value, error.unit)}, {error.attained}"
         limits = self.blocking_limits
         blocked = f": {_listed(limits)} at {_their(limits)}" if limits else ""
-        lone = len(self.errors) == 1 and self.status is not Status.TIMED_OUT
+        lone = len(self.errors) == 1 and self.status is not IKStatus.TIMED_OUT
         nearest = "nearest reachable " if lone and self.clearance is None else "comes to "
         return f"{error.shortfall}{blocked}; {nearest}{error.attained}"
 

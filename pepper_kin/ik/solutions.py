@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
-from pepper_kin.ik.solve import checked_margin, checked_start, whole_number
+from pepper_kin.ik.solve import checked_room, checked_start, whole_number
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -29,10 +29,11 @@ PIECE = 8
 def solutions(
     pepper: PepperModel,
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
-    q0: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     *,
     count: int = 8,
     scene: Scene | None = None,
+    collisions: bool = True,
     margin: float = 0.0,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
@@ -41,19 +42,21 @@ def solutions(
 ) -> Array:
     """Return different joint positions that fulfill tasks: those that motors can hold first, nearest first.
 
-    Found by the fast solver from starts that lie ever farther from q0.  With a scene, solutions that touch
+    Found by the fast solver from places that lie ever farther from the start.  Solutions that touch
     something are moved clear, where a descent can.  The same arguments give the same
     solutions.  For the best one and, where there is none, the reason, ask `solve`.
 
     Args:
         pepper: The robot.
         tasks: What to fulfill.
-        q0: Where to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
+        start: Where to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         count: Largest number of solutions.
-        scene: What to keep clear of; None for nothing.
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        collisions: Whether collisions are examined; False leaves them out.
         margin: Distance to the scene that is kept [m].
         seed: Draws the starts.
-        joints: Joints that may move, by names of joints and groups; the others keep q0.  None for all.
+        joints: Joints that may move, by names of joints and groups; the others keep their place.
+            None for all.
         starts: Number of starts.
         max_iterations: Steps from each start.
 
@@ -64,20 +67,20 @@ def solutions(
     Raises:
         InvalidValueError: for no task, or numbers that are none, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        LimitError: for a q0 outside the joint limits.
+        LimitError: for a start outside the joint limits.
     """
     from pepper_kin.ik.fast import alternatives
 
     parts = tuple(flatten_tasks(pepper, tasks))
-    start = checked_start(pepper, q0)
+    q0 = checked_start(pepper, start)
     movable = None if joints is None else movable_joints(pepper, joints)
-    apart = checked_margin(scene, margin)
+    world, apart = checked_room(scene, collisions, margin)
     wanted, tried = whole_number("count", count, 1), whole_number("starts", starts, 1)
     steps = whole_number("max_iterations", max_iterations, 1)
     drawn = whole_number("seed", seed, 0)
-    found = alternatives(pepper, parts, start, movable, drawn, tried, steps, scene=scene, margin=apart)
+    found = alternatives(pepper, parts, q0, movable, drawn, tried, steps, scene=world, margin=apart)
     kept: list[Array] = []
-    for q in _clear_ones(found, Collisions(pepper, scene, apart)):
+    for q in _clear_ones(found, Collisions(pepper, world, apart)):
         if all(np.abs(q - other).max() >= APART for other in kept):
             kept.append(q)
         if len(kept) == wanted:
@@ -93,5 +96,5 @@ def _clear_ones(solutions: list[Array], collisions: Collisions) -> Iterator[Arra
     held = np.array([torque_ratios(collisions.pepper, row).max() <= 1.0 for row in q])
     for part in (q[held], q[~held]):
         for begin in range(0, len(part), PIECE):
-            piece = part[begin : begin + PIECE]
-            yield from piece[collisions.free_many(piece)]
+            chunk = part[begin : begin + PIECE]
+            yield from chunk[collisions.free_many(chunk)]

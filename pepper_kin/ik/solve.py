@@ -17,9 +17,9 @@ from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
 from pepper_kin.ik.fast.search import search_compiled
 from pepper_kin.ik.obstruction import what_is_in_the_way, what_would_help, why_beyond_reach
-from pepper_kin.ik.precedence import SolverContext, balanced, is_ordered, put_first
+from pepper_kin.ik.priorities import SolverContext, balanced, is_ordered, solve_with_priorities
 from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
-from pepper_kin.ik.result import IKResult, SearchResult, Status
+from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -40,10 +40,11 @@ _neutrals: WeakKeyDictionary[PepperModel, Array] = WeakKeyDictionary()
 def solve(
     pepper: PepperModel,
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
-    q0: ArrayLike | None = None,
+    start: ArrayLike | None = None,
     *,
     solver: str = "fast",
     scene: Scene | None = None,
+    collisions: bool = True,
     margin: float = 0.0,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
@@ -54,24 +55,25 @@ def solve(
     """Find joint positions that fulfill tasks, or come closest.
 
     Minimizes sum_i s_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
-    of a quadratic program, first from q0 and then from further starts; see `Problem`.  Of several solutions
-    it prefers one that touches nothing (with a scene), that the motors can hold, and that is near q0.
+    of a quadratic program, first from `start` and then from further ones; see `Problem`.  Of several
+    solutions it prefers one that touches nothing, that the motors can hold, and that is near the start.
     Where not all tasks can be met, hard ones come first, then positions before their orientations; see
-    `precedence`.  The same arguments give the same result, unless a timeout cuts in.
+    `priorities`.  The same arguments give the same result, unless a timeout cuts in.
 
     Args:
         pepper: The robot.
         tasks: What to fulfill, such as `HandPosition` and `LookAt`.
-        q0: Where to start and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
+        start: Where to begin and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         solver: "fast", "placo" or "proxsuite".
-        scene: What to keep clear of, itself included; `Scene()` for itself alone; None for nothing.
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
         margin: Distance to the scene that is kept [m]; of its own parts the robot only keeps clear.
         seed: Draws the restarts.
         joints: Joints that may move, by names of joints and groups, such as `["right_arm", "head"]`; the
-            others keep q0. None for all.
+            others keep their place. None for all.
         max_iterations: Steps from each start.
-        restarts: Further starts, used only as long as there is something to gain.  With a scene, "fast" may
-            use more of them for a solution that touches nothing.
+        restarts: Further starts, used only as long as there is something to gain.  "fast" may use more
+            of them for a solution that touches nothing.
         timeout: Time after which to stop [s]; None for none.
 
     Returns:
@@ -80,20 +82,20 @@ def solve(
     Raises:
         InvalidValueError: for no task, an unknown solver, or numbers that are none, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        LimitError: for a q0 outside the joint limits.
+        LimitError: for a start outside the joint limits.
     """
     check_choice("solver", solver, ALL_SOLVERS)
     parts = tuple(flatten_tasks(pepper, tasks))
     if timeout is not None and solver == "fast":
         compiled_tasks(pepper, parts)  # made once on a machine: that does not count against a timeout
     begin = time.perf_counter()
-    start = checked_start(pepper, q0)
+    q0 = checked_start(pepper, start)
     movable = None if joints is None else movable_joints(pepper, joints)
-    apart = checked_margin(scene, margin)
+    world, apart = checked_room(scene, collisions, margin)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
-    request = Request(pepper, balanced(parts), start, movable, Collisions(pepper, scene, apart), budget)
+    request = Request(pepper, balanced(parts), q0, movable, Collisions(pepper, world, apart), budget)
     found = _search(request, solver)
-    if found.status not in (Status.SOLVED, Status.TIMED_OUT) and is_ordered(parts):
+    if found.status not in (IKStatus.SOLVED, IKStatus.TIMED_OUT) and is_ordered(parts):
         found = _in_order(request, solver, found)
     hint = _hint(found.status, request, solver)
     return IKResult(
@@ -104,7 +106,7 @@ def solve(
         time=time.perf_counter() - begin,
         solver=solver,
         seed=budget.seed,
-        evidence=CertificateInputs(pepper, parts, start, movable, scene, found.q).certificate,
+        evidence=CertificateInputs(pepper, parts, q0, movable, world, found.q).certificate,
         hint=hint,
     )
 
@@ -149,18 +151,18 @@ def _search(request: Request, solver: str) -> SearchResult:
 def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResult:
     """Meet better what comes first."""
     problem, collisions = request.problem(), request.collisions
-    q = put_first(problem, SolverContext(solver, collisions, request.budget), found.q)
+    q = solve_with_priorities(problem, SolverContext(solver, collisions, request.budget), found.q)
     met = problem.is_met(problem.residuals(q)) and collisions.free(q)
-    return found._replace(q=read_only(q), status=Status.SOLVED if met else found.status)
+    return found._replace(q=read_only(q), status=IKStatus.SOLVED if met else found.status)
 
 
-def _hint(status: Status, request: Request, solver: str) -> str:
-    if status is Status.TIMED_OUT:
+def _hint(status: IKStatus, request: Request, solver: str) -> str:
+    if status is IKStatus.TIMED_OUT:
         return why_beyond_reach(request.problem())
-    if status is Status.CLOSEST_COLLISION:
+    if status is IKStatus.CLOSEST_COLLISION:
         return what_is_in_the_way(request.problem(), request.collisions, request.budget)
     freed = request.movable is None or request.movable.all()
-    if freed or status not in (Status.CLOSEST_LIMITS, Status.CLOSEST_UNREACHABLE):
+    if freed or status not in (IKStatus.CLOSEST_LIMITS, IKStatus.CLOSEST_UNREACHABLE):
         return ""
     joints = what_would_help(request.problem(), request.problem(whole=True), solver, request.budget)
     return f"with {joints} free it would be reached" if joints else ""
@@ -177,24 +179,24 @@ def _checked_budget(
     )
 
 
-def checked_start(pepper: PepperModel, q0: ArrayLike | None) -> Array:
-    """Return where to start, within the limits, shape (n,).
+def checked_start(pepper: PepperModel, start: ArrayLike | None) -> Array:
+    """Return where to begin, within the limits, shape (n,).
 
     Raises:
-        InvalidValueError: for a q0 of wrong shape, or with NaN or infinity.
-        LimitError: for a q0 outside the joint limits.
+        InvalidValueError: for a start of wrong shape, or with NaN or infinity.
+        LimitError: for a start outside the joint limits.
     """
-    if q0 is None:
+    if start is None:
         return _neutral(pepper)
-    if isinstance(q0, np.ndarray) and q0.dtype == np.float64 and q0.shape == (pepper.n,):
-        plain: Array = q0
+    if isinstance(start, np.ndarray) and start.dtype == np.float64 and start.shape == (pepper.n,):
+        plain: Array = start
         if bool(((pepper.lower_limits <= plain) & (plain <= pepper.upper_limits)).all()):
             return plain.copy()
-    start = as_joint_vectors(pepper, q0, "q0")
-    if start.ndim != 1:
-        raise InvalidValueError("q0", f"shape {start.shape}", f"shape ({pepper.n},)")
-    check_within_limits(pepper, start, "q0")
-    return np.clip(start, pepper.lower_limits, pepper.upper_limits)
+    q0 = as_joint_vectors(pepper, start, "start")
+    if q0.ndim != 1:
+        raise InvalidValueError("start", f"shape {q0.shape}", f"shape ({pepper.n},)")
+    check_within_limits(pepper, q0, "start")
+    return np.clip(q0, pepper.lower_limits, pepper.upper_limits)
 
 
 def _neutral(pepper: PepperModel) -> Array:
@@ -205,22 +207,21 @@ def _neutral(pepper: PepperModel) -> Array:
     return found
 
 
-def checked_margin(scene: object, margin: float) -> float:
-    """Return the distance to keep from a scene [m].
+def checked_room(scene: Scene | None, collisions: bool, margin: float) -> tuple[Scene | None, float]:
+    """Return the scene that collisions are checked in, None where they are not, and the distance kept [m].
 
     Raises:
-        InvalidValueError: unless the scene is a Scene or None and the margin a finite number of 0 or more, 0
-            where there is no scene.
+        InvalidValueError: as `checked_world`, and unless the margin is a finite number of 0 or more, 0 where
+            collisions are left out.
     """
-    if scene is None:
-        if margin != 0:
-            raise InvalidValueError("margin", margin, "0 where there is no scene to keep it from")
-        return 0.0
-    from pepper_kin.collision import Scene
+    from pepper_kin.collision.checked_world import checked_world
 
-    if not isinstance(scene, Scene):
-        raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None to leave collisions out")
-    return 0.0 if margin == 0 else check_positive("margin", margin, "m")
+    world = checked_world(scene, collisions)
+    if margin == 0:
+        return world, 0.0
+    if world is None:
+        raise InvalidValueError("margin", margin, "0 where collisions are left out")
+    return world, check_positive("margin", margin, "m")
 
 
 def whole_number(quantity: str, value: int, least: int) -> int:

@@ -1,4 +1,11 @@
-"""Whole jobs, from a user's words to numbers and files.
+"""Whole jobs, from a user's words to numbers and files: what the commands run.
+
+    reach, ReachOutcome, save_outcome, run_demo, demo_scene
+    make_gesture, MadeGesture, save_library_gesture, save_gesture
+    load_motion, save_export
+    check_dynamics, DynamicsCheck, DynamicsCheckRow
+    check_paper, PaperCheck, save_paper_check, check_physics, PhysicsCheck
+    run_bench, BenchResult, BenchRow, warm_up, WarmUp
 
 Each job's module is imported when the job is first used, so that a check of dynamics does not load planners.
 No module has the name of a job: importing it would hide the job.
@@ -15,14 +22,14 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.demo import demo_scene, run_demo
     from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
     from pepper_kin.jobs.dynamics_checking import check_dynamics
-    from pepper_kin.jobs.export_files import write_export
-    from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, write_library_gesture
-    from pepper_kin.jobs.motion_file import read_motion
+    from pepper_kin.jobs.export_files import save_export
+    from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, save_library_gesture
+    from pepper_kin.jobs.motion_file import load_motion
     from pepper_kin.jobs.paper_check import PaperCheck, check_paper
-    from pepper_kin.jobs.paper_files import write_paper_check
+    from pepper_kin.jobs.paper_files import save_paper_check
     from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
     from pepper_kin.jobs.reaching import ReachOutcome, reach
-    from pepper_kin.jobs.result_files import write_gesture, write_outcome
+    from pepper_kin.jobs.result_files import save_gesture, save_outcome
     from pepper_kin.jobs.warming import WarmUp, warm_up
 
 _MODULES = {
@@ -41,15 +48,15 @@ _MODULES = {
     "demo_scene": "demo",
     "make_gesture": "gesture_job",
     "reach": "reaching",
-    "read_motion": "motion_file",
+    "load_motion": "motion_file",
     "run_bench": "bench",
     "run_demo": "demo",
     "warm_up": "warming",
-    "write_export": "export_files",
-    "write_gesture": "result_files",
-    "write_library_gesture": "gesture_job",
-    "write_outcome": "result_files",
-    "write_paper_check": "paper_files",
+    "save_export": "export_files",
+    "save_gesture": "result_files",
+    "save_library_gesture": "gesture_job",
+    "save_outcome": "result_files",
+    "save_paper_check": "paper_files",
 }
 
 __all__ = [
@@ -66,17 +73,17 @@ __all__ = [
     "check_paper",
     "check_physics",
     "demo_scene",
+    "load_motion",
     "make_gesture",
     "reach",
-    "read_motion",
     "run_bench",
     "run_demo",
+    "save_export",
+    "save_gesture",
+    "save_library_gesture",
+    "save_outcome",
+    "save_paper_check",
     "warm_up",
-    "write_export",
-    "write_gesture",
-    "write_library_gesture",
-    "write_outcome",
-    "write_paper_check",
 ]
 
 __getattr__, __dir__ = lazily(__name__, _MODULES)

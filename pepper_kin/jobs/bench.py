@@ -167,7 +167,7 @@ def _batch_ik(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> Be
         return [solve(pepper, HandPosition("left", target)).success for target in few]
 
     def batch() -> Array:
-        return solve_batch(pepper, HandPosition("left", targets)).codes == 0
+        return solve_batch(pepper, HandPosition("left", targets), collisions=False).codes == 0
 
     solved = f"solved {int(batch().sum())} of {len(targets)} and {sum(loop())} of {len(few)}"
     ours, peer = _medians(repeats, batch, loop)

@@ -1,4 +1,4 @@
-"""What a check of a robot's dynamics found."""
+"""Results of a check of a robot's dynamics."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class DynamicsCheckRow:
         return tuple(form for form, error in self.errors.items() if not error <= self.limit)
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether no form failed (a row that could not be evaluated has none)."""
         return not self.failed_forms
 
@@ -60,9 +60,9 @@ class DynamicsCheck:
     rows: tuple[DynamicsCheckRow, ...]
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether everything that could be evaluated is within its limit."""
-        return all(row.ok for row in self.rows)
+        return all(row.success for row in self.rows)
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -92,7 +92,7 @@ class DynamicsCheck:
     @property
     def verdict(self) -> str:
         """One sentence: all within limits, or what is not."""
-        if self.ok:
+        if self.success:
             return "All within the limits (relative errors, largest over joints and states)."
         return f"Beyond the limit: {', '.join(self.failures)}."
 
@@ -104,7 +104,7 @@ class DynamicsCheck:
             "frame": self.frame,
             "states": self.states,
             "seed": self.seed,
-            "ok": self.ok,
+            "success": self.success,
             "failures": list(self.failures),
             "rows": [
                 {
@@ -112,7 +112,7 @@ class DynamicsCheck:
                     "against": row.against,
                     "limit": row.limit,
                     "errors": {k: e if math.isfinite(e) else None for k, e in row.errors.items()},
-                    "ok": row.ok,
+                    "success": row.success,
                     "note": row.note,
                 }
                 for row in self.rows

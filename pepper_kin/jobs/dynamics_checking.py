@@ -278,5 +278,5 @@ def _energy_row(pepper: PepperModel, rng: np.random.Generator) -> DynamicsCheckR
     potential = np.array([dynamics.potential_energy(pepper, y[:n]) for y in run.y.T])
     gain = kinetic + potential - kinetic[0] - potential[0]
     turned_over = (kinetic + np.abs(potential - potential[0])).max()
-    excess = float(np.abs(gain - run.y[-1]).max() / turned_over)
-    return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": excess})
+    difference = float(np.abs(gain - run.y[-1]).max() / turned_over)
+    return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": difference})

@@ -9,7 +9,7 @@ from pepper_kin.exceptions import FileFormatError
 from pepper_kin.model import PepperModel, export, mesh_files
 
 
-def write_export(
+def save_export(
     pepper: PepperModel, format: str, path: str | Path, *, mesh_paths: str | None = None
 ) -> list[Path]:
     """Write the robot for another program.

@@ -66,7 +66,7 @@ def make_gesture(
     return MadeGesture(name, options, trajectory, trajectory.check(pepper, Scene()))
 
 
-def write_library_gesture(made: MadeGesture, folder: str | Path) -> dict[str, Path]:
+def save_library_gesture(made: MadeGesture, folder: str | Path) -> dict[str, Path]:
     """Write `trajectory.csv`, `columns.json` and `summary.json` of a gesture.
 
     Args:

@@ -8,12 +8,12 @@ from pepper_kin.exceptions import FileFormatError
 from pepper_kin.files import load
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.twin import Run, read_recording, read_run
+from pepper_kin.twin import Run, load_recording, load_run
 
 _RUN_COLUMN = ".torque"
 
 
-def read_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
+def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
     """Read a trajectory or a run of the twin.
 
     Args:
@@ -30,12 +30,12 @@ def read_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
         FileFormatError: naming path, line and what is wrong.
     """
     if Path(path).is_dir():
-        recording = read_recording(path)
+        recording = load_recording(path)
         if recording.joint_names != pepper.joint_names:
             raise FileFormatError(path, f"is of other joints: {', '.join(recording.joint_names)}")
         return recording.run()
     if Path(path).suffix.lower() == ".csv" and _RUN_COLUMN in _first_line(path):
-        return read_run(path, pepper)
+        return load_run(path, pepper)
     return load(path, pepper)
 
 

@@ -73,7 +73,7 @@ class PaperCheck:
         return float(max(np.max(errors) for m in self.movements for errors in m.tracking))
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether every run went to its end and tracked within `TRACKING_LIMIT`."""
         ended = all(m.fast.run.success and m.calm.run.success for m in self.movements)
         return ended and self.worst_tracking <= TRACKING_LIMIT
@@ -99,7 +99,7 @@ class PaperCheck:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {
-            "ok": self.ok,
+            "success": self.success,
             "tracking_limit": TRACKING_LIMIT,
             "worst_tracking": self.worst_tracking,
             "table_4": self.limits.to_dict(),
@@ -221,7 +221,7 @@ def _notes(check: PaperCheck) -> list[str]:
         "bias of the sensors are assumed.",
         *check.movements[0].fast.notes()[-4:],
         f"Worst tracking error: {check.worst_tracking:.2e} rad rms, limit {TRACKING_LIMIT:g}"
-        f" (the paper reports 0.01 to 0.02): {'within' if check.ok else 'BEYOND'}.",
+        f" (the paper reports 0.01 to 0.02): {'within' if check.success else 'BEYOND'}.",
     ]
 
 

@@ -14,7 +14,7 @@ from pepper_kin.exceptions import MissingDependencyError
 from pepper_kin.jobs.paper_check import ITERATIONS, MovementCheck, PaperCheck
 
 
-def write_paper_check(check: PaperCheck, folder: str | Path) -> dict[str, Path]:
+def save_paper_check(check: PaperCheck, folder: str | Path) -> dict[str, Path]:
     """Write `paper.txt`, `paper.json` and, for each movement, a table and a picture.
 
     The pictures show what the paper's figures 6 and 7 do, joint trajectories and errors over 1000 iterations,

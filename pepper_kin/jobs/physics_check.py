@@ -89,7 +89,7 @@ class PhysicsRow:
         return all(small < large or small < 1e-3 * LIMIT for large, small in pairs)
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether it shrinks, down to `LIMIT` or below."""
         return self.shrinks and self.differences[-1] <= LIMIT
 
@@ -111,9 +111,9 @@ class PhysicsCheck:
     rows: tuple[PhysicsRow, ...]
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether every scenario agrees."""
-        return all(row.ok for row in self.rows)
+        return all(row.success for row in self.rows)
 
     def report(self) -> str:
         """Return the table of differences in words."""
@@ -133,7 +133,7 @@ class PhysicsCheck:
                 "Both engines are of first order: differences shrink with the timestep. Stops and contacts "
                 "are off in both.",
                 f"Limit {LIMIT:g} after {self.seconds:g} s with the smallest timestep: "
-                + ("all within." if self.ok else "BEYOND, or not shrinking."),
+                + ("all within." if self.success else "BEYOND, or not shrinking."),
             ]
         )
 
@@ -143,12 +143,13 @@ class PhysicsCheck:
             {
                 "scenario": row.name, "moved": row.moved, "timesteps": list(row.timesteps),
                 "differences": list(row.differences), "greatest": list(row.greatest),
-                "order": None if np.isnan(row.order) else row.order, "joint": row.joint, "ok": row.ok,
+                "order": None if np.isnan(row.order) else row.order, "joint": row.joint,
+                "success": row.success,
             }
             for row in self.rows
         ]  # fmt: skip
         return {
-            "ok": self.ok, "robot": self.robot, "seconds": self.seconds, "engine": self.engine,
+            "success": self.success, "robot": self.robot, "seconds": self.seconds, "engine": self.engine,
             "limit": LIMIT, "rows": rows,
         }  # fmt: skip
 
@@ -207,7 +208,7 @@ def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
     n, stand = pepper.n, pepper.neutral()
     servos = actuator_parameters(pepper).changed(stop_stiffness=0.0, stop_damping=0.0)
     limp = servos.changed(mode=TORQUE)
-    soft = servos.changed(stiffness=_GENTLE * servos.stiffness, damping=10 * _GENTLE * servos.damping)
+    compliant = servos.changed(stiffness=_GENTLE * servos.stiffness, damping=10 * _GENTLE * servos.damping)
     rng = np.random.default_rng(seed)
     middle = 0.5 * (pepper.lower_limits + pepper.upper_limits)
     thrown = middle + 0.2 * rng.uniform(-1, 1, n) * (pepper.upper_limits - pepper.lower_limits)
@@ -225,7 +226,7 @@ def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
         Motion("free swing", thrown, limp, still(thrown)),
         Motion("step responses", stand, servos, still(goal)),
         Motion("gesture: wave", wave(0.0).position, servos, waving),
-        Motion("push on a hand", stand, soft, still(stand), pushed=True),
+        Motion("push on a hand", stand, compliant, still(stand), pushed=True),
     ]
 
 

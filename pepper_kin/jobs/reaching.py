@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, clearance
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.ik import HandPosition, IKResult, LookAt, Status, solve
+from pepper_kin.ik import HandPosition, IKResult, IKStatus, LookAt, solve
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
@@ -23,7 +23,7 @@ from pepper_kin.twin import Run, Twin
 
 CAMERA = "CameraTop_frame"
 BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
-SETTLE = 0.5  # [s] that the twin goes on after the motion's end
+HOLD_TIME = 0.5  # [s] that the twin goes on after the motion's end
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class ReachOutcome:
     @property
     def success(self) -> bool:
         """Whether the hand got there, safely and within all limits."""
-        return self.run is not None and self.certificate is not None and self.certificate.ok
+        return self.run is not None and self.certificate is not None and self.certificate.success
 
 
 def reach(
@@ -91,7 +91,7 @@ def reach(
         on_stage: Called with the name of each stage as it begins.
 
     Returns:
-        The outcome; where a target cannot be reached, its message tells how near the hand can get.
+        The outcome; where a target cannot be reached, its message names how near the hand can get.
 
     Raises:
         PepperKinError: on misuse, naming what is wrong.
@@ -123,7 +123,7 @@ def reach(
     clock.enter("certificate")
     certificate = trajectory.check(pepper, scene=scene)
     clock.enter("twin")
-    run = Twin(pepper, timestep=timestep).execute(trajectory, settle=SETTLE)
+    run = Twin(pepper, timestep=timestep).execute(trajectory, hold_time=HOLD_TIME)
     clock.enter("report")
     figures = _figures(pepper, tasks, scene, found, trajectory, run)
     clock.enter("done")
@@ -137,13 +137,13 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
     if found.status is not PlanStatus.NO_IK or found.ik is None:
         return found.report()
     # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
-    alone = solve(pepper, [task], q0=pepper.neutral(), solver="placo", scene=scene, seed=seed)
+    alone = solve(pepper, [task], start=pepper.neutral(), solver="placo", scene=scene, seed=seed)
     palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
     wanted, point = (f"({', '.join(f'{x:.3f}' for x in p)})" for p in (task.target, palm))
     if alone.success:
         return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
     gap = float(np.linalg.norm(palm - task.target))
-    cause = ", without a collision," if alone.status is Status.CLOSEST_COLLISION else ""
+    cause = ", without a collision," if alone.status is IKStatus.CLOSEST_COLLISION else ""
     near = f"the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away"
     return f"The hand cannot reach {wanted}: {near}."
 
@@ -156,7 +156,7 @@ def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate) -> s
     palm = f"The {hand} hand ends {figures['hand_error_m'] * 1000:.1f} mm from its target"
     gaze = figures["gaze_error_rad"]
     look = "" if gaze is None else f", the gaze {np.degrees(gaze):.2f} degrees off"
-    checked = "all limits are kept" if certificate.ok else certificate.report()
+    checked = "all limits are kept" if certificate.success else certificate.report()
     return f"{palm}{look}, after {figures['duration_s']:.2f} s; {checked}."
 
 

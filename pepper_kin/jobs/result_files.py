@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pepper_kin import atomic_file
-from pepper_kin.files import write_csv
+from pepper_kin.files import save
 from pepper_kin.jobs.reaching import ReachOutcome
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
@@ -20,7 +20,7 @@ _LIBRARIES = ("pin", "placo", "proxsuite", "coal", "toppra", "meshcat", "numpy")
 
 
 def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
-    """Return all that is to be told of an outcome, as values that JSON can hold; SI units."""
+    """Return the summary of an outcome, as values that JSON can hold; SI units."""
     certificate = outcome.certificate
     return {
         "robot": pepper.name,
@@ -46,7 +46,7 @@ def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
         },
         "certificate": None
         if certificate is None
-        else {"ok": certificate.ok, "report": certificate.report()},
+        else {"success": certificate.success, "report": certificate.report()},
         **outcome.figures,
         "versions": {
             "python": platform.python_version(),
@@ -55,7 +55,7 @@ def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
     }
 
 
-def write_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path) -> dict[str, Path]:
+def save_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path) -> dict[str, Path]:
     """Write `summary.json` and, where there is a motion, `trajectory.csv`, `run.csv` and `columns.json`.
 
     Args:
@@ -74,7 +74,7 @@ def write_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path
     return write_results(folder, summary(pepper, outcome), *motion)
 
 
-def write_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:
+def save_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:
     """Write `summary.json`, `trajectory.csv`, `run.csv` and `columns.json` of a gesture.
 
     Args:
@@ -115,7 +115,7 @@ def write_results(
     folder = atomic_file.make_folder(folder)
     files: dict[str, Path] = {}
     if trajectory is not None:
-        files["trajectory.csv"] = write_csv(folder / "trajectory.csv", trajectory, dt=step)
+        files["trajectory.csv"] = save(trajectory, folder / "trajectory.csv", dt=step)
     if run is not None:
         files["run.csv"] = run.save(folder / "run.csv")
     if files:

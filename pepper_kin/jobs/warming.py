@@ -23,14 +23,14 @@ class WarmUp:
         made: How many of them had no machine code.
         processor: LLVM's name of the processor that it was made for.
         folder: Where it is kept.
-        seconds: How long it took [s].
+        time: Wall-clock time of the call [s].
     """
 
     modules: int
     made: int
     processor: str
     folder: str
-    seconds: float
+    time: float
 
     def report(self) -> str:
         """Return one sentence."""
@@ -38,7 +38,7 @@ class WarmUp:
             return f"Nothing to do: there is machine code of all {self.modules} modules for {self.processor}."
         return (
             f"Made machine code of {self.made} of {self.modules} modules for {self.processor} in "
-            f"{self.seconds:.0f} s; it is kept in {self.folder}."
+            f"{self.time:.0f} s; it is kept in {self.folder}."
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -46,14 +46,12 @@ class WarmUp:
         return dict(vars(self))
 
 
-def warm_up(
-    native: bool = False, on_progress: Callable[[int, int], None] = lambda done, total: None
-) -> WarmUp:
+def warm_up(native: bool = False, progress: Callable[[int, int], None] = lambda done, total: None) -> WarmUp:
     """Make all machine code that is missing, on all cores: of compiled functions and of everyday kernels.
 
     Args:
         native: Make it for this very processor even where the package's fits, and use it from now on.
-        on_progress: Called with the number of modules done and of all.
+        progress: Called with the number of modules done and of all.
     """
     from pepper_kin.jobs.shipping import everyday_calls
 
@@ -62,7 +60,7 @@ def warm_up(
         prefer_native()
     names = compiled_modules()
     missing = [name for name in names if importlib.import_module(name) and not _is_found(name)]
-    make_all(missing, lambda done: on_progress(done, len(missing)))
+    make_all(missing, lambda done: progress(done, len(missing)))
     everyday_calls()
     seconds = time.perf_counter() - begin
     return WarmUp(len(names), len(missing), host_target().cpu, str(cache_folder()), seconds)

@@ -10,7 +10,13 @@
 A CasADi function of SX expressions is a list of scalar instructions.  Each becomes one vector instruction
 that works on several states at once; the code is made at run time by LLVM, without a C compiler, and kept on
 disk.  This package knows nothing of robots: it needs numpy, casadi and llvmlite only, and `native.py`, for
-callers that Numba compiles, Numba.  `docs/kernels.md` tells more.
+callers that Numba compiles, Numba.  See `docs/kernels.md`.
+
+    compile_function, Kernel, Signature, kernel_ir    of CasADi functions
+    compiled, CompiledFunction, units         of Python functions, through Numba
+    Target, host_target, make_target          processors
+    cache_folder, clear_cache, CACHE_VARIABLE, source_digest, release_memory
+    SUPPORTED_OPERATIONS, UnsupportedInstructionError
 """
 
 from pepper_kin.kernels.compiled_function import CompiledFunction, compiled, units

@@ -44,7 +44,7 @@ def interrupt_table() -> Ints1:
 
 @compiled
 def interrupted(table: Ints1) -> bool:
-    """Whether the handler of a signal has raised; the table keeps the exception and is told to stop."""
+    """Whether the handler of a signal has raised; the table keeps the exception and its stop flag is set."""
     if table[ENSURE] == 0:
         return False
     state = _ask(table[ENSURE])

@@ -31,7 +31,7 @@ def empty(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
     size = math.prod(shape) * dtype.itemsize
     raw = _take(size) if size >= KEEP_FROM else np.empty(size + ALIGNMENT, np.uint8)
     begin = -raw.ctypes.data % ALIGNMENT
-    # All views of it have `raw` as their base, so its reference count tells whether any of them is in use.
+    # All views of it have `raw` as their base, so its reference count shows whether any of them is in use.
     return raw[begin : begin + size].view(dtype).reshape(shape)
 
 

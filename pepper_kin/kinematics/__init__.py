@@ -1,4 +1,12 @@
-"""Forward kinematics: poses, velocities, accelerations and Jacobians of frames, and maps of reach."""
+"""Forward kinematics: poses, velocities, accelerations and Jacobians of frames, and maps of reach.
+
+frame_pose, frame_poses, link_poses       homogeneous transforms, shape (..., 4, 4)
+frame_velocity, frame_acceleration        linear first, then angular, shape (..., 6)
+frame_jacobian, frame_jacobian_rate       shape (..., 6, n)
+manipulability                            how well a frame moves, and its worst direction
+named_axes, NamedAxis                     axes of palms, cameras and sensors, by name
+reach_map, ReachMap                       which points of space a frame reaches
+"""
 
 from pepper_kin.kinematics.axes import NamedAxis, named_axes
 from pepper_kin.kinematics.frames import frame_pose, frame_poses, link_poses

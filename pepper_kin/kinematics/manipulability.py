@@ -1,4 +1,4 @@
-"""How well a frame can be moved in all directions."""
+"""Manipulability: how isotropically a frame can be moved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a frame can be: a sampled map of reach on a grid of voxels."""
+"""Reach map: sampled positions of a frame on a grid of voxels."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ReachMap:
     """Voxels that a frame's origin was found in.
 
     A voxel that was hit can be reached; one that was not may be reachable all the same, more rarely the more
-    samples there are.  Collisions count only where `reach_map` was told to look at them.
+    samples there are.  Collisions count only where `reach_map` was called with a check.
 
     Attributes:
         frame: Name of the frame.
@@ -80,7 +80,7 @@ class ReachMap:
         try:
             array = np.asarray(points, dtype=float)
         except (TypeError, ValueError, OverflowError) as error:
-            raise InvalidValueError("points", repr(points)[:80], "numbers of shape (..., 3)") from error
+            raise InvalidValueError("points", repr(points), "numbers of shape (..., 3)") from error
         if array.ndim == 0 or array.shape[-1] != 3:
             raise InvalidValueError("points", f"shape {array.shape}", "shape (..., 3)")
         if not np.isfinite(array).all():

@@ -1,10 +1,11 @@
-"""Whether the links' masses and inertias can be those of real bodies."""
+"""Audit of the links: masses and inertias of real bodies."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.model.fault import Fault
 from pepper_kin.model.shape_extent import link_extent
@@ -68,6 +69,20 @@ def audit_links(facts: UrdfFacts, faults: list[Fault]) -> tuple[list[LinkRow], l
     return rows, notes
 
 
+def impossible_inertia(moments: NDArray[np.floating]) -> str:
+    """Say why no real body has these principal moments of inertia [kg m^2], rising; empty where one can.
+
+    All are above zero, and none is larger than the sum of the other two.
+    """
+    listed = ", ".join(f"{m:.4g}" for m in moments)
+    if moments[0] <= 0.0:
+        return f"not positive definite: principal moments {listed} kg m^2"
+    margin = (moments[0] + moments[1] - moments[2]) / moments[2]
+    if margin < -ROUNDING:
+        return f"principal moments {listed} kg m^2 break the triangle inequality by {-margin:.1%}"
+    return ""
+
+
 def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRow]:
     faults: list[Fault] = []
     notes: list[Fault] = []
@@ -78,13 +93,7 @@ def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRo
         least = float(moments[0])
         margin = float((moments[0] + moments[1] - moments[2]) / moments[2]) if moments[2] > 0 else nan
         gyration = float(np.sqrt(max(np.trace(link.inertia), 0.0) / (2 * mass)))
-        listed = ", ".join(f"{m:.4g}" for m in moments)
-        if least <= 0:
-            faults.append(
-                Fault("inertia", where, f"not positive definite: principal moments {listed} kg m^2")
-            )
-        elif margin < -ROUNDING:
-            message = f"principal moments {listed} kg m^2 break the triangle inequality by {-margin:.1%}"
+        if message := impossible_inertia(moments):
             faults.append(Fault("inertia", where, message))
     box = link_extent(link)
     if box is not None:

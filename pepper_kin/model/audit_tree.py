@@ -1,4 +1,4 @@
-"""Whether joints have limits, followers have leaders, and every link hangs on the root."""
+"""Audit of the tree: joint limits, leaders of mimic joints, and one root."""
 
 from __future__ import annotations
 
@@ -98,18 +98,18 @@ def _limit_faults(joint: JointFacts) -> list[Fault]:
 def _mimic_faults(joint: JointFacts, facts: UrdfFacts) -> list[Fault]:
     if joint.mimic is None:
         return []
-    where, seen, leader = f"joint {joint.name}", [joint.name], joint.mimic[0]
+    where, leaders, leader = f"joint {joint.name}", [joint.name], joint.mimic[0]
     while True:
         if leader not in facts.joints:
             return [Fault("mimic", where, f"it follows an unknown joint {leader!r}")]
-        if leader in seen:
-            return [Fault("mimic", where, f"it follows itself: {' -> '.join([*seen, leader])}")]
+        if leader in leaders:
+            return [Fault("mimic", where, f"it follows itself: {' -> '.join([*leaders, leader])}")]
         if facts.joints[leader].type not in MOVING_TYPES:
             return [Fault("mimic", where, f"it follows {leader!r}, which does not move")]
         following = facts.joints[leader].mimic
         if following is None:
             return [] if joint.mimic[1] != 0 else [Fault("mimic", where, "its multiplier is zero")]
-        seen.append(leader)
+        leaders.append(leader)
         leader = following[0]
 
 

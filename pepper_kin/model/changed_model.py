@@ -21,12 +21,12 @@ Array = NDArray[np.float64]
 JointValues: TypeAlias = "ArrayLike | Mapping[str, float]"
 
 
-def with_limits(pepper: PepperModel, given: Mapping[str, JointValues | None]) -> PepperModel:
+def with_limits(pepper: PepperModel, changes: Mapping[str, JointValues | None]) -> PepperModel:
     """Return the model of `PepperModel.with_limits`, which describes arguments and errors.
 
     Args:
         pepper: The robot.
-        given: "lower", "upper", "velocity", "acceleration" and "effort" -> what is changed of it, or None.
+        changes: "lower", "upper", "velocity", "acceleration" and "effort" -> what is changed of it, or None.
     """
     limits = {
         "lower": pepper.lower_limits,
@@ -39,7 +39,7 @@ def with_limits(pepper: PepperModel, given: Mapping[str, JointValues | None]) ->
         quantity: limits[quantity]
         if value is None
         else _of_joints(pepper, f"{quantity} limits", value, limits[quantity])
-        for quantity, value in given.items()
+        for quantity, value in changes.items()
     }
     _check(pepper, new)
     root = ET.fromstring(pepper.urdf)
@@ -70,7 +70,7 @@ def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel
         if inertial is not None and mass is not None and float(mass.get("value", "0")) > 0:
             found[link.get("name", "")] = inertial
     if not isinstance(masses, Mapping):
-        raise InvalidValueError("masses", repr(masses)[:80], "link -> mass [kg]")
+        raise InvalidValueError("masses", repr(masses), "link -> mass [kg]")
     for name, value in masses.items():
         if name not in found:
             raise UnknownNameError("link with a mass", name, found)

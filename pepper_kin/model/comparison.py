@@ -1,4 +1,4 @@
-"""What two descriptions say differently, joint by joint and link by link."""
+"""Differences of two descriptions, joint by joint and link by link."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def compare(
     """Compare two descriptions by the names of their joints and links.
 
     Compared are, of joints: type, ends, origin, axis, limits and what they follow; of links: mass, center of
-    mass and inertia about it, in link axes.  Looks and collision shapes are not compared.
+    mass and inertia about it, in link axes.  Visual geometry and collision shapes are not compared.
 
     Args:
         first: A loaded robot, URDF text or path.

@@ -1,4 +1,4 @@
-"""Which coordinate a joint follows."""
+"""Coupling of mimic joints to coordinates."""
 
 from __future__ import annotations
 

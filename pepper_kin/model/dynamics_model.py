@@ -12,7 +12,7 @@ from pepper_kin.model.urdf_document import UrdfDocument
 
 
 class DynamicsModel:
-    """Builds `pinocchio.Model` of a checked document once, and tells whether somebody has changed it since.
+    """Builds `pinocchio.Model` of a checked document once, and detects changes made to it since.
 
     Importing Pinocchio takes longer than reading the description, and many programs do without it.  A model
     that was never handed out to a user cannot have been changed, which spares comparing it.
@@ -34,8 +34,8 @@ class DynamicsModel:
         self._model = changed
         self._pristine: Any = None if changed is None else self._build()
         self.handed_out = changed is not None
-        self._seen: Any = None
-        self._seen_digest = ""
+        self._hashed_model: Any = None
+        self._hashed_digest = ""
         self._text_digest = ""
 
     def get(self) -> Any:
@@ -69,20 +69,20 @@ class DynamicsModel:
     def digest(self) -> str:
         """Return a hash of the document and of what has been changed in the model since it was built.
 
-        A comparison in C++ (5 us) tells whether there is anything new to hash, and not even that is needed
+        A comparison in C++ (5 us) shows whether there is anything new to hash, and not even that is needed
         while the model has not been handed out.
         """
         if not self.handed_out or _same(self._model, self._pristine):
             if not self._text_digest:
                 self._text_digest = _hash(self._document.text)
             return self._text_digest
-        if self._seen is None or not _same(self._model, self._seen):
+        if self._hashed_model is None or not _same(self._model, self._hashed_model):
             with self._lock:
                 assert self._model is not None
-                seen = self._model.copy()
-                self._seen_digest = _hash(f"{self._document.text}\n{seen.saveToString()}")
-                self._seen = seen
-        return self._seen_digest
+                snapshot = self._model.copy()
+                self._hashed_digest = _hash(f"{self._document.text}\n{snapshot.saveToString()}")
+                self._hashed_model = snapshot
+        return self._hashed_digest
 
     def _build(self) -> Any:
         import pinocchio

@@ -35,9 +35,10 @@ def mjcf_text(pepper: PepperModel, mesh_paths: str = "absolute", floor: bool = T
 
     Links with shapes, mass or a moving joint become bodies, the other frames sites; both keep their names.
     The root link is the world.  Joints have MuJoCo's limits, mimic joints equality constraints, and every
-    coordinate an actuator (see `mjcf_drive`).  Looks are in geom group 2 and touch nothing; collision shapes
-    are in group 3, with an <exclude> for each pair of bodies that the SRDF disables.  Wheels touch nothing:
-    they have no coordinate, and the base moves by its own joints.  Meshes that MuJoCo cannot read are left
+    coordinate an actuator (see `mjcf_drive`).  Visual meshes are in geom group 2 and touch nothing; collision
+    shapes are in group 3, with an <exclude> for each pair of bodies that the SRDF disables.  Wheels touch
+    nothing: they have no coordinate, and the base moves by its own joints.  Meshes that MuJoCo cannot read
+        are left
     out and named in a comment.
 
     Args:

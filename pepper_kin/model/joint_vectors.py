@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError, LimitError
+from pepper_kin.exceptions import InvalidValueError, LimitError, did_you_mean
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -85,7 +85,7 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
     try:
         array = _as_floats(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidValueError(quantity, repr(value)[:80], f"numbers of shape (..., {pepper.n})") from error
+        raise InvalidValueError(quantity, repr(value), f"numbers of shape (..., {pepper.n})") from error
     if array.ndim == 0 or array.shape[-1] != pepper.n:
         raise InvalidValueError(
             quantity,
@@ -109,16 +109,16 @@ def check_within_limits(
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         quantity: Name for the message, such as "start".
-        tolerance: Excess allowed [rad or m].
+        tolerance: Violation allowed [rad or m].
 
     Raises:
         LimitError: naming the worst joint, its value and its limits.
     """
     if (q >= pepper.lower_limits).all() and (q <= pepper.upper_limits).all():
         return
-    excess = np.maximum(pepper.lower_limits - q, q - pepper.upper_limits)
-    if excess.size and excess.max() > tolerance:
-        index = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    violation = np.maximum(pepper.lower_limits - q, q - pepper.upper_limits)
+    if violation.size and violation.max() > tolerance:
+        index = np.unravel_index(int(np.argmax(violation)), violation.shape)
         joint = int(index[-1])
         raise LimitError(
             quantity,
@@ -134,10 +134,11 @@ def check_choice(quantity: str, value: str, choices: tuple[str, ...]) -> str:
     """Return `value` if it is one of `choices`.
 
     Raises:
-        InvalidValueError: listing the choices.
+        InvalidValueError: listing the choices, with the one that is most like a wrong value.
     """
     if value not in choices:
-        raise InvalidValueError(quantity, repr(value), f"one of {', '.join(map(repr, choices))}")
+        allowed = f"one of {', '.join(map(repr, choices))}{did_you_mean(value, choices)}"
+        raise InvalidValueError(quantity, repr(value), allowed)
     return value
 
 

@@ -92,8 +92,10 @@ def _place(joint: Joint, element: ET.Element) -> PlacedJoint:
     rpy = vector_of(None if origin is None else origin.get("rpy"), 3, (0, 0, 0), f"origin of {what}")
     axis = np.zeros(3)
     if joint.type != "fixed":
-        given = element.find("axis")
-        axis = vector_of(None if given is None else given.get("xyz"), 3, (1, 0, 0), f"axis of {what}")
+        axis_element = element.find("axis")
+        axis = vector_of(
+            None if axis_element is None else axis_element.get("xyz"), 3, (1, 0, 0), f"axis of {what}"
+        )
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
             raise ModelError(f"URDF: {what}: the axis is zero")

@@ -1,4 +1,4 @@
-"""From xacro or URDF to a `PepperModel`."""
+"""Loading of a `PepperModel` from xacro or URDF."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.semantics import Semantics, parse_srdf
 from pepper_kin.model.tree_order import depth_first, frame_ids
-from pepper_kin.model.urdf_document import Joint, UrdfDocument, parse_urdf
-from pepper_kin.model.urdf_source import is_text, mesh_folders, read_source, told_of
+from pepper_kin.model.urdf_document import MOST, Joint, UrdfDocument, number_of, parse_urdf, positive_of
+from pepper_kin.model.urdf_source import is_text, mesh_folders, read_source, warned
 
 if TYPE_CHECKING:
     from pepper_kin.model.missing_limits import LimitsLike
@@ -129,7 +129,7 @@ def load_robot(
     Warns:
         ModelWarning: naming what the SRDF speaks of and the robot lacks; that is left out.
     """
-    with told_of(urdf):
+    with warned(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
         _ = document.shapes  # refuses what is malformed
     if base != "fixed" or wheels is not None:
@@ -142,14 +142,14 @@ def load_robot(
         document = with_acceleration_limits(document, acceleration_limits)
     semantics = Semantics()
     if srdf is not None:
-        with told_of(srdf):
+        with warned(srdf):
             semantics = parse_srdf(read_source(srdf), document)
         _warn_of_unknown_names(srdf, semantics)
     if not semantics.disabled_pairs:
         from pepper_kin.model.neighbors import neighboring_pairs
 
         semantics = replace(semantics, disabled_pairs=neighboring_pairs(document))
-    with told_of(urdf):
+    with warned(urdf):
         return build_model(document, semantics)
 
 
@@ -217,6 +217,10 @@ def model_of(
     )
 
 
+ROUNDED_MOMENT = 1e-12
+"""How far below zero rounding may leave a moment of inertia [kg m^2]; it is warned of."""
+
+
 def _refuse_what_is_malformed(document: UrdfDocument) -> None:
     """Refuse what Pinocchio's reader would refuse unnamed, or leave out: a link then has no mass.
 
@@ -234,6 +238,33 @@ def _refuse_what_is_malformed(document: UrdfDocument) -> None:
             missing += ["inertia"] if inertia is None else [key for key in keys if inertia.get(key) is None]
             if missing:
                 raise ModelError(f"URDF: inertial of link {link.get('name')} has no {', '.join(missing)}")
+            if mass is not None and inertia is not None:
+                _check_inertial(f"link {link.get('name')}", mass, inertia)
+
+
+def _check_inertial(link: str, mass: ET.Element, inertia: ET.Element) -> None:
+    """Refuse numbers that no computation could use, and warn of an inertia that no real body has.
+
+    Raises:
+        ModelError: naming the link and the value.
+
+    Warns:
+        ModelWarning: in the words of `pepper_kin.model.audit`.
+    """
+    from pepper_kin.model.audit_links import impossible_inertia
+
+    positive_of(mass, "value", 0.0, f"mass of {link}")
+    keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    values = [number_of(inertia, key, 0.0, f"inertia of {link}") for key in keys]
+    for key, value in zip(keys, values, strict=True):
+        if abs(value) > MOST or (key[1] == key[2] and value < -ROUNDED_MOMENT):
+            allowed = f"at most {MOST:g}" if abs(value) > MOST else "at least 0"
+            raise ModelError(f"URDF: inertia of {link}: {key} is {value:g} kg m^2, expected {allowed}")
+    ixx, iyy, izz, ixy, ixz, iyz = values
+    tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    message = impossible_inertia(np.linalg.eigvalsh(tensor))
+    if message and tensor.any():  # without any inertia it is a mass at a point
+        warnings.warn(f"URDF: {link}: {message}", ModelWarning, stacklevel=6)
 
 
 def _mimic_map(

@@ -1,4 +1,4 @@
-"""How an exported file names its meshes: by package, by absolute path, or beside itself."""
+"""Mesh names in exported files: by package, by absolute path, or relative to the file."""
 
 from __future__ import annotations
 

@@ -22,24 +22,24 @@ QUANTITY = "acceleration_limits"
 
 
 def completed_limits(
-    names: Sequence[str], limits: NDArray[np.float64], given: LimitsLike
+    names: Sequence[str], limits: NDArray[np.float64], user_limits: LimitsLike
 ) -> NDArray[np.float64]:
     """Return limits with those that a user gives, shape (n,) [rad/s^2 or m/s^2].
 
     Args:
         names: The joints.
         limits: What is known of them, inf where nothing is, shape (n,).
-        given: One number for all joints that lack a limit, or limits by name, which hold in any case.
+        user_limits: One number for all joints that lack a limit, or limits by name, which hold in any case.
 
     Raises:
         UnknownNameError: for a joint that there is not.
         InvalidValueError: for what is not above zero.
     """
-    if not isinstance(given, Mapping):
-        number = np.inf if _is_infinite(given) else check_positive(QUANTITY, given)
+    if not isinstance(user_limits, Mapping):
+        number = np.inf if _is_infinite(user_limits) else check_positive(QUANTITY, user_limits)
         return np.where(np.isfinite(limits), limits, number)
     found = np.array(limits, dtype=float)
-    for name, value in given.items():
+    for name, value in user_limits.items():
         if name not in names:
             raise UnknownNameError("joint", name, names)
         number = np.inf if _is_infinite(value) else check_positive(f"{QUANTITY} of {name}", value)
@@ -47,12 +47,12 @@ def completed_limits(
     return found
 
 
-def with_acceleration_limits(document: UrdfDocument, given: LimitsLike) -> UrdfDocument:
+def with_acceleration_limits(document: UrdfDocument, user_limits: LimitsLike) -> UrdfDocument:
     """Return a document whose joints have acceleration limits, written where this library reads them.
 
     Args:
         document: The robot.
-        given: As in `completed_limits`; joints that follow others need none.
+        user_limits: As in `completed_limits`; joints that follow others need none.
 
     Raises:
         UnknownNameError: for a joint that there is not.
@@ -60,7 +60,7 @@ def with_acceleration_limits(document: UrdfDocument, given: LimitsLike) -> UrdfD
     """
     leading = [joint for joint in document.joints if joint.type != "fixed" and joint.mimic is None]
     names = [joint.name for joint in leading]
-    limits = completed_limits(names, np.array([joint.acceleration for joint in leading]), given)
+    limits = completed_limits(names, np.array([joint.acceleration for joint in leading]), user_limits)
     values = {name: float(limit) for name, limit in zip(names, limits, strict=True) if np.isfinite(limit)}
     root = ET.fromstring(document.text)
     for element in root.findall("joint"):

@@ -1,4 +1,4 @@
-"""What moves and measures the robot in MuJoCo: actuators, couplings, sensors and key frames."""
+"""Actuators, couplings, sensors and key frames of the robot in MuJoCo."""
 
 from __future__ import annotations
 

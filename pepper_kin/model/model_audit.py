@@ -1,4 +1,4 @@
-"""Whether a description is complete and physical: every fault, named with its numbers."""
+"""Audit of a description: every incomplete or unphysical part, with its numbers."""
 
 from __future__ import annotations
 

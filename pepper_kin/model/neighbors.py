@@ -1,4 +1,4 @@
-"""Which links are neighbors: they overlap at the joint between them, so they are never checked."""
+"""Neighboring links, which overlap at the joint between them and are never checked."""
 
 from __future__ import annotations
 

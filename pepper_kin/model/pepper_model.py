@@ -243,7 +243,7 @@ class PepperModel:
             return self.joint_names
         allowed = 'joints and groups by name, such as ["right_arm", "HeadYaw"]: at least one moving joint'
         if not isinstance(joints, Iterable):
-            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+            raise InvalidValueError("joints", repr(joints), allowed)
         found: dict[str, None] = {}
         for name in [joints] if isinstance(joints, str) else joints:
             if name in self.joint_names:
@@ -253,7 +253,7 @@ class PepperModel:
             else:
                 raise UnknownNameError("joint or group", name, (*self.joint_names, *self.group_names))
         if not found and not allow_none:
-            raise InvalidValueError("joints", repr(joints)[:80], allowed)
+            raise InvalidValueError("joints", repr(joints), allowed)
         return tuple(found)
 
     def posture(self, name: str) -> NDArray[np.float64]:
@@ -323,8 +323,8 @@ class PepperModel:
         """
         from pepper_kin.model.changed_model import with_limits
 
-        given = {"lower": lower, "upper": upper, "velocity": velocity}
-        return with_limits(self, {**given, "acceleration": acceleration, "effort": effort})
+        changes = {"lower": lower, "upper": upper, "velocity": velocity}
+        return with_limits(self, {**changes, "acceleration": acceleration, "effort": effort})
 
     def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
         """Return the robot with other masses of some links; this one stays as it is.

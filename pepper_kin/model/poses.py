@@ -52,17 +52,17 @@ def pose(
 
     Raises:
         InvalidValueError: for two orientations, a wrong shape, NaN, a quaternion whose length is not 1 to
-            0.001, or a matrix that is no rotation to 1e-6.
+            0.001, or a matrix that is not a rotation to 1e-6.
     """
-    given = {
+    arguments = {
         "rpy": rpy,
         "quaternion_xyzw": quaternion_xyzw,
         "quaternion_wxyz": quaternion_wxyz,
         "rotation": rotation,
     }
-    named = [name for name, value in given.items() if value is not None]
+    named = [name for name, value in arguments.items() if value is not None]
     if len(named) > 1:
-        raise InvalidValueError("orientation", " and ".join(named), f"one of {', '.join(given)}")
+        raise InvalidValueError("orientation", " and ".join(named), f"one of {', '.join(arguments)}")
     origin = _last_axes(position, "position", (3,))
     if rpy is not None:
         turn = rotation_from_rpy(rpy)
@@ -100,7 +100,7 @@ def rpy_from_rotation(rotation: ArrayLike) -> Array:
     At pitch = +-pi/2, where roll and yaw turn about one axis, yaw is zero.
 
     Raises:
-        InvalidValueError: for another shape, or a matrix that is no rotation to 1e-6.
+        InvalidValueError: for another shape, or a matrix that is not a rotation to 1e-6.
     """
     turn = check_rotations(_last_axes(rotation, "rotation", (3, 3)))
     angles = [rpy_of(each) for each in turn.reshape(-1, 3, 3)]
@@ -155,7 +155,7 @@ def quaternion_from_rotation(rotation: ArrayLike, *, order: str = "xyzw") -> Arr
         order: "xyzw" (scalar last) or "wxyz" (scalar first).
 
     Raises:
-        InvalidValueError: for another shape or order, or a matrix that is no rotation to 1e-6.
+        InvalidValueError: for another shape or order, or a matrix that is not a rotation to 1e-6.
     """
     check_choice("order", order, ORDERS)
     q = quaternions_of(check_rotations(_last_axes(rotation, "rotation", (3, 3))))

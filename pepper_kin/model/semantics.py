@@ -94,6 +94,7 @@ class _Reader:
         for group in root.findall("group"):
             self.groups.setdefault(_name(group), group)  # MoveIt keeps the first of one name as well
         self.unknown: dict[tuple[str, str], None] = {}
+        self.members: dict[str, set[str]] = {}
 
     def semantics(self, text: str) -> Semantics:
         """Return all that the elements say."""
@@ -158,6 +159,8 @@ class _Reader:
 
     def _members(self, group: str, above: tuple[str, ...] = ()) -> set[str]:
         """Return the joints of a group, whose sub-groups may stand anywhere in the text."""
+        if group in self.members:
+            return self.members[group]
         if group in above:
             raise ModelError(f"SRDF: group {group!r} holds itself: {' > '.join((*above, group))}")
         element = self.groups[group]
@@ -173,6 +176,7 @@ class _Reader:
         for link in element.findall("link"):
             joint = self.parent_joint.get(self._known("link", link) or "")
             members |= set() if joint is None else {joint.name}
+        self.members[group] = members
         return members
 
     def _joints_above(self, link: str) -> set[str]:

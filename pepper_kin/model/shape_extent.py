@@ -1,4 +1,4 @@
-"""How far a link's shapes reach: the box that its mass must lie in."""
+"""Extent of a link's shapes: the box that its center of mass must lie in."""
 
 from __future__ import annotations
 

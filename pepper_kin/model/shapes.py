@@ -115,6 +115,10 @@ class Mesh:
 Geometry: TypeAlias = Box | Sphere | Cylinder | Capsule | Mesh
 
 
+NO_COLOR = (0.8, 0.8, 0.8, 1.0)
+"""Color of shapes whose description names none: red, green, blue and opacity."""
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A geometry fixed to a link.
@@ -131,7 +135,7 @@ class Shape:
     link: str
     geometry: Geometry
     transform_shape_to_link: NDArray[np.float64]
-    color: tuple[float, float, float, float] = (0.8, 0.8, 0.8, 1.0)
+    color: tuple[float, float, float, float] = NO_COLOR
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "transform_shape_to_link", read_only(self.transform_shape_to_link))

@@ -21,7 +21,7 @@ def depth_first(document: UrdfDocument) -> tuple[Joint, ...]:
 def frame_ids(document: UrdfDocument, order: tuple[Joint, ...]) -> dict[str, int]:
     """Return the number of each link's frame, by link in document order.
 
-    Frame 0 is the universe, 1 the root link; each joint then adds a frame of its own and one of its child.
+    Frame 0 is the universe, 1 the root link; each joint then adds its frame and that of its child.
 
     Args:
         document: The robot.

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from pepper_kin.model.shapes import Shape
     from pepper_kin.model.wheels import Wheels
 
+MOST = 1e30
+"""Largest limit, mass [kg] or moment of inertia [kg m^2]: products of larger ones overflow."""
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 
@@ -157,18 +159,42 @@ def number_of(element: ET.Element, name: str, default: float, what: str) -> floa
     """Return an attribute as a number, or `default` where it is absent.
 
     Raises:
-        ModelError: naming `what` where it is no number.
+        ModelError: naming `what` where it is not a number.
     """
     text = element.get(name)
     if text is None:
         return default
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise ModelError(f"URDF: {what}: {name}={text!r} is not a number")
+    value = plain_number(text)
+    if not math.isfinite(value):
+        raise ModelError(f"URDF: {what}: {name}={cut(text)} is not a finite number")
     return value
+
+
+def positive_of(element: ET.Element, name: str, default: float, what: str) -> float:
+    """Return an attribute as `number_of` does, of a quantity that is never below zero.
+
+    Raises:
+        ModelError: naming `what` and the value, where it is negative, no number, or above MOST.
+    """
+    value = number_of(element, name, default, what)
+    if value < 0.0 or MOST < value < math.inf:
+        allowed = "at least 0" if value < 0.0 else f"at most {MOST:g}"
+        raise ModelError(f"URDF: {what}: {name} is {value:g}, expected {allowed}")
+    return value
+
+
+def plain_number(text: str) -> float:
+    """Return the number that a text states in ASCII digits; NaN for anything else, such as 1_0 or \u0661."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+
+
+def cut(text: str) -> str:
+    """Return a text for a message: quoted, and no longer than 80 characters."""
+    quoted = repr(text)
+    return quoted if len(quoted) <= 80 else f"{quoted[:76]}..."
 
 
 def vector_of(text: str | None, size: int, default: Sequence[float], what: str) -> NDArray[np.float64]:
@@ -184,12 +210,9 @@ def numbers_of(text: str | None, size: int, default: Sequence[float], what: str)
     """Return a text as `size` finite numbers, as `vector_of` does."""
     if text is None:
         return default
-    try:
-        values = [float(v) for v in text.split()]
-    except ValueError:
-        values = []
+    values = [plain_number(v) for v in text.split()]
     if len(values) != size or not all(map(math.isfinite, values)):
-        raise ModelError(f"URDF: {what}: {text!r} is not {size} finite numbers")
+        raise ModelError(f"URDF: {what}: {cut(text)} is not {size} finite numbers")
     return values
 
 
@@ -222,9 +245,9 @@ def _joint(element: ET.Element) -> Joint:
         child=attribute_of(child, "link", f"joint {name}"),
         lower=lower,
         upper=upper,
-        velocity=number_of(limit, "velocity", math.inf, f"joint {name}"),
-        acceleration=number_of(limit, "acceleration", math.inf, f"joint {name}"),
-        effort=number_of(limit, "effort", math.inf, f"joint {name}"),
+        velocity=positive_of(limit, "velocity", math.inf, f"joint {name}"),
+        acceleration=positive_of(limit, "acceleration", math.inf, f"joint {name}"),
+        effort=positive_of(limit, "effort", math.inf, f"joint {name}"),
         mimic=None
         if mimic is None or kind == "fixed"
         else (
@@ -232,8 +255,8 @@ def _joint(element: ET.Element) -> Joint:
             number_of(mimic, "multiplier", 1.0, f"mimic of {name}"),
             number_of(mimic, "offset", 0.0, f"mimic of {name}"),
         ),
-        damping=number_of(dynamics, "damping", 0.0, f"joint {name}"),
-        friction=number_of(dynamics, "friction", 0.0, f"joint {name}"),
+        damping=positive_of(dynamics, "damping", 0.0, f"joint {name}"),
+        friction=positive_of(dynamics, "friction", 0.0, f"joint {name}"),
     )
 
 
@@ -241,11 +264,11 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
     if not links:
         raise ModelError("URDF: the robot has no link")
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
-        seen: set[str] = set()
+        unique: set[str] = set()
         for name in names:
-            if name in seen:
+            if name in unique:
                 raise ModelError(f"URDF: two {what}s are named {name!r}")
-            seen.add(name)
+            unique.add(name)
     known = set(links)
     parent_of: dict[str, str] = {}
     for joint in joints:

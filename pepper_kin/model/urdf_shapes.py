@@ -11,6 +11,7 @@ import numpy as np
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.expanded_urdf import urdf_folder
 from pepper_kin.model.shapes import (
+    NO_COLOR,
     Box,
     Capsule,
     Cylinder,
@@ -47,7 +48,7 @@ def read_shapes(
 def _color(material: ET.Element) -> tuple[float, float, float, float]:
     color = material.find("color")
     text = None if color is None else color.get("rgba")
-    red, green, blue, opacity = numbers_of(text, 4, (0.8, 0.8, 0.8, 1.0), "a color")
+    red, green, blue, opacity = numbers_of(text, 4, NO_COLOR, "a color")
     return (red, green, blue, opacity)
 
 
@@ -73,7 +74,7 @@ def _shapes(
                     numbers_of(origin.get("xyz"), 3, (0, 0, 0), what),
                     numbers_of(origin.get("rpy"), 3, (0, 0, 0), what),
                 )
-            color = (0.8, 0.8, 0.8, 1.0)
+            color = NO_COLOR
             material = element.find("material")
             if material is not None:
                 named = materials.get(material.get("name", ""), color)

@@ -27,7 +27,7 @@ def read_source(source: PepperModel | str | Path) -> str:
 
 
 @contextlib.contextmanager
-def told_of(source: PepperModel | str | Path) -> Iterator[None]:
+def warned(source: PepperModel | str | Path) -> Iterator[None]:
     """Begin what is said of a malformed description with the name of its file, where it has one."""
     try:
         yield

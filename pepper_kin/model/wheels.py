@@ -116,12 +116,12 @@ def on_planar_base(
         joints.append(
             Joint(name, kind, parent, child, -bound, bound, speed, acceleration, math.inf, mimic=None)
         )
-        told = (
+        attributes = (
             f' velocity="{speed!r}" acceleration="{acceleration!r}"' if name in limits else ' velocity="1e3"'
         )
         elements.append(
             f'  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<axis xyz="{axis}"/><limit lower="{-reach}" upper="{reach}" effort="1e6"{told}/></joint>'
+            f'<axis xyz="{axis}"/><limit lower="{-reach}" upper="{reach}" effort="1e6"{attributes}/></joint>'
         )
     moving = _extended(document, elements)
     return replace(moving, links=(*links, *document.links), joints=(*joints, *document.joints))

@@ -1,21 +1,34 @@
-"""From a goal and a scene to a checked path, from a path to a short and smooth motion; gestures."""
+"""Motion planning: collision-free paths, optimized motions, and gestures.
 
-from pepper_kin.ik import FrameInPlane
+plan, Plan, PlanStatus                    start + goal + scene -> path
+plan_batch, PlanProblem, PlanBatch        many problems on all cores
+plan_constrained, manifold_of             with IK tasks met along the whole path
+plan_costed, PathCost, CostAlong          with soft costs
+plan_legs, Leg, PlanInLegs                constraints on a part of the way
+validate, Validation, ValidationStatus    a path from elsewhere, examined
+simplify_path, interpolate_path
+cartesian_path, CartesianPath, CartesianStatus, HandCurve, Line, Arc   a hand along lines and arcs
+optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
+minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
+gesture, gesture_names, gesture_meaning
+"""
+
 from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.costed_plan import plan_costed
-from pepper_kin.motion.curves import Arc, Curve, Line
+from pepper_kin.motion.curves import Arc, HandCurve, Line
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
 from pepper_kin.motion.optimization import (
     Cost,
+    Figures,
+    MinimumTorqueStatus,
+    MinimumTorqueTrajectory,
     Optimized,
     OptimizedStatus,
-    Swing,
-    SwingStatus,
-    minimum_effort_swing,
+    minimum_torque_trajectory,
     optimize,
 )
 from pepper_kin.motion.path_costs import CostAlong, PathCost
@@ -30,10 +43,12 @@ __all__ = [
     "CartesianStatus",
     "Cost",
     "CostAlong",
-    "Curve",
-    "FrameInPlane",
+    "Figures",
+    "HandCurve",
     "Leg",
     "Line",
+    "MinimumTorqueStatus",
+    "MinimumTorqueTrajectory",
     "Optimized",
     "OptimizedStatus",
     "PathCost",
@@ -42,8 +57,6 @@ __all__ = [
     "PlanInLegs",
     "PlanProblem",
     "PlanStatus",
-    "Swing",
-    "SwingStatus",
     "Validation",
     "ValidationStatus",
     "cartesian_path",
@@ -52,7 +65,7 @@ __all__ = [
     "gesture_names",
     "interpolate_path",
     "manifold_of",
-    "minimum_effort_swing",
+    "minimum_torque_trajectory",
     "optimize",
     "plan",
     "plan_batch",

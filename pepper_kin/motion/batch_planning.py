@@ -46,7 +46,7 @@ class PlanProblem:
         joints: Joints that may move, by names of joints and groups.
         constraints: IK tasks kept along the whole path.
         costs: Soft costs.
-        margin: Distance wished for to all things [m].
+        margin: Distance requested to all things [m].
         least_margin: Distance that the curve has to keep from the scene [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
@@ -101,13 +101,15 @@ class PlanBatch:
     time: float
 
     @property
-    def solved(self) -> NDArray[np.bool_]:
+    def success(self) -> NDArray[np.bool_]:
         """Which problems have a path, shape (N,)."""
         return np.array([plan is not None and plan.success for plan in self.plans], dtype=bool)
 
     def report(self) -> str:
         """Say in plain words how many have a path, and why the others have none."""
-        lines = [f"{int(self.solved.sum())} of {len(self.plans)} problems have a path, in {self.time:.2f} s."]
+        lines = [
+            f"{int(self.success.sum())} of {len(self.plans)} problems have a path, in {self.time:.2f} s."
+        ]
         for number, (found, error) in enumerate(zip(self.plans, self.errors, strict=True)):
             if error is not None:
                 lines.append(f"Problem {number} was refused: {error}")
@@ -125,7 +127,7 @@ def plan_batch(
     """Plan many problems on all cores.
 
     Each plan is what `plan` returns for that problem alone, to the bit but for its `time`, unless time runs
-    out.  This process works on them as well; helpers, which are processes of their own, join in as soon as
+    out.  This process works on them as well; helpers, which are separate processes, join in as soon as
     they have started, in about a second, and stay for the next call.  What cannot be sent to them (a task
     class of the main script, say) is solved here.
 
@@ -144,19 +146,19 @@ def plan_batch(
     asked = tuple(problems)
     for number, problem in enumerate(asked):
         if not isinstance(problem, PlanProblem):
-            raise InvalidValueError(f"problems[{number}]", repr(problem)[:80], "a PlanProblem")
+            raise InvalidValueError(f"problems[{number}]", repr(problem), "a PlanProblem")
     count = os.cpu_count() or 1 if processes is None else processes
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InvalidValueError("processes", repr(processes), "a whole number of at least 1, or None")
     from pepper_kin.motion.planning_process import helpers  # pipes and processes take long to import
 
-    run = _Run(asked, _pieces(asked, count), progress)
+    run = _Run(asked, _chunks(asked, count), progress)
     run.all(helpers(min(count, len(run.waiting)) - 1))
     plans, errors = zip(*run.outcomes, strict=True) if asked else ((), ())
     return PlanBatch(plans, errors, time.perf_counter() - begin)
 
 
-def _pieces(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
+def _chunks(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
     """Return the problems' numbers in pieces of one robot and one scene each."""
     groups: dict[tuple[int, int], list[int]] = {}
     for number, problem in enumerate(problems):
@@ -178,13 +180,13 @@ class _Run:
     def __init__(
         self,
         problems: Sequence[PlanProblem],
-        pieces: list[list[int]],
+        chunks: list[list[int]],
         progress: Callable[[int, int], None] | None,
     ) -> None:
         self.problems, self.progress = problems, progress
-        self.waiting, self.left = deque(pieces), deque[list[int]]()
+        self.waiting, self.left = deque(chunks), deque[list[int]]()
         self.outcomes: list[Outcome] = [(None, None)] * len(problems)
-        self.done = self.told = self.away = 0
+        self.done = self.reported = self.away = 0
         self.change = threading.Condition()
 
     def all(self, others: Sequence[Helper]) -> None:
@@ -193,8 +195,8 @@ class _Run:
         for thread in threads:
             thread.start()
         try:
-            while (piece := self._next()) is not None:
-                for number in piece:
+            while (chunk := self._next()) is not None:
+                for number in chunk:
                     self._record([number], [_outcome(self.problems[number])])
                     self._tell()
         except BaseException:
@@ -227,27 +229,27 @@ class _Run:
             with self.change:
                 if not self.waiting:
                     return
-                piece = self.waiting.pop()
+                chunk = self.waiting.pop()
                 self.away += 1
             try:
-                first = self.problems[piece[0]]
-                found = helper.solve(first.pepper, first.scene, [self.problems[k] for k in piece])
-                self._record(piece, found)
+                first = self.problems[chunk[0]]
+                found = helper.solve(first.pepper, first.scene, [self.problems[k] for k in chunk])
+                self._record(chunk, found)
             except UnansweredError:
                 with self.change:
-                    self.left.append(piece)
+                    self.left.append(chunk)
             finally:
                 with self.change:
                     self.away -= 1
                     self.change.notify()
 
-    def _record(self, piece: Sequence[int], found: Sequence[Outcome]) -> None:
+    def _record(self, chunk: Sequence[int], found: Sequence[Outcome]) -> None:
         with self.change:
-            for number, outcome in zip(piece, found, strict=True):
+            for number, outcome in zip(chunk, found, strict=True):
                 self.outcomes[number] = outcome
-            self.done += len(piece)
+            self.done += len(chunk)
 
     def _tell(self) -> None:
-        if self.progress is not None and self.told < self.done:
-            self.told = self.done
-            self.progress(self.told, len(self.problems))
+        if self.progress is not None and self.reported < self.done:
+            self.reported = self.done
+            self.progress(self.reported, len(self.problems))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import cast
 
 import numpy as np
@@ -18,8 +17,9 @@ from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.model.shapes import read_only
-from pepper_kin.motion.curves import Curve, Route
+from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
+from pepper_kin.status import ResultStatus
 
 Array = NDArray[np.float64]
 
@@ -30,41 +30,25 @@ DIRECTION_WEIGHT = 0.3
 """Of the direction, beside the posture's STAY_WEIGHT; the position is a hard task."""
 
 TURN = 0.1
-"""Largest turn towards the wished direction from one stop to the next [rad]."""
+"""Largest turn toward the target direction from one stop to the next [rad]."""
 
 FINER = 32
-"""How much nearer than wished stops may lie where a joint moves fast."""
+"""How much nearer than the step size stops may lie where a joint moves fast."""
 
 STAY_WEIGHT = 0.02
 """Of the posture before: of all ways to move the hand on, the one that moves the joints least."""
 
 
-class CartesianStatus(Enum):
+class CartesianStatus(ResultStatus):
     """How following ended."""
 
-    DONE = "done"
-    START_INVALID = "start_invalid"
-    OUT_OF_REACH = "out_of_reach"
-    BLOCKED_BY_LIMITS = "blocked_by_limits"
-    IN_COLLISION = "in_collision"
-    TOO_HEAVY = "too_heavy"
-    JUMP = "jump"
-
-    @property
-    def advice(self) -> str:
-        """What to try, in a sentence."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    CartesianStatus.DONE: "Time the path with retime().",
-    CartesianStatus.START_INVALID: "Start from a posture that is free and that the joints can hold.",
-    CartesianStatus.OUT_OF_REACH: "Shorten the way, let more joints move, or move the base.",
-    CartesianStatus.BLOCKED_BY_LIMITS: "Start from another posture, or let more joints move.",
-    CartesianStatus.IN_COLLISION: "Move the way or the obstacle, or plan with plan(), which goes round it.",
-    CartesianStatus.TOO_HEAVY: "Start from another posture, or keep the hand nearer to the body.",
-    CartesianStatus.JUMP: "Start from another posture: from this one the arm has to turn over on the way.",
-}
+    DONE = "done", "Time the path with retime()."
+    START_INVALID = "start_invalid", "Start from a posture that is free and that the joints can hold."
+    OUT_OF_REACH = "out_of_reach", "Shorten the way, let more joints move, or move the base."
+    BLOCKED_BY_LIMITS = "blocked_by_limits", "Start from another posture, or let more joints move."
+    IN_COLLISION = "in_collision", "Move the way or the obstacle, or plan with plan(), which goes round it."
+    TORQUE_LIMIT = "torque_limit", "Start from another posture, or keep the hand nearer to the body."
+    JUMP = "jump", "Start from another posture: from this one the arm has to turn over on the way."
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +62,8 @@ class CartesianPath:
         path: Joint positions at the stops [rad or m], shape (k, n), read-only; the first is the start.
         distances: Length along the way at each stop [m], shape (k,).
         position_error: Largest distance of the hand from the curve at the stops [m], recomputed.
-        direction_error: Largest angle between the hand and the wished direction at the stops [rad],
-            recomputed; nan where no direction is wished.
+        direction_error: Largest angle between the hand and the target direction at the stops [rad],
+            recomputed; nan without a direction.
         clearance: Smallest distance at the stops [m], by coal; inf where nothing can touch.
         time: Wall time [s].
     """
@@ -122,7 +106,7 @@ def cartesian_path(
     pepper: PepperModel,
     start: ArrayLike,
     hand: str,
-    curves: Curve | Sequence[Curve],
+    curves: HandCurve | Sequence[HandCurve],
     scene: Scene | None = None,
     *,
     direction: ArrayLike | None = None,
@@ -150,7 +134,7 @@ def cartesian_path(
         tolerance: Largest distance of the hand from the curve at a stop [m].
 
     Returns:
-        The path; its `fraction` tells how far it got, its `status` and `message` why it ended.
+        The path; its `fraction` is the part completed, its `status` and `message` the reason of its end.
 
     Raises:
         InvalidValueError: for no curve, NaN, or numbers that are none.
@@ -163,11 +147,12 @@ def cartesian_path(
         raise InvalidValueError("start", f"shape {q.shape}", f"shape ({pepper.n},)")
     check_within_limits(pepper, q, "start")
     check_positive("step", step, "[m]")
-    wish = None if direction is None else ik.Point(hand, direction)
+    direction_task = None if direction is None else ik.Point(hand, direction)
     frame = ik.HandPosition(hand, np.zeros(3)).frame or ""
     route = Route.of(frame_pose(pepper, q, frame)[:3, 3], _as_curves(curves))
+    heading = None if direction_task is None else direction_task.direction
     follower = _Follower(
-        pepper, hand, frame, None if wish is None else wish.direction, scene, joints, margin=margin,
+        pepper, hand, frame, heading, scene, joints, margin=margin,
         tolerance=check_positive("tolerance", tolerance, "[m]"), least_step=step / FINER,
     )  # fmt: skip
     first = np.clip(q, pepper.lower_limits, pepper.upper_limits)
@@ -183,17 +168,19 @@ def cartesian_path(
         path=read_only(path),
         distances=read_only(done),
         position_error=float(np.linalg.norm(hands - route.at(done), axis=1).max()),
-        direction_error=float("nan") if wish is None else max(wish.error(pepper, state) for state in path),
+        direction_error=float("nan")
+        if direction_task is None
+        else max(direction_task.error(pepper, state) for state in path),
         clearance=float(follower.checker.clearance(path).min()),
         time=time.perf_counter() - begin,
     )
 
 
-def _as_curves(curves: Curve | Sequence[Curve]) -> tuple[Curve, ...]:
-    given = (curves,) if isinstance(curves, Curve) else tuple(curves)
-    if not given or not all(isinstance(curve, Curve) for curve in given):
-        raise InvalidValueError("curves", repr(curves)[:80], "one Line or Arc or more")
-    return given
+def _as_curves(curves: HandCurve | Sequence[HandCurve]) -> tuple[HandCurve, ...]:
+    items = (curves,) if isinstance(curves, HandCurve) else tuple(curves)
+    if not items or not all(isinstance(curve, HandCurve) for curve in items):
+        raise InvalidValueError("curves", repr(curves), "one Line or Arc or more")
+    return items
 
 
 class _Follower:
@@ -267,7 +254,10 @@ class _Follower:
             tasks.append(ik.Point(self.hand, self._turned(before), weight=DIRECTION_WEIGHT, tolerance=np.pi))
         reasons = []
         for joints, scene in self.ways:
-            result = ik.solve(self.pepper, tasks, q0=before, joints=joints, scene=scene, restarts=0)
+            result = ik.solve(
+                self.pepper, tasks, start=before, joints=joints, scene=scene,
+                collisions=scene is not None, restarts=0,
+            )  # fmt: skip
             fault = self._fault(result, before)
             if fault is None:
                 return result.q
@@ -277,20 +267,20 @@ class _Follower:
         return next((r for r in reasons if any(name in r[1] for name in objects)), reasons[0])
 
     def _turned(self, before: Array) -> Array:
-        """Return the direction to ask for next: as far towards the wished one as a stop may turn the hand."""
+        """Return the next target direction: as far toward the final one as a stop may turn the hand."""
         now = frame_pose(self.pepper, before, self.frame)[:3, 0]
-        wish = cast("Array", self.direction)
-        angle = float(np.arccos(np.clip(now @ wish, -1.0, 1.0)))
+        direction_task = cast("Array", self.direction)
+        angle = float(np.arccos(np.clip(now @ direction_task, -1.0, 1.0)))
         if angle <= TURN:
-            return wish
-        across = wish - (now @ wish) * now
+            return direction_task
+        across = direction_task - (now @ direction_task) * now
         if np.linalg.norm(across) < 1e-6:  # opposite: any way round will do
             across = np.cross(now, np.eye(3)[np.argmin(np.abs(now))])
         return np.asarray(np.cos(TURN) * now + np.sin(TURN) * across / np.linalg.norm(across))
 
     def _fault(self, result: ik.IKResult, before: Array) -> tuple[CartesianStatus, str] | None:
         if not result.hard_met:
-            limited = result.status is ik.Status.CLOSEST_LIMITS
+            limited = result.status is ik.IKStatus.CLOSEST_LIMITS
             status = CartesianStatus.BLOCKED_BY_LIMITS if limited else CartesianStatus.OUT_OF_REACH
             limits = result.blocking_limits
             return status, result.errors[0].shortfall + (
@@ -311,4 +301,4 @@ class _Follower:
             near = "".join(f": {' and '.join(names)} come too near" for names in self.checker.contacts(q)[:1])
             return CartesianStatus.IN_COLLISION, f"the margin would not be kept{near}."
         fault = fault_of(self.exact, q, "next stop")
-        return None if fault is None else (CartesianStatus.TOO_HEAVY, fault[1])
+        return None if fault is None else (CartesianStatus.TORQUE_LIMIT, fault[1])

@@ -254,7 +254,7 @@ class Checks:
             start: Start configuration, shape (n,).
             goals: Goals, shape (m, n); one that keeps the margins will do.
             free: Places of the joints in which they may differ, shape (k,).
-            margin: The margin wished [m].
+            margin: The margin requested [m].
         """
         ends, kept = np.concatenate([start[None], goals]), np.empty(2)
         self.run(kept_margins, self.of_motion(start, free), ends, margin, LEAST_MARGIN, kept)

@@ -1,4 +1,4 @@
-"""From start, goal, scene and constraints to a path that keeps the constraints all the way."""
+"""Planning with constraints, which the path keeps everywhere."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pepper_kin.motion.constrained_waypoints import constrained_waypoints, large
 from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
 from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
-from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
+from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
@@ -110,16 +110,16 @@ def plan_constrained(
         said: dict[str, Any] = {"ik": ik, "constraint_errors": largest_errors(pepper, q_start[None], tasks)}
         return ended.solved(checks.exact, q_start[None], STAYS, **said)
     manifold, states = manifold_of(pepper, tasks, q_start, free), 0
-    for room, share in falling_problems(checks, q_start, goals, free, margins):
+    for problem, share in falling_problems(checks, q_start, goals, free, margins):
         left = max(share * timeout - (time.perf_counter() - begin), 1e-3)
-        result = planners.cbirrt(room.problem, manifold, seed=seed, timeout=left)
+        result = planners.cbirrt(problem.problem, manifold, seed=seed, timeout=left)
         states += result.states_checked
         if result.path is not None:
             break
     said = {"ik": ik, "states_checked": states}
     if result.path is None:
-        return ended(*why_no_path(room, result, seed, manifold), **said)
-    along = _Along(checks, room, manifold, tasks, seed, timeout / 2)
+        return ended(*why_no_path(problem, result, seed, manifold), **said)
+    along = _Along(checks, problem, manifold, tasks, seed, timeout / 2)
     path = along.shortest(result.path)
     if priced is not None:
         path, figures, before = along.cheapest(result.path, priced, path)
@@ -133,22 +133,22 @@ class _Along:
     def __init__(
         self,
         checks: Checks,
-        room: PathProblem,
+        problem: PathProblem,
         manifold: planners.ConstraintManifold,
         tasks: Sequence[Task],
         seed: int,
         timeout: float,
     ) -> None:
-        self._checks, self._room, self._manifold, self._tasks = checks, room, manifold, tasks
+        self._checks, self._problem, self._manifold, self._tasks = checks, problem, manifold, tasks
         self._seed, self._timeout = seed, timeout
 
     def shortest(self, path: planners.Path) -> Array | None:
         """Shorten and round a path; return way-points whose spline is valid, shape (m, n), or None."""
-        room, manifold, timeout = self._room, self._manifold, self._timeout
+        problem, manifold, timeout = self._problem, self._manifold, self._timeout
         short = planners.constrained_shortcut(
-            room.problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
+            problem.problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
         )
-        rounded = planners.constrained_smooth(room.relaxed, manifold, short, timeout=timeout)
+        rounded = planners.constrained_smooth(problem.relaxed, manifold, short, timeout=timeout)
         return self._waypoints((rounded, short, path))
 
     def cheapest(
@@ -161,15 +161,15 @@ class _Along:
             costs: Soft costs.
             plain: Way-points of the path without regard to them, shape (m, n).
         """
-        room = self._room
-        before = None if plain is None else figures_of(room, costs, plain)
-        price = costs.for_planner(room.start, room.free)
+        problem = self._problem
+        before = None if plain is None else figures_of(problem, costs, plain)
+        price = costs.for_planner(problem.start, problem.free)
         end = time.perf_counter() + self._timeout
 
         def descended(one: planners.Path, steps: int) -> planners.Path:
             left = max(end - time.perf_counter(), 1e-3)
             return planners.descend_cost(
-                room.problem,
+                problem.problem,
                 price,
                 one,
                 manifold=self._manifold,
@@ -183,7 +183,7 @@ class _Along:
         lowered.sort(key=price.along)
         cheapest = descended(lowered[0], STEPS)
         points = self._waypoints((cheapest, *lowered))
-        figures = None if points is None else figures_of(room, costs, points)
+        figures = None if points is None else figures_of(problem, costs, points)
         if figures is None or (before is not None and before.total <= figures.total):
             return plain, before, before
         return points, figures, before
@@ -193,14 +193,14 @@ class _Along:
         if timeout < _LITTLE:
             return None
         result = planners.cbirrt(
-            self._room.problem, self._manifold, seed=seed, timeout=timeout / SEARCHES,
+            self._problem.problem, self._manifold, seed=seed, timeout=timeout / SEARCHES,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip
         return result.path
 
     def _waypoints(self, paths: Sequence[planners.Path]) -> Array | None:
         """Return way-points of the first path whose spline is clear, held, and keeps the constraints."""
-        return constrained_waypoints(self._room, self._manifold, paths)
+        return constrained_waypoints(self._problem, self._manifold, paths)
 
     def ended(
         self, ended: Ending, path: Array | None, said: dict[str, Any], margin: float, found: planners.Path
@@ -211,16 +211,16 @@ class _Along:
             ended: Makes the plan.
             path: Way-points, shape (m, n).
             said: Other fields of the plan.
-            margin: The one wished for [m].
+            margin: The one requested [m].
             found: The path that the search found.
         """
         tasks, exact = self._tasks, self._checks.exact
         errors = () if path is None else largest_errors(self._checks.pepper, path, tasks)
         if path is None or not _keeps(tasks, errors):
-            message = NO_SPLINE + narrowest(self._room, found)
+            message = NO_SPLINE + narrowest(self._problem, found)
             return ended(PlanStatus.NO_PATH_IN_TIME, message, **{**said, "costs": ()})
         curve = as_cubic_path(self._checks.pepper, path)
-        words = _words(tasks, path, errors) + gave_way(self._room, curve, margin)
+        words = _words(tasks, path, errors) + relaxation_sentence(self._problem, curve, margin)
         return ended.solved(exact, path, words, curve, constraint_errors=errors, **said)
 
 

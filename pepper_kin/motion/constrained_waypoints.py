@@ -1,4 +1,4 @@
-"""From a path on a manifold to way-points whose spline keeps the constraints."""
+"""Way-points on a constraint manifold whose spline keeps the constraints."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SAMPLES = 6
 
 
 def constrained_waypoints(
-    room: PathProblem, manifold: planners.ConstraintManifold, candidates: Sequence[planners.Path]
+    path_problem: PathProblem, manifold: planners.ConstraintManifold, candidates: Sequence[planners.Path]
 ) -> Array | None:
     """Return the fewest equidistant way-points whose spline is valid and keeps the constraints.
 
@@ -37,29 +37,29 @@ def constrained_waypoints(
     The spline keeps half the margins where it is looked at coarsely, and is then examined closely.
 
     Args:
-        room: The planning problem, of the joints that move.
+        path_problem: The planning problem, of the joints that move.
         manifold: The constraints on them.
         candidates: Paths on the manifold, best first.
 
     Returns:
         Way-points, shape (m, n) [rad or m]; None where not even the most dense ones will do.
     """
-    pepper, problem, embed = room.checks.pepper, room.relaxed, room.embed
+    pepper, problem, embed = path_problem.checks.pepper, path_problem.relaxed, path_problem.embed
     moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
     for path in candidates:
-        pieces = FEWEST_PIECES
-        while pieces <= MOST_PIECES:
-            states = np.clip(path(np.linspace(0.0, path.length, pieces + 1)), problem.lower, problem.upper)
+        segments = FEWEST_PIECES
+        while segments <= MOST_PIECES:
+            states = np.clip(path(np.linspace(0.0, path.length, segments + 1)), problem.lower, problem.upper)
             states[1:-1] = planners.project(problem, manifold, states[1:-1])[0]
             points = embed(states)
             try:
                 spline = as_cubic_path(pepper, points)
             except (InvalidValueError, LimitError):
-                pieces *= 2
+                segments *= 2
                 continue
-            if _spline_holds(problem, manifold, spline, moving) and room.is_clear(spline, (0.0, 0.0)):
+            if _spline_holds(problem, manifold, spline, moving) and path_problem.is_clear(spline, (0.0, 0.0)):
                 return points
-            pieces *= 2
+            segments *= 2
     return None
 
 
@@ -102,7 +102,7 @@ def largest_errors(pepper: PepperModel, path: Array, tasks: Sequence[Task]) -> t
     dense = path
     if len(path) > 1:
         spline = as_cubic_path(pepper, path)
-        pieces = np.repeat(np.arange(len(spline.breaks) - 1), SAMPLES)
+        segments = np.repeat(np.arange(len(spline.breaks) - 1), SAMPLES)
         local = np.tile(np.arange(SAMPLES) / SAMPLES, len(spline.breaks) - 1)
-        dense = np.concatenate([spline.at(pieces, local * np.diff(spline.breaks)[pieces]), path[-1:]])
+        dense = np.concatenate([spline.at(segments, local * np.diff(spline.breaks)[segments]), path[-1:]])
     return tuple(max(task.error(pepper, q) for q in dense) for task in tasks)

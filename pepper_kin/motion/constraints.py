@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LARGEST = ("JointPosture", "CenterOfMassOverWheels", "Expression")
-"""Tasks whose error is the largest component of the residual: each component is a constraint of its own."""
+"""Tasks whose error is the largest component of the residual: each component is a separate constraint."""
 
 SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"))
 """Packages on which the kernels depend."""
@@ -46,7 +46,7 @@ def as_constraints(pepper: PepperModel, constraints: Sequence[Task | TaskGroup])
     return tasks
 
 
-def hardened(task: Task) -> Task:
+def with_equalities(task: Task) -> Task:
     """Return a task that IK meets before all soft ones."""
     hard = copy.copy(task)
     object.__setattr__(hard, "hard", True)
@@ -61,7 +61,7 @@ def with_constraints(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task
     parts: list[Any] = []
     for item in goal:
         parts += item.parts if isinstance(item, TaskGroup) else [item]
-    return [*parts, *(hardened(task) for task in constraints)]
+    return [*parts, *(with_equalities(task) for task in constraints)]
 
 
 def manifold_of(
@@ -158,7 +158,7 @@ class InPython:
 def kind_of(task: Task) -> str:
     """Return the kind of a task that can be compiled; empty for others.
 
-    A class derived from one of the library's may have a residual of its own, which is not what is compiled.
+    A class derived from one of the library's may have another residual than the compiled one.
     """
     if not all(slot.__module__.startswith("pepper_kin.") for slot in (type(task).residual, type(task).size)):
         return ""
@@ -183,9 +183,9 @@ def _machine_code(
     from pepper_kin.ik.fast.structure import target_of
 
     kernel = _kernel(pepper, tuple(structure_of_kind(task) for task in tasks))
-    given = np.concatenate([frozen, *[target_of(task) for task in tasks]])
+    kernel_input = np.concatenate([frozen, *[target_of(task) for task in tasks]])
     return planners.CompiledManifold(
-        kernel.single_address, given, free, free, pepper.n, kernel.work_size, keep_alive=kernel
+        kernel.single_address, kernel_input, free, free, pepper.n, kernel.work_size, keep_alive=kernel
     )
 
 

@@ -1,4 +1,4 @@
-"""From start, goal, scene and soft costs to a path on which length and costs together are small."""
+"""Planning with soft costs: paths of small length and cost together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import checks_for
 from pepper_kin.motion.driving import refuse_what_cannot_drive
 from pepper_kin.motion.goals import ends_of
-from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
+from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.pipeline import way_along
@@ -102,20 +102,20 @@ def plan_costed(
     if isinstance(ends, Plan):
         return ends
     ik, states = ends.ik, 0
-    for room, share in falling_problems(checks, q_start, ends.goals, ends.free, margins, kept=ends.kept):
-        found = _Search(room, priced, seed, (begin + share * timeout, begin + timeout))
+    for problem, share in falling_problems(checks, q_start, ends.goals, ends.free, margins, kept=ends.kept):
+        found = _Search(problem, priced, seed, (begin + share * timeout, begin + timeout))
         states += found.states_checked
         if found.first is not None:
             break
     said: dict[str, Any] = {"ik": ik, "states_checked": states}
     if found.first is None:
-        return ended(*why_no_path(room, found.result, seed), **said)
+        return ended(*why_no_path(problem, found.result, seed), **said)
     path, figures, before = found.cheapest()
     if path is None or figures is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(room, found.first), **said)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, found.first), **said)
     said["costs"] = priced.said(figures, before)
     curve = as_cubic_path(pepper, path)
-    message = words(path, figures, before) + gave_way(room, curve, margin)
+    message = words(path, figures, before) + relaxation_sentence(problem, curve, margin)
     return ended.solved(checks.exact, path, message, curve, **said)
 
 
@@ -138,20 +138,20 @@ class _Search:
     """
 
     def __init__(
-        self, room: PathProblem, costs: PathCosts, seed: int, deadlines: tuple[float, float]
+        self, problem: PathProblem, costs: PathCosts, seed: int, deadlines: tuple[float, float]
     ) -> None:
         """Search a first path.
 
         Args:
-            room: What is planned.
+            problem: What is planned.
             costs: Soft costs.
             seed: Seed of all random choices.
             deadlines: Of the first path, and of all that is done, on the clock of `time.perf_counter` [s].
         """
-        self._room, self._costs, self._seed, self._deadline = room, costs, seed, deadlines[0]
-        self._price = costs.for_planner(room.start, room.free)
+        self._problem, self._costs, self._seed, self._deadline = problem, costs, seed, deadlines[0]
+        self._price = costs.for_planner(problem.start, problem.free)
         self.states_checked = 0
-        self.result = planners.rrt_connect(room.problem, seed=seed, timeout=self._left)
+        self.result = planners.rrt_connect(problem.problem, seed=seed, timeout=self._left)
         self.first = next(iter(self._path(self.result)), None)
         self._deadline = deadlines[1]
 
@@ -160,9 +160,9 @@ class _Search:
 
         The former two are None where no spline is clear.
         """
-        room, first = self._room, self.first
+        problem, first = self._problem, self.first
         assert first is not None
-        way = way_along(room, first, seed=self._seed, timeout=self._left)
+        way = way_along(problem, first, seed=self._seed, timeout=self._left)
         plain = None if way is None else way.points
         before = None if plain is None else self._figures(plain)
         lowered = [self._descended(path, FIRST_STEPS) for path in self._paths(first)]
@@ -183,7 +183,7 @@ class _Search:
 
     def _paths(self, first: planners.Path) -> list[planners.Path]:
         """Return the first path and those of further searches, with regard to the price and without."""
-        problem, found = self._room.problem, [first]
+        problem, found = self._problem.problem, [first]
         for seed in range(self._seed, self._seed + SEARCHES):
             options: dict[str, Any] = {"seed": seed, "max_iterations": MOST_ITERATIONS}
             if self._left > _LITTLE:
@@ -202,26 +202,31 @@ class _Search:
 
     def _descended(self, path: planners.Path, iterations: int = 200) -> planners.Path:
         return planners.descend_cost(
-            self._room.problem, self._price, path, seed=self._seed, iterations=iterations, timeout=self._left
+            self._problem.problem,
+            self._price,
+            path,
+            seed=self._seed,
+            iterations=iterations,
+            timeout=self._left,
         )
 
     def _waypoints(self, path: planners.Path) -> Array | None:
         """Return the fewest way-points whose spline is clear and costs what the path does; None without."""
         allowed, best = _CLOSE * self._price.along(path), None
-        for pieces in _PIECES:
-            points = self._room.embed(path(np.linspace(0.0, path.length, pieces + 1)))
-            if way_through(self._room, points, self._room.relaxed_margins) is not None:
+        for segments in _PIECES:
+            points = self._problem.embed(path(np.linspace(0.0, path.length, segments + 1)))
+            if way_through(self._problem, points, self._problem.relaxed_margins) is not None:
                 best = points
                 if self._figures(points).total <= allowed:
                     break
         return best
 
     def _figures(self, points: Array) -> Figures:
-        return figures_of(self._room, self._costs, points)
+        return figures_of(self._problem, self._costs, points)
 
 
-def figures_of(room: PathProblem, costs: PathCosts, points: Array) -> Figures:
+def figures_of(problem: PathProblem, costs: PathCosts, points: Array) -> Figures:
     """Return length and costs of the spline through way-points, shape (m, n)."""
-    weights = np.zeros(room.start.size)
-    weights[room.free] = room.metric.weights
-    return costs.figures(as_cubic_path(room.checks.pepper, points), weights)
+    weights = np.zeros(problem.start.size)
+    weights[problem.free] = problem.metric.weights
+    return costs.figures(as_cubic_path(problem.checks.pepper, points), weights)

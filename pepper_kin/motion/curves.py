@@ -16,7 +16,7 @@ from pepper_kin.model.shapes import read_only
 Array = NDArray[np.float64]
 
 
-class Curve(ABC):
+class HandCurve(ABC):
     """One piece of the way of a hand; it begins where the piece before ends."""
 
     @abstractmethod
@@ -56,7 +56,7 @@ class PlacedCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class Line(Curve):
+class Line(HandCurve):
     """A straight line.
 
     Attributes:
@@ -82,7 +82,7 @@ class Line(Curve):
 
 
 @dataclass(frozen=True, eq=False)
-class Arc(Curve):
+class Arc(HandCurve):
     """A circular arc about an axis.
 
     Attributes:
@@ -135,7 +135,7 @@ class Route:
     length: float
 
     @classmethod
-    def of(cls, begin: Array, curves: tuple[Curve, ...]) -> Route:
+    def of(cls, begin: Array, curves: tuple[HandCurve, ...]) -> Route:
         """Return the route from a point [m], shape (3,)."""
         placed: list[PlacedCurve] = []
         for curve in curves:

@@ -40,7 +40,7 @@ class DenseStates:
     places: Array
 
 
-def given_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajectory:
+def checked_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajectory:
     """Return way-points, shape (k, n) with k >= 1, a curve or a trajectory, of anything that may be one.
 
     Args:
@@ -99,9 +99,9 @@ def dense_states(
     reach = reach_along(pepper, scene, path)
     parts = cut(path.breaks, path.coefficients, reach, step)
     last = len(path.breaks) - 2
-    piece = np.append(parts.piece, last)
+    segment = np.append(parts.piece, last)
     local = np.append(parts.begin, path.breaks[-1] - path.breaks[-2])
-    return DenseStates(path.at(piece, local), path.breaks[piece] + local)
+    return DenseStates(path.at(segment, local), path.breaks[segment] + local)
 
 
 def _of_trajectory(pepper: PepperModel, scene: Scene | None, path: Trajectory, step: float) -> DenseStates:

@@ -18,7 +18,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS, Wheels
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goals import fault_of
-from pepper_kin.motion.margins import falling_problems, gave_way, narrowest
+from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
@@ -91,7 +91,7 @@ def plan_drive(
         start: Start configuration, shape (n,).
         goals: Goals that are valid, shape (m, n), the best first.
         free: Places of the joints that move, shape (k,).
-        margins: Distance wished for, and to be kept from the scene [m].
+        margins: Distance requested, and to be kept from the scene [m].
         deadline: On the clock of `time.perf_counter` [s].
     """
     base, checked = base_places(checks.pepper), 0
@@ -195,30 +195,30 @@ class _Leg(NamedTuple):
         moving = self.base if drives else np.setdiff1d(self.free, self.base)
         began, states = time.perf_counter(), 0
         goal = self.end[None]
-        for room, share in falling_problems(self.checks, self.begin, goal, moving, self.margins, COARSE):
+        for problem, share in falling_problems(self.checks, self.begin, goal, moving, self.margins, COARSE):
             left = max(share * timeout - (time.perf_counter() - began), 1e-3)
-            curve, checked, said = self._driven(room, left) if drives else self._moved(room, left)
+            curve, checked, said = self._driven(problem, left) if drives else self._moved(problem, left)
             states += checked
             if curve is not None:
-                return curve, states, partial(_solved, gave_way(room, curve, self.margins[0]))
+                return curve, states, partial(_solved, relaxation_sentence(problem, curve, self.margins[0]))
         return None, states, said
 
-    def _moved(self, room: PathProblem, timeout: float) -> _Curve:
+    def _moved(self, problem: PathProblem, timeout: float) -> _Curve:
         """Return the body's motion with the base held."""
-        room = room.finer()
-        result = planners.rrt_connect(room.problem, seed=self.seed, timeout=timeout)
+        problem = problem.finer()
+        result = planners.rrt_connect(problem.problem, seed=self.seed, timeout=timeout)
         if result.path is None:
-            return None, result.states_checked, partial(why_no_path, room, result, self.seed)
-        way = way_along(room, result.path, seed=self.seed, timeout=timeout)
+            return None, result.states_checked, partial(why_no_path, problem, result, self.seed)
+        way = way_along(problem, result.path, seed=self.seed, timeout=timeout)
         if way is None:
-            return None, result.states_checked, partial(_no_spline, room, result.path)
+            return None, result.states_checked, partial(_no_spline, problem, result.path)
         return way.curve, result.states_checked, _solved
 
-    def _driven(self, room: PathProblem, timeout: float) -> _Curve:
+    def _driven(self, problem: PathProblem, timeout: float) -> _Curve:
         """Return the base's drive with the body held."""
         wheels, checked = self.checks.pepper.wheels, 0
         assert wheels is not None
-        for closer in (room, room.finer()):
+        for closer in (problem, problem.finer()):
             found = planners.car_connect(
                 closer.problem, _WIDER * wheels.turning_radius, backward=wheels.backward, seed=self.seed,
                 timeout=timeout,
@@ -238,12 +238,12 @@ def _solved(words: str = "") -> tuple[PlanStatus, str]:
     return PlanStatus.SOLVED, words
 
 
-def _no_spline(room: PathProblem, found: planners.Path | planners.CarCurve) -> tuple[PlanStatus, str]:
+def _no_spline(problem: PathProblem, found: planners.Path | planners.CarCurve) -> tuple[PlanStatus, str]:
     """Say that a path was found, and where it is narrowest."""
-    return PlanStatus.NO_PATH_IN_TIME, _NO_SPLINE + narrowest(room, found)
+    return PlanStatus.NO_PATH_IN_TIME, _NO_SPLINE + narrowest(problem, found)
 
 
-def _driven(room: PathProblem, curve: planners.CarCurve, wheels: Wheels, spacing: float) -> CubicPath:
+def _driven(problem: PathProblem, curve: planners.CarCurve, wheels: Wheels, spacing: float) -> CubicPath:
     """Return a curve along that of a car; it has a kink, where timing stops, where the car turns back.
 
     Between kinks it is the cubic B-spline whose control points are poses of the car, so that it never bends
@@ -259,12 +259,12 @@ def _driven(room: PathProblem, curve: planners.CarCurve, wheels: Wheels, spacing
         count = max(_LEAST_PIECES, math.ceil(length / (spacing * wheels.turning_radius)))
         breaks = np.linspace(0.0, length, count + 1)
         knots = np.concatenate([np.zeros(3), breaks, np.full(3, length)])
-        control = np.tile(room.start, (count + 3, 1))
-        control[:, room.free] = drive((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
+        control = np.tile(problem.start, (count + 3, 1))
+        control[:, problem.free] = drive((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
         if drive is drives[-1]:
-            goal = room.problem.goals[0].copy()  # met to the last bit, but for full turns
-            goal[2] += 2.0 * math.pi * round((control[-1, room.free[2]] - goal[2]) / (2.0 * math.pi))
-            control[-1, room.free] = goal
+            goal = problem.problem.goals[0].copy()  # met to the last bit, but for full turns
+            goal[2] += 2.0 * math.pi * round((control[-1, problem.free[2]] - goal[2]) / (2.0 * math.pi))
+            control[-1, problem.free] = goal
         coefficients = np.empty((count, 4, control.shape[1]))
         power_basis(knots, control, coefficients)
         splines.append(CubicPath(breaks, coefficients))

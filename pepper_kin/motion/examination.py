@@ -1,4 +1,4 @@
-"""Whether a whole curve is clear: steps are as long as the margin that is kept there proves enough."""
+"""Examination of a whole curve, with steps as long as the clearance proves enough."""
 
 from __future__ import annotations
 

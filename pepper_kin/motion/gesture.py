@@ -12,7 +12,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.motion.gesture_scores import SCORES, Score
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.make_safe import make_safe
+from pepper_kin.trajectory.enforce_limits import enforce_limits
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def gesture(
     """Return a gesture of the library, from the posture Stand and back to it.
 
     The keys of each joint are joined by a monotone cubic (PCHIP: no overshoot between keys), and the whole is
-    rounded, and slowed down where limits ask for it, by `pepper_kin.trajectory.make_safe`.
+    rounded, and slowed down where limits ask for it, by `pepper_kin.trajectory.enforce_limits`.
 
     Args:
         pepper: Pepper, with any base and any hands; joints that the gesture does not name rest.
@@ -65,7 +65,7 @@ def gesture(
     check_choice("side", side, SIDES)
     _check_between("amplitude", amplitude, 0.0, LARGEST_AMPLITUDE)
     _check_between("tempo", tempo, *TEMPOS)
-    return make_safe(pepper, _authored(pepper, score, side, float(amplitude), float(tempo)))
+    return enforce_limits(pepper, _authored(pepper, score, side, float(amplitude), float(tempo)))
 
 
 def _score(name: str) -> Score:

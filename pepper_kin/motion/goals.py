@@ -53,7 +53,7 @@ def fault_of(
     if not said:
         return None
     if heavy:
-        return PlanStatus.START_TOO_HEAVY if start else PlanStatus.GOAL_TOO_HEAVY, said
+        return PlanStatus.START_TORQUE_LIMIT if start else PlanStatus.GOAL_TORQUE_LIMIT, said
     return PlanStatus.START_TIPS_OVER if start else PlanStatus.GOAL_TIPS_OVER, said
 
 
@@ -201,7 +201,7 @@ def _goals_of_tasks(
             return clear.goals, clear.ik, None
     for scene in (checker.scene,) if fast else (checker.scene.padded(margin), checker.scene):
         ik = solve(
-            pepper, tasks, q0=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
+            pepper, tasks, start=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
             joints=joints, timeout=timeout / 3,
         )  # fmt: skip
         if ik.success and fault_of(checker, ik.q, "goal", checks.statics) is None:

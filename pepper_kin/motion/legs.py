@@ -125,7 +125,7 @@ def plan_legs(
     balance: float | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> PlanInLegs:
-    """Plan through several goals, with constraints and soft costs of their own on the way to each.
+    """Plan through several goals, with separate constraints and soft costs on the way to each.
 
     Where legs meet, the configuration meets the constraints of both: goals that are tasks are solved with
     them.  Every leg has a curve that was examined as `plan` does, for its constraints too; the robot rests
@@ -138,7 +138,7 @@ def plan_legs(
         scene: The world around the robot, the same for all legs.
         joints: Joints that may move: names of joints and groups. None: those in which the ends of a leg
             differ.
-        margin: Distance wished for to the scene and to the robot itself [m].
+        margin: Distance requested to the scene and to the robot itself [m].
         least_margin: As of `plan`, for all legs.
         seed: Seed of all random choices.
         timeout: Time budget [s], shared by the legs.
@@ -155,7 +155,7 @@ def plan_legs(
     """
     legs = list(legs)
     if not legs or not all(isinstance(leg, Leg) for leg in legs):
-        raise InvalidValueError("legs", repr(legs)[:80], "one or more of motion.Leg")
+        raise InvalidValueError("legs", repr(legs), "one or more of motion.Leg")
     kept = [as_constraints(pepper, leg.constraints) if len(leg.constraints) else () for leg in legs]
     q_start, begin = checked_start(pepper, start, margin, timeout), time.perf_counter()
     best: list[Plan] = []

@@ -27,9 +27,9 @@ LEAST_SEARCHED = SHORTEST
 another that nothing touches in between."""
 
 FIRST_SHARE = 0.5
-"""Share of the time in which the margin that is wished for is searched with; smaller ones share the rest."""
+"""Share of the time in which the requested margin is searched with; smaller ones share the rest."""
 
-_SMALLER = (0.5, 0.25, 0.125)  # of the margin wished for
+_SMALLER = (0.5, 0.25, 0.125)  # of the margin requested
 _HALVINGS = 6  # of the margin, when it is asked what a curve keeps
 _LOOKED_AT = 60  # states of a path, where it is asked what is nearest
 _NEAR = 0.02  # [m] what is farther away is not in the way
@@ -60,9 +60,9 @@ def falling_problems(
         start: Start configuration, shape (n,).
         goals: Goal configurations, shape (m, n).
         free: Places of the joints that move, shape (k,).
-        margins: The margin wished for, and what must be kept [m].
+        margins: The margin requested, and what must be kept [m].
         resolution: See `path_problem`.
-        kept: See there, at the margin wished for.
+        kept: See there, at the margin requested.
     """
     margin, least = margins
     last = max(least, min(margin, LEAST_SEARCHED))
@@ -73,42 +73,44 @@ def falling_problems(
     yield before, FIRST_SHARE
     smaller = [*(share * margin for share in _SMALLER if share * margin > last), last]
     for number, asked in enumerate(smaller, start=1):
-        room = replace(path_problem(checks, start, goals, free, asked, resolution, least), gave_way=True)
-        if room.margins != before.margins or number == len(smaller):
-            yield room, FIRST_SHARE + (1.0 - FIRST_SHARE) * number / len(smaller)
-        before = room
+        problem = replace(
+            path_problem(checks, start, goals, free, asked, resolution, least), margins_relaxed=True
+        )
+        if problem.margins != before.margins or number == len(smaller):
+            yield problem, FIRST_SHARE + (1.0 - FIRST_SHARE) * number / len(smaller)
+        before = problem
 
 
-def gave_way(room: PathProblem, curve: CubicPath, margin: float) -> str:
-    """Return a sentence on a margin that was not kept as wished for, and to what; empty where it was.
+def relaxation_sentence(problem: PathProblem, curve: CubicPath, margin: float) -> str:
+    """Return a sentence on a margin that was not kept as requested, and its value; empty where it was.
 
     Args:
-        room: What was planned, at the margin kept.
+        problem: What was planned, at the margin kept.
         curve: The curve found.
-        margin: The margin wished for [m].
+        margin: The margin requested [m].
     """
-    kept = 1000 * room.margins[0]
-    if not room.gave_way:
+    kept = 1000 * problem.margins[0]
+    if not problem.margins_relaxed:
         ends = " A margin of {:.2g} mm is kept, since start or goal do not keep more."
-        return "" if room.margins[0] >= margin else ends.format(kept)
+        return "" if problem.margins[0] >= margin else ends.format(kept)
     s = np.linspace(curve.breaks[0], curve.breaks[-1], _LOOKED_AT)
-    piece = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
-    where = _nearest(room, curve.at(piece, s - curve.breaks[piece]))
-    return f" The margin gave way from {1000 * margin:.2g} to {kept:.2g} mm{where}."
+    segment = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
+    where = _nearest(problem, curve.at(segment, s - curve.breaks[segment]))
+    return f" The margin was relaxed from {1000 * margin:.2g} to {kept:.2g} mm{where}."
 
 
-def narrowest(room: PathProblem, path: planners.Path | planners.CarCurve) -> str:
+def narrowest(problem: PathProblem, path: planners.Path | planners.CarCurve) -> str:
     """Return a sentence on where a path of the joints that move passes nearest to something."""
-    where = _nearest(room, room.embed(path(np.linspace(0.0, path.length, _LOOKED_AT))))
+    where = _nearest(problem, problem.embed(path(np.linspace(0.0, path.length, _LOOKED_AT))))
     return f" It is narrowest{where}." if where else ""
 
 
-def _nearest(room: PathProblem, states: Array) -> str:
+def _nearest(problem: PathProblem, states: Array) -> str:
     """Return words on what is nearest, and where, at configurations along a path, shape (m, n).
 
     A thing of the scene is named before a part of the robot, whose margin is only what its joints leave.
     """
-    checks, where = room.checks, "{:.0f} % along the path"
+    checks, where = problem.checks, "{:.0f} % along the path"
     kept = _greatest(lambda margin: bool(checks.free(states, margin).all()), _NEAR)
     if kept < _NEAR:
         farther = kept + 2.0 * _NEAR / 2**_HALVINGS

@@ -1,4 +1,4 @@
-"""What is in the way where no path is found."""
+"""Obstructions: the bodies that block a path that was not found."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SHUT_IN = {
 
 
 def why_no_path(
-    room: PathProblem,
+    problem: PathProblem,
     result: planners.Result | planners.CarResult,
     seed: int,
     manifold: planners.ConstraintManifold | None = None,
@@ -25,15 +25,15 @@ def why_no_path(
     """Return the status of a search without a path, and a sentence that names what was most often in the way.
 
     Args:
-        room: What was planned, at the least margin that was tried.
+        problem: What was planned, at the least margin that was tried.
         result: What the planner returned.
         seed: Seed of the motions that are tried to find out.
         manifold: The constraints that the motions have to keep; None for none.
     """
     message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s"
     status = _SHUT_IN.get(result.status, PlanStatus.NO_PATH_IN_TIME)
-    if room.gave_way:
-        message += f" with a margin that gave way to {1000 * room.margins[0]:.2g} mm"
+    if problem.margins_relaxed:
+        message += f" with a margin relaxed to {1000 * problem.margins[0]:.2g} mm"
     if result.tree_sizes is None:
         return status, f"{message}."
     start, goal = result.tree_sizes
@@ -41,21 +41,23 @@ def why_no_path(
     if result.frontier is None:
         return status, message
     if manifold is None:
-        states = planners.first_invalid_states(room.problem, result.frontier, _STATES, seed=seed)
-        return status, message + in_the_way(room, room.embed(states))
-    states, ended = planners.first_blocked_states(room.problem, manifold, result.frontier, _STATES, seed=seed)
-    return status, message + in_the_way(room, room.embed(states), ended)
+        states = planners.first_invalid_states(problem.problem, result.frontier, _STATES, seed=seed)
+        return status, message + in_the_way(problem, problem.embed(states))
+    states, ended = planners.first_blocked_states(
+        problem.problem, manifold, result.frontier, _STATES, seed=seed
+    )
+    return status, message + in_the_way(problem, problem.embed(states), ended)
 
 
-def in_the_way(room: PathProblem, states: Array, others: Counter[str] | None = None) -> str:
+def in_the_way(problem: PathProblem, states: Array, others: Counter[str] | None = None) -> str:
     """Return a sentence that names what stops the robot most often; empty where nothing does.
 
     Args:
-        room: What was planned.
+        problem: What was planned.
         states: Configurations at which motions were stopped, shape (m, n).
         others: How many more motions were stopped by what else, such as constraints.
     """
-    checker, counts = room.checks.exact.with_margins(*room.margins), Counter(others or {})
+    checker, counts = problem.checks.exact.with_margins(*problem.margins), Counter(others or {})
     links = Counter[tuple[str, str]]()
     objects = set(checker.scene.objects)
     for q in states:
@@ -66,8 +68,8 @@ def in_the_way(room: PathProblem, states: Array, others: Counter[str] | None = N
             named.add(things[0] if things else rest)
             if things:
                 links[things[0], rest] += 1
-        if not named and not room.checks.holds(q[None])[0]:
-            named.add(room.checks.statics.short_of(q))
+        if not named and not problem.checks.holds(q[None])[0]:
+            named.add(problem.checks.statics.short_of(q))
         counts.update(named)
     if not counts:
         return ""

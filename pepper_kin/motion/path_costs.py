@@ -135,7 +135,7 @@ class PathCosts:
     tasks: tuple[Task, ...]
 
     @classmethod
-    def of(cls, pepper: PepperModel, given: Sequence[PathCost | Task | TaskGroup]) -> PathCosts:
+    def of(cls, pepper: PepperModel, requested: Sequence[PathCost | Task | TaskGroup]) -> PathCosts:
         """Return costs checked, groups of tasks taken apart.
 
         Raises:
@@ -143,7 +143,7 @@ class PathCosts:
                 a task with several targets, or one of infinite tolerance.
             UnknownNameError: for a frame or joint that the robot lacks.
         """
-        items = [given] if isinstance(given, (PathCost, Task, TaskGroup)) else list(given)
+        items = [requested] if isinstance(requested, (PathCost, Task, TaskGroup)) else list(requested)
         costs = tuple(item for item in items if isinstance(item, PathCost))
         for cost in costs:
             if cost.joint_names != pepper.joint_names:
@@ -180,10 +180,10 @@ class PathCosts:
         """
         if not self._compiled:
             return planners.StateCost(self._in_python(frozen, free), int(free.size))
-        kernel, given = self._kernel, np.concatenate([frozen, self._numbers])
+        kernel, kernel_input = self._kernel, np.concatenate([frozen, self._numbers])
         width = self.pepper.n + len(self.labels)  # the single prices follow the gradient
         code = planners.CompiledManifold(
-            kernel.single_address, given, free, free, width, kernel.work_size, keep_alive=kernel
+            kernel.single_address, kernel_input, free, free, width, kernel.work_size, keep_alive=kernel
         )
         return planners.StateCost(code, int(free.size))
 
@@ -195,10 +195,10 @@ class PathCosts:
             weights: Weights of the metric, shape (n,).
         """
         spans = np.diff(curve.breaks)
-        pieces = np.repeat(np.arange(spans.size), SAMPLES)
-        local = (np.tile(np.arange(SAMPLES), spans.size) + 0.5) / SAMPLES * spans[pieces]
-        steps = np.linalg.norm(curve.at(pieces, local, 1) * weights, axis=1) * spans[pieces] / SAMPLES
-        prices, length = self.prices(np.ascontiguousarray(curve.at(pieces, local))), float(steps.sum())
+        segments = np.repeat(np.arange(spans.size), SAMPLES)
+        local = (np.tile(np.arange(SAMPLES), spans.size) + 0.5) / SAMPLES * spans[segments]
+        steps = np.linalg.norm(curve.at(segments, local, 1) * weights, axis=1) * spans[segments] / SAMPLES
+        prices, length = self.prices(np.ascontiguousarray(curve.at(segments, local))), float(steps.sum())
         integrals = steps @ prices
         ends = self.prices(curve.at(np.append(np.arange(spans.size), -1), np.append(0 * spans, spans[-1])))
         highest = np.maximum(prices.max(axis=0), ends.max(axis=0))
@@ -269,14 +269,14 @@ def _expression(
 
     q = casadi.SX.sym("q", pepper.n)
     size = sum(task.target_size for task in structures)
-    given = casadi.SX.sym("given", size + len(sources) + len(structures))
-    weights = given[size:]
+    kernel_input = casadi.SX.sym("inputs", size + len(sources) + len(structures))
+    weights = kernel_input[size:]
     values = [casadi.fmax(casadi.Function.deserialize(source)(q), 0.0) for source in sources]
     slopes = [casadi.jacobian(value, q) for value in values]
-    for residual, jacobian in residual_expressions(pepper, structures, q, given[:size]):
+    for residual, jacobian in residual_expressions(pepper, structures, q, kernel_input[:size]):
         values.append(casadi.sumsqr(residual))
         slopes.append(2 * (residual.T @ jacobian))
     prices = [weights[k] * value for k, value in enumerate(values)]
     slope = sum((weights[k] * row for k, row in enumerate(slopes)), casadi.SX(1, pepper.n))
     output = casadi.vertcat(sum(prices), casadi.vec(casadi.densify(slope)), *prices)
-    return casadi.Function("path_costs", [q, given], [casadi.cse(casadi.densify(output))])
+    return casadi.Function("path_costs", [q, kernel_input], [casadi.cse(casadi.densify(output))])

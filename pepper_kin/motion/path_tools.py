@@ -15,7 +15,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
-from pepper_kin.motion.dense_states import AnyPath, dense_states, given_path, polyline
+from pepper_kin.motion.dense_states import AnyPath, checked_path, dense_states, polyline
 from pepper_kin.motion.driving import moves_base
 from pepper_kin.motion.goals import STAYS, free_joints
 from pepper_kin.motion.margins import narrowest
@@ -74,15 +74,15 @@ def simplify_path(
     """
     check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
-    checks, given = (
+    checks, followed = (
         checks_for(pepper, scene, static_limits(pepper, balance, payload)),
-        given_path(pepper, path),
+        checked_path(pepper, path),
     )
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
     found = validate(pepper, path, scene, balance=balance, payload=payload)
-    if not found.valid:
+    if not found.success:
         return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)
-    points = given if isinstance(given, np.ndarray) else _followed(given)
+    points = followed if isinstance(followed, np.ndarray) else _followed(followed)
     points = np.clip(points, pepper.lower_limits, pepper.upper_limits)
     points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SAME)]
     if len(points) == 1:
@@ -91,11 +91,11 @@ def simplify_path(
     if moves_base(pepper, free):
         raise InvalidValueError("path", "a drive of a differential base", "a path on which the base stands")
     kept = _margin_of(checks, points, dense_states(pepper, scene, points, RESOLUTION).positions, free, margin)
-    room = path_problem(checks, points[0], points[1:], free, kept)
-    line = planners.Path(points[:, free], room.metric.weights)
-    way = way_along(room, line, seed=seed, timeout=timeout)
+    problem = path_problem(checks, points[0], points[1:], free, kept)
+    line = planners.Path(points[:, free], problem.metric.weights)
+    way = way_along(problem, line, seed=seed, timeout=timeout)
     if way is None:
-        message = f"The path is valid, but no spline along it was found that is.{narrowest(room, line)}"
+        message = f"The path is valid, but no spline along it was found that is.{narrowest(problem, line)}"
         return ended(PlanStatus.PATH_INVALID, message, states_checked=found.states_checked)
     before = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     after = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())
@@ -143,8 +143,8 @@ def interpolate_path(
         InfeasibleError: for a plan that failed, with its reason.
     """
     if (step is None) == (count is None):
-        given = "neither" if step is None else "both"
-        raise InvalidValueError("step and count", given, "one of them")
+        amount = "neither" if step is None else "both"
+        raise InvalidValueError("step and count", amount, "one of them")
     if isinstance(path, PlannedPath):
         path = planned_curve(path)
     if isinstance(path, PiecewiseCubic):
@@ -167,8 +167,8 @@ def _count(count: int | None) -> int:
 
 def _even_on_curve(curve: CubicPath, count: int) -> Array:
     s = np.linspace(curve.breaks[0], curve.breaks[-1], count)
-    piece = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
-    return curve.at(piece, s - curve.breaks[piece])
+    segment = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
+    return curve.at(segment, s - curve.breaks[segment])
 
 
 def _dense_on_curve(curve: CubicPath, step: float) -> Array:
@@ -179,9 +179,9 @@ def _dense_on_curve(curve: CubicPath, step: float) -> Array:
     if spans.sum() / step > _MOST_POINTS:
         raise InvalidValueError("step", step, f"at least {spans.sum() / _MOST_POINTS:.3g}")
     counts = np.maximum(1, np.ceil(spans / step * (1 - 1e-12))).astype(np.int64)
-    piece = np.repeat(np.arange(counts.size), counts)
+    segment = np.repeat(np.arange(counts.size), counts)
     part = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    states = curve.at(piece, part * (np.diff(breaks) / counts)[piece])
+    states = curve.at(segment, part * (np.diff(breaks) / counts)[segment])
     return np.concatenate([states, curve.at([counts.size - 1], breaks[-1:] - breaks[-2:-1])])
 
 

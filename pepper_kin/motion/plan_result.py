@@ -1,11 +1,10 @@
-"""What planning returns."""
+"""Result of planning."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.planners import Result
+from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 if TYPE_CHECKING:
@@ -25,56 +25,49 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory import Trajectory
 
 
-class PlanStatus(Enum):
+class PlanStatus(ResultStatus):
     """How planning ended; `advice` says what to try."""
 
-    SOLVED = "solved"
-    START_IN_COLLISION = "start_in_collision"
-    START_TOO_HEAVY = "start_too_heavy"
-    START_TIPS_OVER = "start_tips_over"
-    START_TOO_NEAR = "start_too_near"
-    GOAL_IN_COLLISION = "goal_in_collision"
-    GOAL_TOO_HEAVY = "goal_too_heavy"
-    GOAL_TIPS_OVER = "goal_tips_over"
-    GOAL_TOO_NEAR = "goal_too_near"
-    START_OFF_CONSTRAINT = "start_off_constraint"
-    GOAL_OFF_CONSTRAINT = "goal_off_constraint"
-    NO_IK = "no_ik"
-    START_SHUT_IN = "start_shut_in"
-    GOAL_SHUT_IN = "goal_shut_in"
-    NO_PATH_IN_TIME = "no_path_in_time"
-    PATH_INVALID = "path_invalid"
+    SOLVED = "solved", "Time the path with retime()."
+    START_IN_COLLISION = "start_in_collision", "Move the robot or the obstacle apart before planning."
+    START_TORQUE_LIMIT = (
+        "start_torque_limit",
+        "Start from a posture that the joints can hold against gravity.",
+    )
+    START_TIPS_OVER = (
+        "start_tips_over",
+        "Start with the center of mass nearer to the middle of the wheels, carry less, or reduce balance.",
+    )
+    START_TOO_NEAR = "start_too_near", "Move the robot or the obstacle apart, or reduce least_margin."
+    GOAL_IN_COLLISION = "goal_in_collision", "Give another goal, or IK tasks: free goals are then sought."
+    GOAL_TORQUE_LIMIT = "goal_torque_limit", "Give a goal that the joints can hold against gravity."
+    GOAL_TIPS_OVER = (
+        "goal_tips_over",
+        "Give a goal whose center of mass is nearer to the wheels, or reduce balance.",
+    )
+    GOAL_TOO_NEAR = "goal_too_near", "Give another goal, or reduce least_margin."
+    START_OFF_CONSTRAINT = (
+        "start_off_constraint",
+        "Start from a posture that meets the constraints; ik.solve finds one.",
+    )
+    GOAL_OFF_CONSTRAINT = (
+        "goal_off_constraint",
+        "Give IK tasks as the goal: they are solved with the constraints.",
+    )
+    NO_IK = "no_ik", "Move the target, free more joints, or raise the timeout."
+    START_SHUT_IN = (
+        "start_shut_in",
+        "Hardly any motion leads away from the start: move away what is named, free more joints, or "
+        "reduce the margin.",
+    )
+    GOAL_SHUT_IN = (
+        "goal_shut_in",
+        "Hardly any motion leads up to the goal: move away what is named, free more joints, reduce "
+        "the margin, or give another goal.",
+    )
+    NO_PATH_IN_TIME = "no_path_in_time", "Raise the timeout, try another seed, or free more joints."
+    PATH_INVALID = "path_invalid", "Plan between its ends with plan()."
 
-    @property
-    def advice(self) -> str:
-        """One sentence: what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    PlanStatus.SOLVED: "Time the path with retime().",
-    PlanStatus.START_IN_COLLISION: "Move the robot or the obstacle apart before planning.",
-    PlanStatus.START_TOO_HEAVY: "Start from a posture that the joints can hold against gravity.",
-    PlanStatus.START_TIPS_OVER: "Start from a posture that leans less, carry less, or ask for less balance.",
-    PlanStatus.START_TOO_NEAR: "Move the robot or the obstacle apart, or reduce least_margin.",
-    PlanStatus.GOAL_IN_COLLISION: "Give another goal, or IK tasks: free goals are then sought.",
-    PlanStatus.GOAL_TOO_HEAVY: "Give a goal that the joints can hold against gravity.",
-    PlanStatus.GOAL_TIPS_OVER: "Give a goal that leans less, carry less, or ask for less balance.",
-    PlanStatus.GOAL_TOO_NEAR: "Give another goal, or reduce least_margin.",
-    PlanStatus.START_OFF_CONSTRAINT: "Start from a posture that meets the constraints; ik.solve finds one.",
-    PlanStatus.GOAL_OFF_CONSTRAINT: "Give IK tasks as the goal: they are solved with the constraints.",
-    PlanStatus.NO_IK: "Move the target, or allow more joints or restarts.",
-    PlanStatus.START_SHUT_IN: (
-        "Hardly any motion leads away from the start: move away what is named, free more joints, "
-        "or reduce the margin."
-    ),
-    PlanStatus.GOAL_SHUT_IN: (
-        "Hardly any motion leads up to the goal: move away what is named, free more joints, "
-        "reduce the margin, or give another goal."
-    ),
-    PlanStatus.NO_PATH_IN_TIME: "Raise the timeout, try another seed, or free more joints.",
-    PlanStatus.PATH_INVALID: "Plan between its ends with plan().",
-}
 
 TIMED = "Examine its trajectory with check()."
 
@@ -159,8 +152,8 @@ class Plan:
 
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""
-        room = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
-        return f"{self.message}{room} {self.advice}"
+        suffix = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
+        return f"{self.message}{suffix} {self.advice}"
 
 
 class Ending:
@@ -236,7 +229,7 @@ def _clearance_along(
     """Return the smallest distance along a curve through way-points, four times between any two [m]."""
     dense = path
     if curve is not None:
-        pieces = np.arange(len(curve.breaks) - 1)
-        parts = [curve.at(pieces, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
+        segments = np.arange(len(curve.breaks) - 1)
+        parts = [curve.at(segments, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
         dense = np.concatenate([*parts, path[-1:]])
     return float(checker_for(pepper, scene).clearance(dense).min())

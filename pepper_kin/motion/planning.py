@@ -20,7 +20,7 @@ from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
 from pepper_kin.motion.goals import ends_of
-from pepper_kin.motion.margins import checked_least, falling_problems, gave_way, narrowest
+from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.pipeline import Pipeline, compared, way_along
@@ -71,7 +71,7 @@ def plan(
         joints: Joints that may move, by joints and groups; None: those in which start and goals differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
         costs: Soft costs that are made small together with the length; `plan_costed` then plans.
-        margin: Distance wished for to all things [m]; less where start or goal are nearer than that, or where
+        margin: Distance requested to all things [m]; less where start or goal are nearer than that, or where
             no path keeps it: then it gives way, and the message says to what.
         least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
         seed: Seed of all random choices.
@@ -185,7 +185,7 @@ def _unguided(
     if way is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(room, result.path), **said)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
-    message += gave_way(room, way.curve, margins[0])
+    message += relaxation_sentence(room, way.curve, margins[0])
     return ended.solved(checks.exact, way.points, message, way.curve, **said)
 
 

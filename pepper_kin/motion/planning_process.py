@@ -127,7 +127,7 @@ def _end_all() -> None:
         one.end()
 
 
-if hasattr(os, "register_at_fork"):  # a child has no helpers of its own
+if hasattr(os, "register_at_fork"):  # a child has no helpers
     os.register_at_fork(after_in_child=_helpers.clear)
 
 

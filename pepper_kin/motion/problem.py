@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
 COARSE = 0.02
-"""The same where the examination of the spline, which is far closer, tells whether that was close enough."""
+"""The same where the examination of the spline, which is far finer, shows whether that was fine enough."""
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
 
 
@@ -45,8 +45,8 @@ class PathProblem:
         resolution: Greatest distance between states that are looked at [m], in the metric.
         held: What hangs on the robot, see `motion_bounds`.
         least: What the curve must keep from the scene at every point [m].
-        gave_way: Whether the margins are smaller than start and goal allow, since no path was found with
-            greater ones.
+        margins_relaxed: Whether the margins are smaller than start and goal allow, since no path was found
+            with greater ones.
     """
 
     checks: Checks
@@ -62,7 +62,7 @@ class PathProblem:
     resolution: float
     held: tuple[tuple[str, float], ...] = ()
     least: float = 0.0
-    gave_way: bool = False
+    margins_relaxed: bool = False
 
     @property
     def relaxed_margins(self) -> tuple[float, float]:

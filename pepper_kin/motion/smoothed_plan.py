@@ -1,4 +1,4 @@
-"""From a plan to the motion that a robot executes: path and timing optimized together, or retimed."""
+"""Executable motion of a plan: path and timing optimized together, or retimed."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def smoothed(
         plan: What was planned; one without a curve is returned as it is.
         scene: The world around the robot.
         constraints: IK tasks that stay met along the motion.
-        margins: Distance wished for to all things, and what has to be kept from the scene [m].
+        margins: Distance requested to all things, and what has to be kept from the scene [m].
         timeout: Time budget of planning and optimization [s]; at least a twentieth is left to the latter.
         balance: As in `retime` [m].
         payload: As in `retime`.

@@ -1,4 +1,4 @@
-"""What a posture may ask of the joints and of the floor, so that it can be held with what is carried."""
+"""Static limits of postures: holding torques and balance, with a payload."""
 
 from __future__ import annotations
 
@@ -106,11 +106,11 @@ class StaticLimits:
         """What compiled checks of curves take, of which states are `step` apart at most."""
         return self._loads(ROOM_ALONG)
 
-    def _loads(self, room: float) -> StaticLoads:
-        """Return what compiled checks take that keep some room [m] to the edges of the wheels' triangle."""
+    def _loads(self, margin: float) -> StaticLoads:
+        """Return inputs of compiled checks that keep a margin [m] to the edges of the wheels' triangle."""
         if self.balance is None and not self.payload:
             return StaticLoads(self.kernel)
-        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(room)))
+        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(margin)))
 
     def tasks(self) -> tuple[Task, ...]:
         """Return tasks that lead inverse kinematics to balanced postures, whatever a hand carries."""
@@ -119,21 +119,21 @@ class StaticLimits:
         shift = LONGEST_ARM * float(self._masses.sum()) / total_mass(self.pepper)
         return (CenterOfMassOverWheels(self.balance + ROOM_TO_MOVE + shift),)
 
-    def hold(self, q: Array, room: float = ROOM_TO_MOVE) -> NDArray[np.bool_]:
+    def hold(self, q: Array, margin: float = ROOM_TO_MOVE) -> NDArray[np.bool_]:
         """Whether postures, shape (m, n), may be states of a path; shape (m,).
 
         Args:
             q: The postures.
-            room: Distance that they keep beyond `balance` [m]: curves keep `ROOM_ALONG`.
+            margin: Distance that they keep beyond `balance` [m]: curves keep `ROOM_ALONG`.
         """
-        n, given = self.pepper.n, np.ascontiguousarray(q)
+        n, inputs = self.pepper.n, np.ascontiguousarray(q)
         if self._masses.size:
-            given = np.empty((len(q), n + self._masses.size))
-            given[:, :n], given[:, n:] = q, self._masses
-        found = evaluate(self.kernel, given)
+            inputs = np.empty((len(q), n + self._masses.size))
+            inputs[:, :n], inputs[:, n:] = q, self._masses
+        found = evaluate(self.kernel, inputs)
         held = (np.abs(found[:, :n]) <= self.effort_limits).all(axis=1)
         if self.balance is not None:
-            held &= (found[:, n:] @ self._edges(room).T >= 0.0).all(axis=1)
+            held &= (found[:, n:] @ self._edges(margin).T >= 0.0).all(axis=1)
         return np.asarray(held)
 
     @cached_property
@@ -176,22 +176,22 @@ class StaticLimits:
             return float("inf")
         return float(balance_margin(self.pepper, polygon, q[None], none, none, self.payload)[0])
 
-    def tips(self, q: Array, room: float = ROOM_TO_MOVE) -> bool:
+    def tips(self, q: Array, margin: float = ROOM_TO_MOVE) -> bool:
         """Whether a posture, shape (n,), is nearer to tipping over than what a path keeps."""
-        return self.balance is not None and self.distance_inside(q) < self.balance + room
+        return self.balance is not None and self.distance_inside(q) < self.balance + margin
 
     @property
     def carried(self) -> str:
         """What is held, in words that may be empty."""
         return "".join(f" with {kg:.4g} kg at {frame}" for frame, kg in self.payload)
 
-    def said(self, q: Array, what: str, room: float = ROOM_TO_MOVE) -> str:
+    def said(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
         """Return a sentence on what a posture, shape (n,), asks too much of; empty where it can be held.
 
         Args:
             q: The posture.
             what: Its name, such as "start".
-            room: Distance that it keeps beyond `balance` [m].
+            margin: Distance that it keeps beyond `balance` [m].
         """
         joint, carried = self.weakest(q), self.carried
         if joint is not None:
@@ -199,13 +199,13 @@ class StaticLimits:
             asked, limit = abs(self.torque(q)[joint]), self.pepper.effort_limits[joint]
             most = f"near or over the {limit:.2f} {unit} it has"
             return f"The {what} takes {asked:.2f} {unit} at {name}{carried}, {most}."
-        if not self.tips(q, room):
+        if not self.tips(q, margin):
             return ""
         inside, asked = 1000 * self.distance_inside(q), 1000 * float(self.balance or 0.0)
         where = f"{inside:.1f} mm inside" if inside >= 0 else f"{-inside:.1f} mm outside"
         return (
             f"The {what} has the center of mass{carried} {where} the edge of the wheels' triangle, "
-            f"and balance asks for {asked:.1f} mm and {1000 * room:.0f} mm to move with."
+            f"and balance asks for {asked:.1f} mm and {1000 * margin:.0f} mm to move with."
         )
 
     def short_of(self, q: Array) -> str:
@@ -217,12 +217,12 @@ class StaticLimits:
     def _masses(self) -> Array:
         return np.array([mass for _, mass in self.payload])
 
-    def _edges(self, room: float) -> Array:
+    def _edges(self, margin: float) -> Array:
         """Return what the floor's force and moments are multiplied with, shape (k, 3)."""
         polygon = support_polygon(self.pepper)
         if self.balance is None or polygon is None:
             return np.empty((0, EDGE_NUMBERS))
-        return np.asarray(moment_matrix(polygon, self.balance + room)[_WRENCH].T)
+        return np.asarray(moment_matrix(polygon, self.balance + margin)[_WRENCH].T)
 
     def _carried_masses(self) -> Array:
         """Return the mass that each joint carries [kg], shape (n,)."""
@@ -264,17 +264,17 @@ def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -
 
     from pepper_kin import symbolic
 
-    given = casadi.SX.sym("given", pepper.n + len(frames))
-    q, masses = given[: pepper.n], given[pepper.n :]
+    inputs = casadi.SX.sym("inputs", pepper.n + len(frames))
+    q, masses = inputs[: pepper.n], inputs[pepper.n :]
     pull, rest = casadi.DM(pepper.inner_model.gravity.linear), casadi.DM.zeros(pepper.n)
-    torque, settled = symbolic.gravity_torque(pepper)(q), casadi.SX(q)
+    torque, placed = symbolic.gravity_torque(pepper)(q), casadi.SX(q)
     for joint in BASE_JOINTS if moves_base(pepper) else ():
-        settled[pepper.joint_index(joint)] = 0.0
-    wrench = symbolic.base_wrench(pepper)(settled, rest, rest) if balanced else casadi.SX.zeros(6)
+        placed[pepper.joint_index(joint)] = 0.0
+    wrench = symbolic.base_wrench(pepper)(placed, rest, rest) if balanced else casadi.SX.zeros(6)
     for k, frame in enumerate(frames):
         weight = -masses[k] * pull
         torque += symbolic.frame_jacobian(pepper, frame)(q)[:3, :].T @ weight
-        place = symbolic.frame_pose(pepper, frame)(settled)[:3, 3]
+        place = symbolic.frame_pose(pepper, frame)(placed)[:3, 3]
         wrench += casadi.vertcat(weight, casadi.cross(place, weight))
     found = casadi.vertcat(torque, wrench[_WRENCH]) if balanced else torque
-    return casadi.Function("static_load", [given], [casadi.cse(casadi.densify(found))])
+    return casadi.Function("static_load", [inputs], [casadi.cse(casadi.densify(found))])

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.inverse_kinematics.search import EXTRA, STATUS, SearchOptions
-from pepper_kin.ik import IKResult, Status, Task, TaskGroup, solve
+from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import CompiledTasks, SearchBuffers, compiled_tasks
 from pepper_kin.ik.fast.search import STATUSES, search_compiled
-from pepper_kin.ik.precedence import balanced, is_ordered
+from pepper_kin.ik.priorities import balanced, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
@@ -195,7 +195,7 @@ class _Search:
 
     def _timed_out(self, search: GoalSearch) -> bool:
         status = search.answers[0, search.answers.shape[1] - EXTRA + STATUS]
-        return STATUSES[int(status)] is Status.TIMED_OUT
+        return STATUSES[int(status)] is IKStatus.TIMED_OUT
 
     def _in_order(self, search: GoalSearch) -> int:
         """Go on from what `solve` finds where tasks yield to others; return as `search_nearby`."""
@@ -227,7 +227,7 @@ class _Search:
         collisions = Collisions(pepper, checks.exact.scene)
         found = search_compiled(pepper, self._tasks, self._start, self._movable, budget, collisions)
         search.counts[SPENT] += found.restarts
-        if found.status is not Status.SOLVED:
+        if found.status is not IKStatus.SOLVED:
             return int(checks.run(take_spare, search))
         search.found[0], search.order[0] = found.q, 0
         return int(checks.run(take_known, search))
@@ -241,7 +241,7 @@ class _Search:
             checks.pepper, self._parts, self._start, self._movable, checks.exact.scene, q
         )
         ik = IKResult(
-            Status.SOLVED, q, counts[STEPS_TAKEN], counts[RESTARTED] + counts[SPENT],
+            IKStatus.SOLVED, q, counts[STEPS_TAKEN], counts[RESTARTED] + counts[SPENT],
             time.perf_counter() - self._begin, "fast", seed=self._seed, evidence=inputs.certificate,
         )  # fmt: skip
         return TaskGoals(goals, ik, (float(search.kept[0]), float(search.kept[1])))

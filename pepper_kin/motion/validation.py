@@ -1,10 +1,9 @@
-"""Whether a path from anywhere may be followed, or the first state that may not, and why."""
+"""Validation of paths: the first state that violates a limit or touches, and the reason."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,11 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import Checks, checks_for
-from pepper_kin.motion.dense_states import AnyPath, DenseStates, dense_states, given_path
+from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
+from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.payload import payload_torque
@@ -31,36 +31,20 @@ TOLERANCE = 1e-7
 _BLOCK = 2048
 
 
-class ValidationStatus(Enum):
+class ValidationStatus(ResultStatus):
     """What the first invalid state breaks; `advice` says what to try."""
 
-    VALID = "valid"
-    JOINT_LIMIT = "joint_limit"
-    COLLISION = "collision"
-    TOO_HEAVY = "too_heavy"
-    TIPS_OVER = "tips_over"
-    VELOCITY_LIMIT = "velocity_limit"
-    ACCELERATION_LIMIT = "acceleration_limit"
-    TORQUE_LIMIT = "torque_limit"
-
-    @property
-    def advice(self) -> str:
-        """One sentence: what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    ValidationStatus.VALID: "Time a path with retime(), or make it shorter with simplify_path().",
-    ValidationStatus.JOINT_LIMIT: "Keep the path within the joint limits, or check the order of the joints.",
-    ValidationStatus.COLLISION: "Plan between the states before and after it with plan().",
-    ValidationStatus.TOO_HEAVY: "Lead the path through postures that the joints can hold against gravity.",
-    ValidationStatus.TIPS_OVER: (
-        "Keep the center of mass nearer to the middle of the wheels' triangle, or use retime(balance=)."
-    ),
-    ValidationStatus.VELOCITY_LIMIT: "Time its path anew with retime().",
-    ValidationStatus.ACCELERATION_LIMIT: "Time its path anew with retime().",
-    ValidationStatus.TORQUE_LIMIT: "Time its path anew with retime().",
-}
+    VALID = "valid", "Time a path with retime(), or make it shorter with simplify_path()."
+    JOINT_LIMIT = "joint_limit", "Keep the path within the joint limits, or check the order of the joints."
+    COLLISION = "collision", "Plan between the states before and after it with plan()."
+    STATIC_TORQUE_LIMIT = "static_torque_limit", "Lead the path through postures that the joints can hold."
+    TIPS_OVER = (
+        "tips_over",
+        "Keep the center of mass nearer to the middle of the wheels' triangle, or use retime(balance=).",
+    )
+    VELOCITY_LIMIT = "velocity_limit", "Time its path anew with retime()."
+    ACCELERATION_LIMIT = "acceleration_limit", "Time its path anew with retime()."
+    TORQUE_LIMIT = "torque_limit", "Time its path anew with retime()."
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +72,7 @@ class Validation:
     states_checked: int = 0
 
     @property
-    def valid(self) -> bool:
+    def success(self) -> bool:
         """Whether the whole path is valid."""
         return self.status is ValidationStatus.VALID
 
@@ -140,15 +124,15 @@ def validate(
     """
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    checks, given = (
+    checks, followed = (
         checks_for(pepper, scene, static_limits(pepper, balance, payload)),
-        given_path(pepper, path),
+        checked_path(pepper, path),
     )
-    dense = dense_states(pepper, scene, given)
+    dense = dense_states(pepper, scene, followed)
     look = _Look(checks, dense, margin)
     found = look.limits(dense.positions, pepper.lower_limits, pepper.upper_limits, "position", "rad", "m")
     end = len(dense.places) if found is None else found[0]
-    found = (look.motion(given, end) if isinstance(given, Trajectory) else look.heavy(end)) or found
+    found = (look.motion(followed, end) if isinstance(followed, Trajectory) else look.heavy(end)) or found
     found = look.touching(end if found is None else found[0]) or found
     if found is None:
         return Validation(
@@ -159,12 +143,12 @@ def validate(
     at, status, what, joint = found
     q, place = dense.positions[at], float(dense.places[at])
     contacts = checks.exact.contacts(q) if status is ValidationStatus.COLLISION else ()
-    where = f"{place:.6g} s" if isinstance(given, Trajectory) else f"{place:.6g} of {dense.places[-1]:.6g}"
+    where = f"{place:.6g} s" if isinstance(followed, Trajectory) else f"{place:.6g} of {dense.places[-1]:.6g}"
     message = f"Invalid from {where} on: {what}"
     return Validation(status, message, place, read_only(q.copy()), contacts, joint, at + 1)
 
 
-Found = tuple[int, ValidationStatus, str, "str | None"]
+Finding = tuple[int, ValidationStatus, str, "str | None"]
 """Number of the first invalid state, what it breaks, a sentence, and the joint to blame."""
 
 
@@ -177,7 +161,7 @@ class _Look:
 
     def limits(
         self, values: Array, lower: Array, upper: Array, quantity: str, turning: str, sliding: str
-    ) -> Found | None:
+    ) -> Finding | None:
         """Compare values of the states, shape (m, n), with limits, shape (n,) each."""
         slack = TOLERANCE * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
         outside = (values < lower - slack) | (values > upper + slack)
@@ -196,9 +180,9 @@ class _Look:
         )
         return at, _STATUS_OF[quantity], what, name
 
-    def motion(self, trajectory: Trajectory, end: int) -> Found | None:
+    def motion(self, trajectory: Trajectory, end: int) -> Finding | None:
         """Look at velocity, acceleration, torque and balance of the first states."""
-        found: Found | None = None
+        found: Finding | None = None
         if not end:
             return found
         pepper, payload = self.pepper, self.checks.statics.payload
@@ -216,7 +200,7 @@ class _Look:
         tipping = self._tipping(state)
         return tipping if tipping is not None and (found is None or tipping[0] < found[0]) else found
 
-    def _tipping(self, state: State) -> Found | None:
+    def _tipping(self, state: State) -> Finding | None:
         """Look for the first state in motion whose zero-moment point is not where balance asks for it."""
         statics, polygon = self.checks.statics, support_polygon(self.pepper)
         if statics.balance is None or polygon is None:
@@ -232,7 +216,7 @@ class _Look:
         )
         return at, ValidationStatus.TIPS_OVER, what, None
 
-    def heavy(self, end: int) -> Found | None:
+    def heavy(self, end: int) -> Finding | None:
         """Look for the first state that the joints or the floor cannot hold still, among the first ones."""
         statics, q = self.checks.statics, self.dense.positions[:end]
         holds = statics.hold(q, ROOM_ALONG) if end else np.ones(0, bool)
@@ -244,9 +228,14 @@ class _Look:
         joint = statics.weakest(q[at])
         if joint is None and statics.tips(q[at], ROOM_ALONG):
             return at, ValidationStatus.TIPS_OVER, sentence, None
-        return at, ValidationStatus.TOO_HEAVY, sentence, self.pepper.joint_names[statics.most_loaded(q[at])]
+        return (
+            at,
+            ValidationStatus.STATIC_TORQUE_LIMIT,
+            sentence,
+            self.pepper.joint_names[statics.most_loaded(q[at])],
+        )
 
-    def touching(self, end: int) -> Found | None:
+    def touching(self, end: int) -> Finding | None:
         """Look for the first state that touches something, among the first ones."""
         q = self.dense.positions
         if not end:
@@ -259,7 +248,7 @@ class _Look:
                 return self._near(begin + int(np.argmin(free)))
         return None
 
-    def _near(self, at: int) -> Found:
+    def _near(self, at: int) -> Finding:
         """Say what a state touches, or is nearer to than the margin, as `plan` says it of ends."""
         checker, q, status = self.checks.exact, self.dense.positions[at], ValidationStatus.COLLISION
         fault = fault_of(checker, q, "state", self.checks.statics)

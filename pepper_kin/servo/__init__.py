@@ -1,4 +1,8 @@
-"""Continuous inverse kinematics: one tick at a time, within every limit."""
+"""Continuous inverse kinematics: one tick at a time, within every limit.
+
+Servo, ServoState, ServoStatus            follows targets and twists that move while it runs
+differential_step, DifferentialStep       one tick as a plain function
+"""
 
 from pepper_kin.servo.differential import DifferentialStep, differential_step
 from pepper_kin.servo.servo import Servo

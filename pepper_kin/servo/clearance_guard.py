@@ -14,12 +14,12 @@ from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.demand import Demand
 from pepper_kin.servo.half_spaces import VelocityRows, stacked
-from pepper_kin.servo.lever_arms import lever_arms
+from pepper_kin.servo.motion_bounds import frame_motion_bounds
 from pepper_kin.servo.range_rows import range_rows
 
 # Farthest that bodies are looked for [m], and how often one brake path is looked at anew.
 FARTHEST = 0.08
-LOOKS = 4
+MAX_QUERIES = 4
 
 # Share of the clearance that braking may use up.
 HARD = 0.5
@@ -28,7 +28,7 @@ HARD = 0.5
 STEP_OF_NEAR = 0.75
 DEEPER = 1e-4
 
-# Weight of the wish to part, over the tasks.
+# Weight of the separation of near pairs, over the tasks.
 PARTING = 10.0
 
 
@@ -61,7 +61,7 @@ class ClearanceGuard:
 
     def __init__(self, pepper: PepperModel, scene: Scene, clearance: float, gain: float) -> None:
         self._checker = checker_for(pepper, scene)
-        self._levers = lever_arms(pepper)
+        self._motion_bounds = frame_motion_bounds(pepper)
         self._ranges = range_rows(pepper)
         self._clearance, self._gain = clearance, gain
         self._hard = HARD * clearance
@@ -69,9 +69,9 @@ class ClearanceGuard:
     def look(self, q: Array, bounds: VelocityInterval, acceleration: Array, dt: float) -> NearPairs:
         """Return the pairs that matter at q for any velocity within bounds."""
         fastest = np.maximum(np.abs(bounds.low), np.abs(bounds.high))
-        damped = self._clearance + float(self._levers @ fastest) / self._gain
+        damped = self._clearance + float(self._motion_bounds @ fastest) / self._gain
         last = np.array([ticks_to_rest(fastest, acceleration, dt)])
-        stopped = self._hard + float(self._levers @ brake_path(fastest, acceleration, dt, last)[0])
+        stopped = self._hard + float(self._motion_bounds @ brake_path(fastest, acceleration, dt, last)[0])
         return pairs_within(self._checker, q, min(max(damped, stopped), FARTHEST))
 
     def rows(self, q: Array, stop: Array, near: NearPairs, caution: float) -> VelocityRows:
@@ -92,7 +92,7 @@ class ClearanceGuard:
         )
 
     def parting(self, near: NearPairs) -> Demand | None:
-        """Return the wish that pairs nearer than d_min part, at gain (d_min - d); None for no such pair."""
+        """Return the term that separates pairs nearer than d_min, at gain (d_min - d), or None."""
         short = near.distances < self._clearance
         if not short.any():
             return None
@@ -123,25 +123,27 @@ class ClearanceGuard:
             return Obstacle(np.isin(np.arange(q.size), entered[0]), entered[1])
         floors, tick = self._floors(near), 0
         everything = Obstacle(np.ones(q.size, dtype=bool), "clearance")
-        for _ in range(LOOKS):
+        for _ in range(MAX_QUERIES):
             least = np.full(len(near), self._hard)
             if floors:
                 least[:] = [floors.get(pair, self._hard) for pair in near.names]
             doubts = np.empty(len(near), dtype=bool)
-            pairs = PairTable(near.gradients, near.movers, near.cores, self._levers, near.distances - least)
-            seen = clear_rows(shifts, tick, pairs, near.within - self._hard, doubts)
+            pairs = PairTable(
+                near.gradients, near.movers, near.cores, self._motion_bounds, near.distances - least
+            )
+            clear = clear_rows(shifts, tick, pairs, near.within - self._hard, doubts)
             # So far no pair that was not seen can have come too near.
-            if seen < 1:
+            if clear < 1:
                 return everything
             doubtful = doubts.nonzero()[0]
             if doubtful.size:
-                path = q + shifts[tick + 1 : tick + seen + 1]
+                path = q + shifts[tick + 1 : tick + clear + 1]
                 distances = distances_along(self._checker, path, near.indices[doubtful])
                 hit = doubtful[(distances < least[doubtful]).any(axis=0)]
                 if hit.size:
                     a, b = near.names[hit[0]]
                     return Obstacle(np.asarray(near.movers[hit].any(axis=0)), f"clearance of {a} and {b}")
-            tick += seen
+            tick += clear
             if tick >= end:
                 return None
             near = pairs_within(self._checker, q + shifts[tick], FARTHEST)

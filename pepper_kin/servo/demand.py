@@ -1,4 +1,4 @@
-"""What a task or a twist asks of the joint velocities at one tick."""
+"""Joint velocities that a task or a twist demands at one tick."""
 
 from __future__ import annotations
 

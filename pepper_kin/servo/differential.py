@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.collision import Scene
+from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
@@ -37,7 +38,7 @@ class DifferentialStep:
         q: q + dt v [rad or m], shape (n,), read-only.
         scale: Share of the speed that singularities leave, of the task that suffers most.
         limited_by: What v touches, in words.
-        gave_way: What had to give way to braking, in words; joint limits never do.
+        relaxed: What had to give way to braking, in words; joint limits never do.
         blocked: Whether v only brakes, because nothing else is known to be able to stop clear.
     """
 
@@ -45,7 +46,7 @@ class DifferentialStep:
     q: Array
     scale: float
     limited_by: tuple[str, ...]
-    gave_way: tuple[str, ...]
+    relaxed: tuple[str, ...]
     blocked: bool
 
 
@@ -57,7 +58,8 @@ def differential_step(
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
     *,
     scene: Scene | None = None,
-    clearance: float = 0.005,
+    collisions: bool = True,
+    margin: float = 0.005,
     gain: float | None = None,
     locked: str | Iterable[str] = (),
     balance: float | None = None,
@@ -70,7 +72,7 @@ def differential_step(
 
         min  sum_i w_i^2 |J_i v' + s_i r_i|^2 + small terms
         |v'| <= v_max,  |v' - v| <= a_max dt,  and v' so low that every joint can brake before its limit
-        dd/dt >= -approach (d - clearance) for all near pairs;  balance.
+        dd/dt >= -approach (d - margin) for all near pairs;  balance.
 
     The hardest brake always keeps the first line; rows of the second that it breaks give way and are named.
     `Servo` does the same from tick to tick, with the solver kept warm; use it for loops.
@@ -81,8 +83,9 @@ def differential_step(
         v: Velocity of the last tick, from which q can still brake [rad/s or m/s], shape (n,).
         dt: Length of the tick [s].
         tasks: What to move towards.
-        scene: The world; `Scene()` for the robot itself only, None checks no collisions.
-        clearance: Distance kept [m].
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
+        margin: Distance kept [m].
         gain: Greatest share of an error removed per second [1/s]; None: 30, or less for a long dt.
         locked: Joints and groups that keep still.
         balance: Distance that zero-moment and capture point keep inside the wheels' triangle [m]; None for
@@ -103,8 +106,9 @@ def differential_step(
     limits, dearness = motion_limits(pepper, locked), motion_scale(pepper, state)
     _check_can_brake(pepper, state, last, limits, dt)
     pace = Pace(min(gain, 1 / dt), check_positive("singularity", singularity, "[m]"), dt, limits, dearness)
-    free, rate = check_positive("clearance", clearance, "[m]"), check_positive("approach", approach, "[1/s]")
-    guard = None if scene is None else ClearanceGuard(pepper, scene, free, rate)
+    free, rate = check_positive("margin", margin, "[m]"), check_positive("approach", approach, "[1/s]")
+    world = checked_world(scene, collisions)
+    guard = None if world is None else ClearanceGuard(pepper, world, free, rate)
     rows = None if balance is None else BalanceRows(pepper, float(as_finite(balance, "balance", ())))
     demands = [task_demand(pepper, task, state, last, None, pace) for task in flatten_tasks(pepper, tasks)]
     tick = Stepper(pepper, limits, dt, state, dearness, guard, rows).step(state, last, demands)
@@ -118,7 +122,7 @@ def _answer(q: Array, dt: float, tick: Tick, demands: list[Demand]) -> Different
         q=read_only(q + dt * tick.v),
         scale=min(demand.scale for demand in demands),
         limited_by=tick.limited_by + lost,
-        gave_way=tick.gave_way,
+        relaxed=tick.relaxed,
         blocked=tick.blocked,
     )
 
@@ -130,9 +134,9 @@ def _check_can_brake(pepper: PepperModel, q: Array, v: Array, limits: JointLimit
     for i, a in enumerate(limits.acceleration):
         high[i] = min(high[i], stopping_speed(max(limits.upper[i] - q[i], 0.0), a, dt) + reach[i])
         low[i] = max(low[i], -stopping_speed(max(q[i] - limits.lower[i], 0.0), a, dt) - reach[i])
-    excess = np.maximum(v - high, low - v)
-    if excess.max() > SLACK:
-        worst = int(np.argmax(excess))
+    violation = np.maximum(v - high, low - v)
+    if violation.max() > SLACK:
+        worst = int(np.argmax(violation))
         unit = f"{pepper.joint_units[worst]}/s"
         raise LimitError(
             "v", pepper.joint_names[worst], v[worst], float(low[worst]), float(high[worst]), unit

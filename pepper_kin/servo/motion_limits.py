@@ -1,4 +1,4 @@
-"""How far, how fast and how suddenly each joint may move under a servo."""
+"""Limits on position, velocity and acceleration of each joint under a servo."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INSIDE = 1e-9
 
 
 def motion_limits(
-    pepper: PepperModel, locked: str | Iterable[str] = (), speed: float = 1.0, urgency: float = 1.0
+    pepper: PepperModel, locked: str | Iterable[str] = (), speed: float = 1.0, acceleration_scale: float = 1.0
 ) -> JointLimits:
     """Return a robot's limits, or a share of them.
 
@@ -25,7 +25,7 @@ def motion_limits(
         pepper: The robot.
         locked: Joints and groups that keep still.
         speed: Share of the velocity limits, above 0 and up to 1.
-        urgency: Share of the acceleration limits, above 0 and up to 1.
+        acceleration_scale: Share of the acceleration limits, above 0 and up to 1.
 
     Raises:
         UnknownNameError: for an unknown joint or group.
@@ -40,7 +40,9 @@ def motion_limits(
         lower=read_only(pepper.lower_limits + INSIDE),
         upper=read_only(pepper.upper_limits - INSIDE),
         velocity=read_only(velocity * _share("speed", speed) * (1 - INSIDE)),
-        acceleration=read_only(acceleration * _share("urgency", urgency) * (1 - INSIDE)),
+        acceleration=read_only(
+            acceleration * _share("acceleration_scale", acceleration_scale) * (1 - INSIDE)
+        ),
         movable=movable,
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.collision import Scene
+from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
@@ -51,61 +52,68 @@ class Servo:
 
     Args:
         pepper: The robot.
-        q0: Joint positions at rest, where it starts and what it prefers [rad or m], shape (n,).
+        start: Joint positions at rest, where it starts and what it prefers [rad or m], shape (n,).
         rate: Ticks per second [Hz].
-        scene: The world; `Scene()` keeps the robot clear of itself only, None checks no collisions.
-        clearance: Distance kept to the scene and between parts of the robot [m]; pairs that are nearer at the
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        collisions: Whether collisions are examined; False leaves them out, and every state says so.
+        margin: Distance kept to the scene and between parts of the robot [m]; pairs that are nearer at the
             start may only part.
-        timeout: A command that is older stops counting, and the robot brakes [s]; infinite for never.
+        command_timeout: A command that is older stops counting, and the robot brakes [s]; infinite for never.
         gain: Greatest share of an error removed per second [1/s]; None: 30, or less at low rates.
         locked: Joints and groups that keep still.
         balance: Distance that zero-moment point and capture point keep inside the wheels' triangle [m]; None
             leaves balance out.
         speed: Share of the velocity limits to use, up to 1.
-        urgency: Share of the acceleration limits to use, up to 1.
+        acceleration_scale: Share of the acceleration limits to use, up to 1.
         singularity: Hand (or gaze) motion slows down where a radian of joint motion moves it by less than
             this [m or rad].
         approach: Share of the distance to an obstacle that may be used up per second [1/s].
 
     Raises:
-        InvalidValueError: for a number that is not allowed, or a q0 of wrong shape, or with NaN.
-        LimitError: for a q0 outside the joint limits.
+        InvalidValueError: for a number that is not allowed, or a start of wrong shape, or with NaN.
+        LimitError: for a start outside the joint limits.
         UnknownNameError: for an unknown joint or group.
     """
 
     def __init__(
         self,
         pepper: PepperModel,
-        q0: ArrayLike,
+        start: ArrayLike,
         rate: float = 100.0,
         scene: Scene | None = None,
         *,
-        clearance: float = 0.005,
-        timeout: float = 0.5,
+        collisions: bool = True,
+        margin: float = 0.005,
+        command_timeout: float = 0.5,
         gain: float | None = None,
         locked: str | Iterable[str] = (),
         balance: float | None = None,
         speed: float = 1.0,
-        urgency: float = 1.0,
+        acceleration_scale: float = 1.0,
         singularity: float = 0.05,
         approach: float = 4.0,
     ) -> None:
         self.pepper = pepper
-        self._q = read_only(checked_configuration(pepper, q0, "q0"))
+        self._q = read_only(checked_configuration(pepper, start, "start"))
         self.rate = check_positive("rate", rate, "[Hz]")
         dt = self._dt = 1.0 / self.rate
-        self.timeout = math.inf if timeout == math.inf else check_positive("timeout", timeout, "[s]")
-        self._clearance = check_positive("clearance", clearance, "[m]")
+        self.command_timeout = (
+            math.inf
+            if command_timeout == math.inf
+            else check_positive("command_timeout", command_timeout, "[s]")
+        )
+        self._margin = check_positive("margin", margin, "[m]")
         self._approach = check_positive("approach", approach, "[1/s]")
         gain = min(GAIN, GAIN_PER_TICK * self.rate) if gain is None else check_positive("gain", gain, "[1/s]")
-        limits = motion_limits(pepper, locked, speed, urgency)
+        limits = motion_limits(pepper, locked, speed, acceleration_scale)
         dearness = motion_scale(pepper, self._q)
         self._pace = Pace(
             min(gain, self.rate), check_positive("singularity", singularity, "[m]"), dt, limits, dearness
         )
-        guard = self._guard(scene) if scene is not None else None
-        margin = None if balance is None else float(as_finite(balance, "balance", ()))
-        rows = None if margin is None else BalanceRows(pepper, margin)
+        self._collisions = collisions
+        guard = self._guard(scene)
+        kept = None if balance is None else float(as_finite(balance, "balance", ()))
+        rows = None if kept is None else BalanceRows(pepper, kept)
         self._stepper = Stepper(pepper, limits, dt, self._q, dearness, guard, rows)
         self._v = read_only(np.zeros(pepper.n))
         # What is compiled should be so before the first tick.
@@ -173,8 +181,12 @@ class Servo:
         )
 
     def set_scene(self, scene: Scene | None) -> None:
-        """Replace the world, which may have moved; None looks at no collisions any more."""
-        self._stepper.guard = self._guard(scene) if scene is not None else None
+        """Replace the world, which may have moved; None leaves the robot alone in it.
+
+        Raises:
+            InvalidValueError: for something that is no scene, and where collisions are left out.
+        """
+        self._stepper.guard = self._guard(scene)
 
     def stop(self) -> None:
         """Forget all commands: the next ticks brake."""
@@ -192,14 +204,13 @@ class Servo:
         self._tick += 1
         return self._state(tick, demands)
 
-    def _guard(self, scene: Scene) -> ClearanceGuard:
-        if not isinstance(scene, Scene):
-            raise InvalidValueError("scene", repr(scene)[:80], "a Scene, or None for no collisions")
-        return ClearanceGuard(self.pepper, scene, self._clearance, self._approach)
+    def _guard(self, scene: Scene | None) -> ClearanceGuard | None:
+        world = checked_world(scene, self._collisions)
+        return None if world is None else ClearanceGuard(self.pepper, world, self._margin, self._approach)
 
-    def _fresh(self, given: int) -> bool:
-        # Half a tick of slack: a timeout of whole ticks does not depend on rounding.
-        return (self._tick - given + 0.5) * self._dt < self.timeout
+    def _fresh(self, set_at: int) -> bool:
+        # Half a tick of slack: a time of whole ticks does not depend on rounding.
+        return (self._tick - set_at + 0.5) * self._dt < self.command_timeout
 
     def _demands(self) -> list[Demand]:
         if self._targets.tasks and not self._fresh(self._targets.tick):
@@ -222,7 +233,7 @@ class Servo:
         elif tasks and not self._twists and all(e <= t.tolerance for e, t in zip(errors, tasks, strict=True)):
             status = ServoStatus.ARRIVED
         else:
-            status = ServoStatus.LIMITED if limited or tick.gave_way else ServoStatus.FOLLOWING
+            status = ServoStatus.LIMITED if limited or tick.relaxed else ServoStatus.FOLLOWING
         return ServoState(
             tick=self._tick,
             time=self.time,
@@ -231,7 +242,7 @@ class Servo:
             status=status,
             scale=scale,
             limited_by=limited,
-            gave_way=tick.gave_way,
+            relaxed=tick.relaxed,
             errors=errors,
             clearance=tick.clearance,
         )

@@ -1,42 +1,30 @@
-"""What a servo says after each tick."""
+"""State of a servo after each tick."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
+from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.status import ResultStatus
 
 
-class ServoStatus(Enum):
+class ServoStatus(ResultStatus):
     """What a servo is doing."""
 
-    FOLLOWING = "following"
-    LIMITED = "limited"
-    ARRIVED = "arrived"
-    BLOCKED = "blocked"
-    STOPPING = "stopping"
-    RESTING = "resting"
-
-    @property
-    def advice(self) -> str:
-        """What it means and what to do, in a sentence."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    ServoStatus.FOLLOWING: "It follows the command; nothing to do.",
-    ServoStatus.LIMITED: (
-        "It follows as well as the limits named allow: ask for slower or nearer motion where that matters."
-    ),
-    ServoStatus.ARRIVED: "Every task is within its tolerance.",
-    ServoStatus.BLOCKED: (
-        "Joints brake, because they would not stop clear if they went on: command another way, or accept a "
-        "smaller clearance."
-    ),
-    ServoStatus.STOPPING: "No command is fresh, so it brakes: command more often than the timeout.",
-    ServoStatus.RESTING: "It stands still and waits for a command.",
-}
+    FOLLOWING = "following", "It follows the command; nothing to do."
+    LIMITED = (
+        "limited",
+        "It follows as well as the limits named allow: ask for slower or nearer motion where that matters.",
+    )
+    ARRIVED = "arrived", "Every task is within its tolerance."
+    BLOCKED = (
+        "blocked",
+        "Joints brake, because they would not stop clear if they went on: command another way, or "
+        "accept a smaller margin.",
+    )
+    STOPPING = "stopping", "No command is fresh, so it brakes: command more often than `command_timeout`."
+    RESTING = "resting", "It stands still and waits for a command."
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +40,12 @@ class ServoState:
         scale: Share of the commanded speed that singularities leave, of the task that suffers most, 0 to 1.
         limited_by: What the velocity touches, in words: "velocity of HeadYaw", "clearance of l_wrist and
             table", "singularity of left hand".
-        gave_way: Conditions that braking cannot keep and that therefore gave way, in words; limits of joint
+        relaxed: Conditions that braking cannot keep and that therefore gave way, in words; limits of joint
             position, velocity and acceleration never do.
         errors: Error of each target task at the start of the tick [m or rad], in the order of the tasks,
             groups taken apart.
-        clearance: Smallest distance at the start of the tick [m]; inf where nothing is near, None where
-            collisions are not looked at.
+        clearance: Smallest distance at the start of the tick [m]; inf where nothing is near, None with
+            `collisions=False`.
     """
 
     tick: int
@@ -67,7 +55,7 @@ class ServoState:
     status: ServoStatus
     scale: float
     limited_by: tuple[str, ...]
-    gave_way: tuple[str, ...]
+    relaxed: tuple[str, ...]
     errors: tuple[float, ...]
     clearance: float | None
 
@@ -78,10 +66,12 @@ class ServoState:
             lines.append("errors: " + ", ".join(f"{error:.4f}" for error in self.errors))
         if self.limited_by:
             lines.append("limited by " + ", ".join(self.limited_by))
-        if self.gave_way:
-            lines.append("gave way: " + ", ".join(self.gave_way))
+        if self.relaxed:
+            lines.append("gave way: " + ", ".join(self.relaxed))
         if self.scale < 1:
             lines.append(f"slowed to {100 * self.scale:.0f} % of the speed near a singularity")
         if self.clearance is not None and self.clearance < float("inf"):
             lines.append(f"clearance {1000 * self.clearance:.1f} mm")
+        if self.clearance is None:
+            lines.append(NOT_EXAMINED)
         return "\n".join(lines)

@@ -33,14 +33,14 @@ class Tick:
     Attributes:
         v: The next velocity [rad/s or m/s], shape (n,).
         limited_by: What v touches, in words.
-        gave_way: What had to give way so that limits of position, velocity and acceleration hold, in words.
+        relaxed: What had to give way so that limits of position, velocity and acceleration hold, in words.
         blocked: Whether joints brake because nothing else is known to stop clear.
         clearance: Smallest distance before the tick [m]; inf where nothing is near, None where unchecked.
     """
 
     v: Array
     limited_by: tuple[str, ...]
-    gave_way: tuple[str, ...]
+    relaxed: tuple[str, ...]
     blocked: bool
     clearance: float | None
 

@@ -31,7 +31,7 @@ def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
     @wraps(build)
     def call(pepper: PepperModel, *args: Hashable, **keywords: Hashable) -> Result:
         if not isinstance(pepper, PepperModel):
-            raise InvalidValueError("pepper", repr(pepper)[:80], "a PepperModel, as load_pepper gives")
+            raise InvalidValueError("pepper", repr(pepper), "a PepperModel, as load_pepper gives")
         bound = signature.bind(pepper, *args, **keywords)
         bound.apply_defaults()
         key = (build.__module__, build.__qualname__, bound.args[1:], tuple(bound.kwargs.items()))
@@ -40,7 +40,7 @@ def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
             try:
                 found = known.get(key)
             except TypeError:
-                raise InvalidValueError("arguments", repr(args)[:80], "names, which can be hashed") from None
+                raise InvalidValueError("arguments", repr(args), "names, which can be hashed") from None
             if found is None:
                 found = known[key] = build(pepper, *args, **keywords)
             return found

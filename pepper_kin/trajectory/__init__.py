@@ -1,31 +1,41 @@
-"""Trajectories: a value, timing within limits, an independent check, animations by keys, pictures."""
+"""Trajectories: a value, timing within limits, an independent check, animations by keys, pictures.
 
-from typing import Any
+    Trajectory, State, Samples                piecewise polynomials, and what they are sampled to
+    retime                                    a path or plan timed within all limits
+    check, Certificate, LimitCheck, ScalarCheck   what an examination by other code finds
+    active_limits, ActiveLimits               which limit holds the motion back, and when
+    phase_plane, PhasePlane, plot
+    find_limit_violations, LimitViolation, enforce_limits   limits that a motion breaks, and their repair
+    OnlineMotion                              new targets in mid-motion, jerk-limited
+    Timeline, JointCurve, Key, Handle         an animation by keys
+    import_timeline, ImportedMotion           such an animation as a trajectory within the limits
 
-from pepper_kin.lazy_names import lazy_module
-from pepper_kin.trajectory.binding import Binding, binding_limits
+Files of trajectories are in the room `pepper_kin.files`.
+"""
+
+from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
-from pepper_kin.trajectory.excess import Excess, find_excesses
+from pepper_kin.trajectory.enforce_limits import enforce_limits
 from pepper_kin.trajectory.key_curve import Handle, Key
-from pepper_kin.trajectory.make_safe import make_safe
+from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
 from pepper_kin.trajectory.online import OnlineMotion
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.timeline import Curve, ImportedMotion, Timeline, import_timeline
+from pepper_kin.trajectory.timeline import ImportedMotion, JointCurve, Timeline, import_timeline
 from pepper_kin.trajectory.trajectory import State, Trajectory
 
 __all__ = [
-    "Binding",
+    "ActiveLimits",
     "Certificate",
-    "Curve",
-    "Excess",
     "Handle",
     "ImportedMotion",
+    "JointCurve",
     "Key",
     "LimitCheck",
+    "LimitViolation",
     "OnlineMotion",
     "PhasePlane",
     "Samples",
@@ -33,25 +43,12 @@ __all__ = [
     "State",
     "Timeline",
     "Trajectory",
-    "binding_limits",
+    "active_limits",
     "check",
-    "find_excesses",
+    "enforce_limits",
+    "find_limit_violations",
     "import_timeline",
-    "make_safe",
     "phase_plane",
     "plot",
     "retime",
 ]
-
-_files = lazy_module("pepper_kin.files")
-
-
-def __getattr__(name: str) -> Any:
-    """Return a name of `pepper_kin.files`, the room built on this one, for those who look for it here."""
-    if name.startswith("_") or name not in _files.__all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_files, name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_files.__all__})

@@ -1,4 +1,4 @@
-"""Whether the robot keeps its balance: the zero-moment point against the triangle of its wheels."""
+"""Balance margin: the zero-moment point against the triangle of the wheels."""
 
 from __future__ import annotations
 

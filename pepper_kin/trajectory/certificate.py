@@ -1,4 +1,4 @@
-"""What an independent examination of a trajectory found."""
+"""Certificate of a trajectory, from an independent examination."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pepper_kin.model.shapes import kept_read_only
 
 Array = NDArray[np.float64]
 
@@ -24,7 +26,7 @@ class LimitCheck:
         lower: Lower limits.
         upper: Upper limits.
         time: The instant [s].
-        tolerance: Excess that is taken for rounding.
+        tolerance: Violation that is taken for rounding.
     """
 
     quantity: str
@@ -37,8 +39,12 @@ class LimitCheck:
     time: Array
     tolerance: Array
 
+    def __post_init__(self) -> None:
+        for name in ("margin", "value", "lower", "upper", "time", "tolerance"):
+            object.__setattr__(self, name, kept_read_only(getattr(self, name)))
+
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether all joints keep within their limits."""
         return bool(np.all(self.margin >= -self.tolerance))
 
@@ -79,7 +85,7 @@ class LimitCheck:
             }
             for j, name in enumerate(self.joint_names)
         }
-        return {"ok": self.ok, "worst_joint": self.joint_names[self.worst], "joints": joints}
+        return {"success": self.success, "worst_joint": self.joint_names[self.worst], "joints": joints}
 
 
 @dataclass(frozen=True)
@@ -103,19 +109,19 @@ class ScalarCheck:
     detail: str
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether the requirement holds everywhere."""
         return self.margin >= 0.0
 
     def sentence(self) -> str:
         """Say the worst value and when it occurs."""
-        word = "" if self.ok else "VIOLATED: "
+        word = "" if self.success else "VIOLATED: "
         return f"{self.quantity}: {word}{self.value:.3g} {self.unit} {self.detail}, at {self.time:.3f} s"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; None stands for infinity."""
         return {
-            "ok": self.ok,
+            "success": self.success,
             "margin": _plain(self.margin),
             "value": _plain(self.value),
             "unit": self.unit,
@@ -138,8 +144,8 @@ class Certificate:
         position_continuity: Greatest jump of a joint's position at a knot.
         velocity_continuity: Greatest jump of a joint's velocity at a knot.
         balance: Distance of the zero-moment point from the edge of the wheels' triangle, negative outside;
-            None for a robot without Pepper's wheels.
-        clearance: Least distance between bodies; None if no scene was given.
+            None for a robot without Pepper's wheels, and with `balance=None`.
+        clearance: Least distance between bodies; None with `collisions=False`.
         jerk: Against jerk limits; None if none were given.
         acceleration_continuity: Greatest jump of a joint's acceleration at a knot; None without jerk limits.
         hand_speed: Speeds of frames against their limits; None if none were given.
@@ -179,18 +185,18 @@ class Certificate:
         return {name: check for name, check in found.items() if check is not None}
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether every check passed."""
-        return all(check.ok for check in self.checks.values())
+        return all(check.success for check in self.checks.values())
 
     @property
     def failures(self) -> tuple[str, ...]:
         """Names of the checks that did not pass."""
-        return tuple(name for name, check in self.checks.items() if not check.ok)
+        return tuple(name for name, check in self.checks.items() if not check.success)
 
     def report(self) -> str:
         """Say in words what was found, one line per check."""
-        verdict = "passes every check" if self.ok else f"fails: {', '.join(self.failures)}"
+        verdict = "passes every check" if self.success else f"fails: {', '.join(self.failures)}"
         head = (
             f"Trajectory of {self.duration:.3f} s, {self.samples} states examined "
             f"(every {self.step * 1e3:g} ms and both sides of every knot): {verdict}."
@@ -202,7 +208,7 @@ class Certificate:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {
-            "ok": self.ok,
+            "success": self.success,
             "duration": self.duration,
             "samples": self.samples,
             "step": self.step,

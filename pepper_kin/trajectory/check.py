@@ -14,7 +14,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.payload import AtFrames, at_frames, payload_torque, wheel_speeds
+from pepper_kin.trajectory.payload import AtFrames, at_frames, hand_speeds, payload_torque, wheel_speeds
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
 
@@ -31,9 +31,10 @@ def check(
     trajectory: Trajectory,
     *,
     scene: Any | None = None,
+    collisions: bool = True,
     jerk: JerkLike | None = None,
-    balance: float = 0.0,
-    hand_speed: Mapping[str, float] | None = None,
+    balance: float | None = 0.0,
+    hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> Certificate:
     """Examine a trajectory at every millisecond and on both sides of every knot.
@@ -46,11 +47,14 @@ def check(
     Args:
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
-        scene: A `pepper_kin.collision.Scene` (empty for the body alone) to measure clearances in; None to
-            leave them out.
+        scene: The `pepper_kin.collision.Scene` around the robot; None for nothing.  The clearance of
+            the robot from itself is measured in any case.
+        collisions: Whether collisions are examined; False leaves them out, and the result says so.
         jerk: Jerk limits as in `retime`; None leaves jerk out.
-        balance: Distance that the zero-moment point has to keep from the edges [m].
-        hand_speed: Greatest speeds of "left", "right" or frames by name [m/s]; None leaves them out.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m], as in
+            `retime`; None lets the base be held from below.
+        hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s];
+            None leaves them out.
         payload: Point masses held at "left", "right" or frames by name [kg].
 
     Returns:
@@ -61,19 +65,21 @@ def check(
             out of range.
     """
     from pepper_kin import dynamics
+    from pepper_kin.collision.checked_world import checked_world
 
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
+    world = checked_world(scene, collisions)
     held, speeds = (
         at_frames(pepper, "payload", payload, "kg"),
-        at_frames(pepper, "hand_speed", hand_speed, "m/s") + wheel_speeds(pepper),
+        hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
     )
     time, state = _states(trajectory)
     lower, upper = pepper.lower_limits, pepper.upper_limits
     torque = dynamics.newton_euler(pepper, *state) + payload_torque(pepper, held, *state)
-    polygon = support_polygon(pepper)
+    polygon = None if balance is None else support_polygon(pepper)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
 
     def against(quantity: str, value: Array, lower: Array, upper: Array) -> LimitCheck:
@@ -90,8 +96,8 @@ def check(
         torque=against("torque", torque, -tau, tau),
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
-        balance=None if polygon is None else _balance(pepper, polygon, time, state, balance, held),
-        clearance=None if scene is None else _clearance(pepper, trajectory, scene),
+        balance=None if polygon is None else _balance(pepper, polygon, time, state, balance or 0.0, held),
+        clearance=None if world is None else _clearance(pepper, trajectory, world),
         jerk=None if rate is None else against("jerk", _jerks(trajectory), -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
         hand_speed=_speed(pepper, time, state, speeds) if speeds else None,
@@ -100,35 +106,35 @@ def check(
 
 def _states(trajectory: Trajectory) -> tuple[Array, State]:
     """Return times (T,) and states (T, n): every millisecond, and both sides of every knot."""
-    time, piece, local = _instants(trajectory)
-    return time, State(*_derivatives(trajectory, piece, local, 3))
+    time, segment, local = _sample_times(trajectory)
+    return time, State(*_derivatives(trajectory, segment, local, 3))
 
 
 def _jerks(trajectory: Trajectory) -> Array:
     """Return the jerks at the times of `_states`, shape (T, n)."""
-    return _derivatives(trajectory, *_instants(trajectory)[1:], 4)[3]
+    return _derivatives(trajectory, *_sample_times(trajectory)[1:], 4)[3]
 
 
-def _instants(trajectory: Trajectory) -> tuple[Array, NDArray[np.intp], Array]:
+def _sample_times(trajectory: Trajectory) -> tuple[Array, NDArray[np.intp], Array]:
     """Return times, and their pieces and times since the start of these, shape (T,)."""
     knots = trajectory.knots
     regular = sample_times(trajectory.duration, STEP)
     inside = np.clip(np.searchsorted(knots, regular, side="right") - 1, 0, knots.size - 2)
-    pieces, step = np.arange(knots.size - 1), np.diff(knots)
+    segments, step = np.arange(knots.size - 1), np.diff(knots)
     return (
         np.concatenate([regular, knots[:-1], knots[1:]]),
-        np.concatenate([inside, pieces, pieces]),
+        np.concatenate([inside, segments, segments]),
         np.concatenate([regular - knots[inside], 0 * step, step]),
     )
 
 
-def _derivatives(trajectory: Trajectory, piece: NDArray[np.intp], local: Array, count: int) -> list[Array]:
+def _derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array, count: int) -> list[Array]:
     """Return value and first derivatives of the polynomials, shape (T, n) each.
 
     Horner's scheme for all of them at once: the sums of its steps are p(x), p'(x), p''(x) / 2, ...
     """
     coefficients, x = trajectory.coefficients, local[:, None]
-    sums = [np.zeros((piece.size, coefficients.shape[2])) for _ in range(count)]
+    sums = [np.zeros((segment.size, coefficients.shape[2])) for _ in range(count)]
     order = coefficients.shape[1]
     for power in range(order - 1, -1, -1):
         # A sum is zero until as many coefficients have been met.
@@ -136,7 +142,7 @@ def _derivatives(trajectory: Trajectory, piece: NDArray[np.intp], local: Array, 
             sums[k] *= x
             sums[k] += sums[k - 1]
         sums[0] *= x
-        sums[0] += coefficients[piece, power]
+        sums[0] += coefficients[segment, power]
     return [total * math.factorial(k) for k, total in enumerate(sums)]
 
 
@@ -164,9 +170,9 @@ def _limit_check(
 
 def _continuity(trajectory: Trajectory, derivative: int) -> ScalarCheck:
     quantity = ("position", "velocity", "acceleration")[derivative]
-    step, pieces = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
-    before = _derivatives(trajectory, pieces[:-1], step[:-1], derivative + 1)[-1]
-    after = _derivatives(trajectory, pieces[1:], 0.0 * step[1:], derivative + 1)[-1]
+    step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
+    before = _derivatives(trajectory, segments[:-1], step[:-1], derivative + 1)[-1]
+    after = _derivatives(trajectory, segments[1:], 0.0 * step[1:], derivative + 1)[-1]
     jumps = np.abs(after - before)
     worst, time, joint = 0.0, 0.0, trajectory.joint_names[0]
     if jumps.size:
@@ -198,10 +204,10 @@ def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> 
         speed = np.linalg.norm(np.einsum("tij,tj->ti", jacobian, state.velocity), axis=1)
         at = int(np.argmax(speed))
         found.append((float(speed[at]) / limit, float(speed[at]), limit, float(time[at]), frame))
-    _, value, limit, instant, frame = max(found)
+    _, value, limit, time_at, frame = max(found)
     margin = limit * (1 + RELATIVE_TOLERANCE) - value
     return ScalarCheck(
-        "hand speed", margin, value, instant, "m/s", f"of {frame}, whose limit is {limit:.4g} m/s"
+        "hand speed", margin, value, time_at, "m/s", f"of {frame}, whose limit is {limit:.4g} m/s"
     )
 
 
@@ -209,9 +215,9 @@ def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> Scala
     """Find the least distance of all milliseconds; neighbors decided by joint ranges count as yes or no."""
     from pepper_kin import collision
 
-    time, piece, local = _instants(trajectory)
+    time, segment, local = _sample_times(trajectory)
     count = sample_times(trajectory.duration, STEP).size
-    positions = _derivatives(trajectory, piece[:count], local[:count], 1)[0]
+    positions = _derivatives(trajectory, segment[:count], local[:count], 1)[0]
     found = collision.least_clearance(pepper, positions, scene)
     worst, at = found.distance, found.index
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)

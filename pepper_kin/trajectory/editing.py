@@ -76,7 +76,7 @@ def blended(first: Trajectory, second: Trajectory, overlap: float) -> Trajectory
 
 def _check_meeting(first: Trajectory, second: Trajectory) -> None:
     if not isinstance(second, Trajectory):
-        raise InvalidValueError("trajectory", repr(second)[:60], "a Trajectory")
+        raise InvalidValueError("trajectory", repr(second), "a Trajectory")
     if (first.joint_names, first.joint_units) != (second.joint_names, second.joint_units):
         raise InvalidValueError(
             "joints of the second trajectory", ", ".join(second.joint_names), ", ".join(first.joint_names)
@@ -107,23 +107,23 @@ def _padded(coefficients: Array, order: int) -> Array:
 
 def _recut(trajectory: Trajectory, knots: Array) -> Trajectory:
     """Return the part between the first and the last of some times, which include all breaks between."""
-    pieces, by = _places(trajectory, knots)
-    return _like(trajectory, knots - knots[0], shifted(trajectory.coefficients[pieces], by))
+    segments, by = _places(trajectory, knots)
+    return _like(trajectory, knots - knots[0], shifted(trajectory.coefficients[segments], by))
 
 
 def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:
     """Return the piece that holds each interval between knots, and the interval's start within it."""
     middle = (knots[1:] + knots[:-1]) / 2
-    pieces = np.clip(
+    segments = np.clip(
         np.searchsorted(trajectory.breaks, middle, side="right") - 1, 0, trajectory.breaks.size - 2
     )
-    return pieces, knots[:-1] - trajectory.breaks[pieces]
+    return segments, knots[:-1] - trajectory.breaks[segments]
 
 
 def _extended(trajectory: Trajectory, knots: Array, order: int, starts: float) -> Array:
     """Return coefficients between knots of a trajectory that rests before its start and after its end."""
-    pieces, by = _places(trajectory, knots - starts)
-    found = _padded(shifted(trajectory.coefficients[pieces], by), order)
+    segments, by = _places(trajectory, knots - starts)
+    found = _padded(shifted(trajectory.coefficients[segments], by), order)
     middle = (knots[1:] + knots[:-1]) / 2 - starts
     for outside, rest in ((middle < 0, trajectory.start), (middle > trajectory.duration, trajectory.end)):
         found[outside] = 0.0

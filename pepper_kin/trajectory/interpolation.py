@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 INTERPOLATIONS = ("cubic", "monotone")
 OVERSHOOT = 0.01
-"""Excess over limits, and over the range of the samples, that is not worth a warning [rad or m]."""
+"""Violation of limits, and of the range of the samples, that is not worth a warning [rad or m]."""
 
 _NAMED = 3  # joints in one warning
 
@@ -124,9 +124,9 @@ def _excesses(
 ) -> list[tuple[float, int, str]]:
     """Return excess [rad or m], joint and sentence of each joint's worst position, the worst first."""
     step = np.diff(trajectory.breaks)
-    piece, joint, local = turning_points(step, trajectory.coefficients)
-    value = trajectory.at_pieces(piece, local).position[np.arange(piece.size), joint]
-    time = trajectory.breaks[piece] + local
+    segment, joint, local = turning_points(step, trajectory.coefficients)
+    value = trajectory.at_segments(segment, local).position[np.arange(segment.size), joint]
+    time = trajectory.breaks[segment] + local
     # The samples themselves may be outside the limits, too.
     rows, columns = np.indices(q.shape).reshape(2, -1)
     joint, value = np.concatenate([joint, columns]), np.concatenate([value, q.reshape(-1)])

@@ -1,4 +1,4 @@
-"""What a user says about jerk, as one limit for each joint."""
+"""Jerk limits, one for each joint, from numbers or names."""
 
 from __future__ import annotations
 
@@ -41,6 +41,6 @@ def jerk_limits(pepper: PepperModel, jerk: JerkLike, acceleration: Array | None 
         value = np.array(np.nan)
     if value.shape not in ((), (pepper.n,)) or not np.all(value > 0):
         allowed = f"a name, a factor above 0 [1/s], or {pepper.n} limits above 0"
-        raise InvalidValueError("jerk", repr(jerk)[:80], allowed)
+        raise InvalidValueError("jerk", repr(jerk), allowed)
     limits = pepper.acceleration_limits if acceleration is None else acceleration
     return np.array(value if value.ndim else value * limits)

@@ -53,11 +53,11 @@ class _Rate:
     slope: Array
     bend: Array
 
-    def at(self, piece: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array]:
+    def at(self, segment: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array]:
         """Return y, y' and y''."""
-        bend = self.bend[piece]
-        slope = self.slope[piece] + local * bend
-        return self.value[piece] + local * (self.slope[piece] + local * bend / 2), slope, bend
+        bend = self.bend[segment]
+        slope = self.slope[segment] + local * bend
+        return self.value[segment] + local * (self.slope[segment] + local * bend / 2), slope, bend
 
 
 def limit_jerk(
@@ -123,16 +123,16 @@ def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
 def _trajectory(pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _Rate) -> Trajectory:
     """Return quintics in time through states at the knots of y and some instants between."""
     step = np.diff(base.knots)
-    piece = np.repeat(np.arange(step.size), _PARTS)
-    width = step[piece] / _PARTS
+    segment = np.repeat(np.arange(step.size), _PARTS)
+    width = step[segment] / _PARTS
     start = np.tile(np.arange(_PARTS), step.size) * width
     node, weight = np.polynomial.legendre.leggauss(4)
     inside = start[:, None] + width[:, None] * (node + 1) / 2
-    y = rate.at(piece[:, None], inside)[0]
+    y = rate.at(segment[:, None], inside)[0]
     times = np.sum(weight / np.sqrt(y), axis=1) * width / 2
-    pieces, local = np.append(piece, piece[-1]), np.append(start, step[-1])
-    q, first, second, _ = base.derivatives(curve, pieces, local)
-    y, slope, _ = rate.at(pieces, local)
+    segments, local = np.append(segment, segment[-1]), np.append(start, step[-1])
+    q, first, second, _ = base.derivatives(curve, segments, local)
+    y, slope, _ = rate.at(segments, local)
     velocity = np.sqrt(y)[:, None] * first
     acceleration = y[:, None] * second + slope[:, None] * first / 2
     time = np.concatenate([[0.0], np.cumsum(times)])
@@ -141,11 +141,11 @@ def _trajectory(pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _
 
 def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits, jerk: Array) -> Trajectory:
     """Slow down, where need be, until all limits hold at the knots and at every multiple of 1 ms."""
-    pieces = np.arange(trajectory.breaks.size - 1)
+    segments = np.arange(trajectory.breaks.size - 1)
     for _ in range(50):
         step = np.diff(trajectory.breaks)
         state = trajectory(np.concatenate([sample_times(trajectory.duration, 0.001), trajectory.breaks]))
-        ends = [trajectory.jerk_at_pieces(pieces, 0 * step), trajectory.jerk_at_pieces(pieces, step)]
+        ends = [trajectory.jerk_at_segments(segments, 0 * step), trajectory.jerk_at_segments(segments, step)]
         rates = np.concatenate([trajectory.jerk(sample_times(trajectory.duration, 0.001)), *ends])
         stretch = measure_use(pepper, state, limits).stretch
         stretch = max(stretch, float(np.max(np.abs(rates) / jerk)) ** (1 / 3))

@@ -54,8 +54,8 @@ class Rows:
 
     def polynomials(self, y: Array) -> tuple[Array, Array, Array]:
         """Return y, y' and y'' at the start of each piece, shape (K,) each."""
-        pieces = np.arange(self.to_powers.shape[0])
-        at = np.einsum("kdc,kc->dk", self.to_powers, y[pieces[:, None] + np.arange(3)])
+        segments = np.arange(self.to_powers.shape[0])
+        at = np.einsum("kdc,kc->dk", self.to_powers, y[segments[:, None] + np.arange(3)])
         return at[0], at[1], at[2]
 
     def can_rest(self) -> bool:
@@ -133,21 +133,21 @@ class Rows:
 def make_rows(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits: Limits, jerk: Array) -> Rows:
     """Evaluate all limits along a smooth time law at once."""
     step = np.diff(base.knots)
-    piece = np.repeat(np.arange(step.size), len(_POINTS))
+    segment = np.repeat(np.arange(step.size), len(_POINTS))
     local = (step[:, None] * np.array(_POINTS)).ravel()
-    q, first, second, third = base.derivatives(curve, piece, local)
+    q, first, second, third = base.derivatives(curve, segment, local)
     quantities = LimitedQuantities(pepper, limits)
     speeds = [np.abs(first) / limits.velocity, quantities.speed(q, first)]
     share = np.concatenate(speeds, axis=1).max(axis=1)
     gains, rests, sides = _linear_limits(quantities, limits, q, first, second)
     powers = _to_powers(base.knots)
     x = local[:, None]
-    start, slope, bend = (powers[piece, derivative] for derivative in range(3))
+    start, slope, bend = (powers[segment, derivative] for derivative in range(3))
     basis = np.stack([start + x * (slope + x * bend / 2), slope + x * bend, bend])
     finite = np.isfinite(jerk)
     gain = np.stack([third, 1.5 * second, first / 2], axis=-1)[:, finite] / jerk[finite][:, None]
     return Rows(
-        piece,
+        segment,
         basis,
         gains,
         rests,

@@ -80,7 +80,7 @@ class Key:
                 )
 
 
-def curve_pieces(keys: tuple[Key, ...], start: float, duration: float) -> tuple[Array, Array]:
+def curve_segments(keys: tuple[Key, ...], start: float, duration: float) -> tuple[Array, Array]:
     """Return the curve through keys from time 0 to the duration.
 
     With P0, P3 two keys and P1, P2 their control points in the plane of time and value, a segment is

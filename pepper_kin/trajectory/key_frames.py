@@ -13,7 +13,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_within_limits
 from pepper_kin.trajectory.key_curve import Key
-from pepper_kin.trajectory.timeline import Curve, Timeline
+from pepper_kin.trajectory.timeline import JointCurve, Timeline
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Frame: TypeAlias = str | Mapping[str, ArrayLike] | Sequence[float] | NDArray[np.float64]
@@ -32,7 +32,7 @@ def from_keyframes(
         q = _position(pepper, frame, f"key frame at {time:.6g} s")
         for name in pepper.resolve_joints(frame) if isinstance(frame, Mapping) else pepper.joint_names:
             keys[name].append(Key(time, float(q[pepper.joint_index(name)])))
-    curves = tuple(Curve(name, tuple(those)) for name, those in keys.items() if those)
+    curves = tuple(JointCurve(name, tuple(those)) for name, those in keys.items() if those)
     begin = pepper.neutral() if start is None else _position(pepper, start, "start")
     return Timeline("key frames", curves).to_trajectory(pepper, begin)
 
@@ -40,10 +40,10 @@ def from_keyframes(
 def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:
     allowed = "time [s] -> frame, or pairs of both, with two or more times that rise from 0 or later"
     try:
-        given = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
-        pairs = [(time, frame) for time, frame in given]
+        entries = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
+        pairs = [(time, frame) for time, frame in entries]
     except (TypeError, ValueError):
-        raise InvalidValueError("key frames", repr(keyframes)[:80], allowed) from None
+        raise InvalidValueError("key frames", repr(keyframes), allowed) from None
     times = [float(as_finite(time, "time of a key frame", ())) for time, _ in pairs]
     if (
         not times

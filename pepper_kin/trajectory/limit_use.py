@@ -1,4 +1,4 @@
-"""How much of its limits a motion uses, and how much slower it would have to be."""
+"""Share of its limits that a motion uses, and the slowdown that would be needed."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ class OnlineMotion:
             _check_symmetric(pepper, name, value, limit)
         self.time = 0.0
         self._planner = self._ruckig.Ruckig(pepper.n)
-        self._pieces: list[tuple[float, Array]] = []  # start of each piece and its cubic, shape (4, n)
+        self._segments: list[tuple[float, Array]] = []  # start of each piece and its cubic, shape (4, n)
         self._plan = _standing(state)
         self._begun = 0.0
         self._target = state.position
@@ -152,37 +152,37 @@ class OnlineMotion:
         Raises:
             InvalidValueError: where there was no motion and none is to come.
         """
-        pieces = [*self._pieces, *self._cut(self._plan, self._begun, np.inf)]
+        segments = [*self._segments, *self._cut(self._plan, self._begun, np.inf)]
         end = max(self.time, self._begun + float(self._plan[0][-1]))
         if end <= _SAME_TIME:
             raise InvalidValueError("motion", "a duration of zero", "a target to move to, or a step")
-        breaks = np.array([start for start, _ in pieces if start < end - _SAME_TIME] + [end])
-        table = np.stack([cubic for _, cubic in pieces[: breaks.size - 1]])
+        breaks = np.array([start for start, _ in segments if start < end - _SAME_TIME] + [end])
+        table = np.stack([cubic for _, cubic in segments[: breaks.size - 1]])
         return Trajectory(self.pepper.joint_names, breaks, table, self.pepper.joint_units)
 
     def _set(self, now: State, position: Array, velocity: Array) -> float:
         plan = self._solve(now, position, velocity)
         self._refuse_outside(plan)
-        self._pieces += self._cut(self._plan, self._begun, self.time)
+        self._segments += self._cut(self._plan, self._begun, self.time)
         self._plan, self._begun, self._target = plan, self.time, position
         return float(plan[0][-1])
 
     def _solve(self, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
         """Return breaks (m + 1,) and cubics (m + 1, 4, n) of the motion; the last one goes on for ever."""
         module = self._ruckig
-        given = module.InputParameter(self.pepper.n)
-        given.current_position, given.current_velocity, given.current_acceleration = map(
+        parameters = module.InputParameter(self.pepper.n)
+        parameters.current_position, parameters.current_velocity, parameters.current_acceleration = map(
             np.ndarray.tolist, now
         )
-        given.target_position, given.target_velocity = position.tolist(), velocity.tolist()
-        given.max_velocity, given.max_acceleration, given.max_jerk = (
+        parameters.target_position, parameters.target_velocity = position.tolist(), velocity.tolist()
+        parameters.max_velocity, parameters.max_acceleration, parameters.max_jerk = (
             limit.tolist() for limit in self._limits
         )
-        given.synchronization = module.Synchronization.Time
+        parameters.synchronization = module.Synchronization.Time
         found = module.Trajectory(self.pepper.n)
         try:
-            result = self._planner.calculate(given, found)
-        except Exception as error:  # the package has one class of its own, which it does not always raise
+            result = self._planner.calculate(parameters, found)
+        except Exception as error:  # the package's own exception class is not always raised
             raise InfeasibleError("motion", str(error), "choose another target") from error
         if result not in (module.Result.Working, module.Result.Finished):
             raise InfeasibleError("motion", f"ruckig says {result}", "choose another target")
@@ -195,13 +195,13 @@ class OnlineMotion:
             return
         lower, upper = self.pepper.lower_limits, self.pepper.upper_limits
         share = np.linspace(0.0, 1.0, 17)
-        piece = np.repeat(np.arange(breaks.size - 1), share.size)
+        segment = np.repeat(np.arange(breaks.size - 1), share.size)
         x = (np.diff(breaks)[:, None] * share).ravel()[:, None]
-        c = cubics[piece]
+        c = cubics[segment]
         q = c[:, 0] + x * (c[:, 1] + x * (c[:, 2] + x * c[:, 3]))
-        excess = np.maximum(lower - q, q - upper)
-        if excess.max() > 1e-6:
-            at, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        violation = np.maximum(lower - q, q - upper)
+        if violation.max() > 1e-6:
+            at, joint = np.unravel_index(int(np.argmax(violation)), violation.shape)
             name = self.pepper.joint_names[joint]
             raise InfeasibleError(
                 "motion",

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.core.splines import bounded_cubic_spline, cubic_spline, derivatives_on_pieces
+from pepper_kin.core.splines import bounded_cubic_spline, cubic_spline, derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
@@ -104,25 +104,27 @@ class CubicPath:
                 "pieces that meet",
             )
 
-    def at(self, piece: ArrayLike, local: ArrayLike, derivative: int = 0) -> Array:
+    def at(self, segment: ArrayLike, local: ArrayLike, derivative: int = 0) -> Array:
         """Return a derivative of q with respect to s on chosen pieces.
 
         Args:
-            piece: Indices of pieces, shape (...).
+            segment: Indices of pieces, shape (...).
             local: s minus the piece's first break, shape (...).
             derivative: 0 to 3.
 
         Returns:
             Shape (..., n).
         """
-        return np.asarray(derivatives_on_pieces(self.coefficients, piece, local, derivative + 1)[derivative])
+        return np.asarray(
+            derivatives_on_segments(self.coefficients, segment, local, derivative + 1)[derivative]
+        )
 
     def extremes(self) -> Array:
         """Return all positions where a joint may be extreme, ends of pieces and dq/ds = 0, shape (k, n)."""
         h = np.diff(self.breaks)
-        piece, _, local = turning_points(h, self.coefficients)
+        segment, _, local = turning_points(h, self.coefficients)
         last = self.at(np.array([h.size - 1]), h[-1:])
-        return np.concatenate([self.coefficients[:, 0], last, self.at(piece, local)])
+        return np.concatenate([self.coefficients[:, 0], last, self.at(segment, local)])
 
 
 def turning_points(step: Array, coefficients: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
@@ -142,8 +144,8 @@ def turning_points(step: Array, coefficients: Array) -> tuple[NDArray[np.int64],
         w = -(b + np.where(b >= 0, root, -root)) / 2
         found = np.stack([w / a, c / w])
         inside = (found > 0) & (found < step[:, None])  # False for NaN
-    pair, piece, joint = np.nonzero(inside)
-    return piece, joint, found[pair, piece, joint]
+    pair, segment, joint = np.nonzero(inside)
+    return segment, joint, found[pair, segment, joint]
 
 
 def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
@@ -239,8 +241,8 @@ def _quick_spline(pepper: PepperModel, path: Any) -> CubicPath | None:
         return None
     breaks, coefficients = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
     bounds = pepper.lower_limits, pepper.upper_limits
-    excess = bounded_cubic_spline(points, *bounds, SAME, breaks, coefficients)
-    return known_path(pepper, breaks, coefficients) if excess <= LIMIT_TOLERANCE else None
+    violation = bounded_cubic_spline(points, *bounds, SAME, breaks, coefficients)
+    return known_path(pepper, breaks, coefficients) if violation <= LIMIT_TOLERANCE else None
 
 
 _known_within: WeakKeyDictionary[CubicPath, PepperModel] = WeakKeyDictionary()
@@ -279,23 +281,23 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
 
 
 def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
-    s, pieces = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
-    cubic_spline(np.ascontiguousarray(points), s, pieces)
-    curve, lengths = CubicPath(s, pieces), np.diff(s)
+    s, segments = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
+    cubic_spline(np.ascontiguousarray(points), s, segments)
+    curve, lengths = CubicPath(s, segments), np.diff(s)
     slopes = np.diff(points, axis=0) / lengths[:, None]
     extremes = curve.extremes()
-    excess = np.maximum(pepper.lower_limits - extremes, extremes - pepper.upper_limits).max(axis=0)
-    outside = excess > LIMIT_TOLERANCE
+    violation = np.maximum(pepper.lower_limits - extremes, extremes - pepper.upper_limits).max(axis=0)
+    outside = violation > LIMIT_TOLERANCE
     if not outside.any():
         return curve
     thirds = (lengths[:, None] / 3 * np.arange(3)).ravel()
-    piece = np.repeat(np.arange(lengths.size), 3)
+    segment = np.repeat(np.arange(lengths.size), 3)
     factorial = np.array([1.0, 1.0, 2.0, 6.0])
-    coefficients = np.stack([curve.at(piece, thirds, d) / factorial[d] for d in range(4)], axis=1)
+    coefficients = np.stack([curve.at(segment, thirds, d) / factorial[d] for d in range(4)], axis=1)
     coefficients[:, :, outside] = _monotone(lengths, slopes[:, outside])
     # Each piece begins where the last one ends, to the last bit where a joint rests.
     coefficients[:, 0, outside] += np.repeat(points[:-1, outside], 3, axis=0)
-    return CubicPath(np.append(s[piece] + thirds, s[-1]), coefficients)
+    return CubicPath(np.append(s[segment] + thirds, s[-1]), coefficients)
 
 
 def _monotone(lengths: Array, slopes: Array) -> Array:
@@ -327,10 +329,10 @@ def _monotone(lengths: Array, slopes: Array) -> Array:
     bend[1] = (9 * slopes - 6 * d0 - 3 * d1) / (3 * third)
     bend[2] = (6 * d1 + 3 * d0 - 9 * slopes) / (3 * third)
     value, slope = np.zeros_like(slopes), d0
-    pieces = []
+    segments = []
     for m0, m1 in itertools.pairwise(bend):
         cubic = (m1 - m0) / (6 * third)
-        pieces.append(np.stack([value, slope, m0 / 2, cubic], axis=1))
+        segments.append(np.stack([value, slope, m0 / 2, cubic], axis=1))
         value = value + third * (slope + third * (m0 / 2 + third * cubic))
         slope = slope + third * (m0 + m1) / 2
-    return np.stack(pieces, axis=1).reshape(-1, 4, slopes.shape[1])
+    return np.stack(segments, axis=1).reshape(-1, 4, slopes.shape[1])

@@ -44,6 +44,18 @@ def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | 
     return tuple(found.items())
 
 
+def hand_speeds(pepper: PepperModel, hand_speed: float | Mapping[str, float] | None) -> AtFrames:
+    """Return greatest speeds by frame [m/s]; a number counts for the effectors of both hands.
+
+    Raises:
+        InvalidValueError: for a number that is not positive and finite.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    if hand_speed is None or isinstance(hand_speed, Mapping):
+        return at_frames(pepper, "hand_speed", hand_speed, "m/s")
+    return at_frames(pepper, "hand_speed", dict.fromkeys(HANDS, hand_speed), "m/s")
+
+
 def wheel_speeds(pepper: PepperModel) -> AtFrames:
     """Return the greatest speeds of a differential base's wheels; nothing for other robots [m/s]."""
     wheels = pepper.wheels

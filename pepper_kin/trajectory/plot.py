@@ -29,8 +29,8 @@ _LEGEND = "greatest share of limits: position [rad]; velocity [rad/s]; accelerat
 
 
 def plot(
-    trajectory: Trajectory,
     pepper: PepperModel,
+    trajectory: Trajectory,
     path: PathName | None = None,
     *,
     joints: str | Sequence[str] | None = None,
@@ -44,8 +44,8 @@ def plot(
     curve; see `phase_plane`.
 
     Args:
-        trajectory: The trajectory; its joints must be the robot's.
         pepper: The robot.
+        trajectory: The trajectory; its joints must be the robot's.
         path: File to write, .png, .pdf or .svg; nothing is written if omitted.
         joints: Joints to draw, names of joints and groups; those that move if omitted.
         title: Heading; duration and joints if omitted.

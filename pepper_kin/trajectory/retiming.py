@@ -35,7 +35,7 @@ from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
-from pepper_kin.trajectory.payload import HANDS, AtFrames, at_frames, wheel_speeds
+from pepper_kin.trajectory.payload import AtFrames, at_frames, hand_speeds, wheel_speeds
 from pepper_kin.trajectory.time_optimal import fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
@@ -144,8 +144,8 @@ def _limits(
     )
     room, loads = checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg")
     if greatest is pepper.acceleration_limits:
-        return _kept_limits(pepper, shares, room, loads, _speeds(pepper, hand_speed))
-    return _made_limits(pepper, greatest, shares, room, loads, _speeds(pepper, hand_speed))
+        return _kept_limits(pepper, shares, room, loads, hand_speeds(pepper, hand_speed))
+    return _made_limits(pepper, greatest, shares, room, loads, hand_speeds(pepper, hand_speed))
 
 
 def _made_limits(
@@ -235,13 +235,6 @@ def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: 
             "leave the duration out, or choose a path with less load",
         )
     return slow
-
-
-def _speeds(pepper: PepperModel, hand_speed: float | Mapping[str, float] | None) -> AtFrames:
-    """Return the speed limits by frame."""
-    if hand_speed is None or isinstance(hand_speed, Mapping):
-        return at_frames(pepper, "hand_speed", hand_speed, "m/s")
-    return at_frames(pepper, "hand_speed", dict.fromkeys(HANDS, hand_speed), "m/s")
 
 
 def _share(quantity: str, value: float) -> float:

@@ -68,8 +68,8 @@ class Samples:
         step = np.diff(self.time)
         if self.time[0] != 0.0 or np.any(step <= 0):
             raise InvalidValueError("time", "times that do not rise from 0", "times that rise from 0")
-        pieces = quintic_hermite(step, self.position, self.velocity, self.acceleration)
-        return Trajectory(self.joint_names, self.time, pieces, self.joint_units)
+        segments = quintic_hermite(step, self.position, self.velocity, self.acceleration)
+        return Trajectory(self.joint_names, self.time, segments, self.joint_units)
 
 
 def names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

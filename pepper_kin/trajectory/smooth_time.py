@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.core.splines import derivatives_on_pieces, quintic_hermite
+from pepper_kin.core.splines import derivatives_on_segments, quintic_hermite
 from pepper_kin.trajectory.path import CubicPath
 
 Array = NDArray[np.float64]
@@ -32,20 +32,20 @@ class SmoothTime:
     knots: Array
     coefficients: Array
 
-    def at(self, piece: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array, Array]:
+    def at(self, segment: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array, Array]:
         """Return s and its first three derivatives on chosen pieces."""
-        s = derivatives_on_pieces(self.coefficients, piece, local, 4)[..., 0]
+        s = derivatives_on_segments(self.coefficients, segment, local, 4)[..., 0]
         return s[0], s[1], s[2], s[3]
 
     def derivatives(
-        self, curve: CubicPath, piece: NDArray[np.intp], local: Array
+        self, curve: CubicPath, segment: NDArray[np.intp], local: Array
     ) -> tuple[Array, Array, Array, Array]:
         """Return Q(tau) = q(s(tau)) and its first three derivatives, shape (P, n) each."""
-        s, s1, s2, s3 = (value[:, None] for value in self.at(piece, local))
+        s, s1, s2, s3 = (value[:, None] for value in self.at(segment, local))
         middle = self.at(np.arange(self.knots.size - 1), np.diff(self.knots) / 2)[0]
-        of_path = np.clip(np.searchsorted(curve.breaks, middle) - 1, 0, curve.breaks.size - 2)[piece]
+        of_path = np.clip(np.searchsorted(curve.breaks, middle) - 1, 0, curve.breaks.size - 2)[segment]
         within = s[:, 0] - curve.breaks[of_path]
-        q, q1, q2, q3 = derivatives_on_pieces(curve.coefficients, of_path, within, 4)
+        q, q1, q2, q3 = derivatives_on_segments(curve.coefficients, of_path, within, 4)
         return q, q1 * s1, q2 * s1**2 + q1 * s2, q3 * s1**3 + 3 * q2 * s1 * s2 + q1 * s3
 
 

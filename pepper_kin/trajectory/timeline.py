@@ -13,9 +13,9 @@ from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
-from pepper_kin.trajectory.excess import Excess, find_excesses
-from pepper_kin.trajectory.key_curve import Key, curve_pieces
-from pepper_kin.trajectory.make_safe import make_safe
+from pepper_kin.trajectory.enforce_limits import enforce_limits
+from pepper_kin.trajectory.key_curve import Key, curve_segments
+from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ _SAME = 1e-9  # [s] knots of two joints that are nearer are one
 
 
 @dataclass(frozen=True)
-class Curve:
+class JointCurve:
     """The keys of one joint, in order of time.
 
     Attributes:
@@ -60,7 +60,7 @@ class Timeline:
     """
 
     name: str
-    curves: tuple[Curve, ...]
+    curves: tuple[JointCurve, ...]
 
     def __post_init__(self) -> None:
         """Check the curves.
@@ -118,14 +118,14 @@ class Timeline:
         jumps = any(len(c.keys) > 1 and c.keys[-2].behind.kind == "constant" for c in curves)
         duration = self.duration + (_CYCLE if jumps else 0.0)
         places = [pepper.joint_index(curve.joint) for curve in curves]
-        pieces = {
-            j: curve_pieces(curve.keys, float(rest[j]), duration)
+        segments = {
+            j: curve_segments(curve.keys, float(rest[j]), duration)
             for j, curve in zip(places, curves, strict=True)
         }
-        knots = _merged([breaks for breaks, _ in pieces.values()], duration)
+        knots = _merged([breaks for breaks, _ in segments.values()], duration)
         coefficients = np.zeros((knots.size - 1, 4, pepper.n))
         coefficients[:, 0] = rest
-        for j, (breaks, powers) in pieces.items():
+        for j, (breaks, powers) in segments.items():
             coefficients[:, :, j] = _on(knots, breaks, powers)
         return Trajectory(pepper.joint_names, knots, coefficients, pepper.joint_units)
 
@@ -137,31 +137,31 @@ class ImportedMotion:
     Attributes:
         timeline: The animation.
         original: Its motion as it is.
-        excesses: What was unsafe in it.
+        violations: What was unsafe in it.
         trajectory: The motion that keeps the limits of position, velocity, acceleration, torque and balance.
     """
 
     timeline: Timeline
     original: Trajectory
-    excesses: tuple[Excess, ...]
+    violations: tuple[LimitViolation, ...]
     trajectory: Trajectory
 
     def report(self, most: int = 20) -> str:
         """Say in words what was unsafe, worst joints and times first come first, and what became of it.
 
         Args:
-            most: Greatest number of lines about excesses.
+            most: Greatest number of lines about violations.
         """
         head = (
             f"{self.timeline.name}: {len(self.timeline.curves)} joints, "
             f"{self.original.duration:.3f} s, now {self.trajectory.duration:.3f} s"
         )
-        if not self.excesses:
+        if not self.violations:
             return f"{head}; every limit of position, velocity and acceleration was kept"
-        lines = [f"{head}; {len(self.excesses)} times outside the limits:"]
-        lines += [f"  {excess.sentence()}" for excess in self.excesses[:most]]
-        if len(self.excesses) > most:
-            lines.append(f"  ... and {len(self.excesses) - most} more")
+        lines = [f"{head}; {len(self.violations)} times outside the limits:"]
+        lines += [f"  {violation.sentence()}" for violation in self.violations[:most]]
+        if len(self.violations) > most:
+            lines.append(f"  ... and {len(self.violations) - most} more")
         return "\n".join(lines)
 
 
@@ -180,7 +180,7 @@ def import_timeline(
         timeline: The animation.
         start: Posture at time 0 [rad], shape (n,); the posture Stand, or neutral, if omitted.
         ignore: Joints of the animation to leave out where the robot lacks them.
-        rounding: As `make_safe` takes it [s].
+        rounding: As `enforce_limits` takes it [s].
 
     Raises:
         UnknownNameError: for a joint that the robot lacks and `ignore` does not name.
@@ -188,8 +188,8 @@ def import_timeline(
         InfeasibleError: where the robot could not even hold a position on the way.
     """
     original = timeline.to_trajectory(pepper, start, ignore=ignore)
-    safe = make_safe(pepper, original, rounding=rounding)
-    return ImportedMotion(timeline, original, find_excesses(pepper, original), safe)
+    safe = enforce_limits(pepper, original, rounding=rounding)
+    return ImportedMotion(timeline, original, find_limit_violations(pepper, original), safe)
 
 
 def _start(pepper: PepperModel, start: Array | None) -> Array:
@@ -213,5 +213,5 @@ def _merged(all_breaks: list[Array], duration: float) -> Array:
 def _on(knots: Array, breaks: Array, powers: Array) -> Array:
     """Return the cubic pieces of one joint on finer knots, shape (m, 4)."""
     middle = (knots[:-1] + knots[1:]) / 2
-    piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, breaks.size - 2)
-    return shifted(powers[piece][..., None], knots[:-1] - breaks[piece])[..., 0]
+    segment = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, breaks.size - 2)
+    return shifted(powers[segment][..., None], knots[:-1] - breaks[segment])[..., 0]

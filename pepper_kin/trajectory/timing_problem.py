@@ -130,7 +130,10 @@ class TimingProblem:
         if moments.size and moments.min() < 0:
             node = np.argmin(moments.min(axis=1))
             reason = f"{self._node_share(node):.0%} along the path the robot would tip over even at rest"
-            return InfeasibleError("trajectory", reason, "choose a path that leans less, or a smaller margin")
+            nearer = (
+                "choose a path whose center of mass is nearer to the middle of the wheels, or less balance"
+            )
+            return InfeasibleError("trajectory", reason, nearer)
         where = "" if failed_at is None else f" from {self.share(failed_at):.0%} of it on"
         return InfeasibleError(
             "trajectory",

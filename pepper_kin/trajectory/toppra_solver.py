@@ -56,7 +56,7 @@ def toppra_motion(pepper: PepperModel, problem: TimingProblem, limits: Limits) -
         if x is None:
             break
         candidate = problem.trajectory(x)
-        use = measure_use(pepper, candidate.at_pieces(*_inspection_points(candidate)), limits)
+        use = measure_use(pepper, candidate.at_segments(*_inspection_points(candidate)), limits)
         if np.isfinite(use.stretch) and (best is None or candidate.duration * use.stretch < best.duration):
             best = candidate.scaled(use.stretch * _MORE)
         if use.stretch <= 1.0 + _SMALL_STRETCH:
@@ -125,8 +125,8 @@ def _fastest_profile(problem: TimingProblem) -> tuple[Array | None, int | None]:
 def _time_unit(a: Array, c: Array, bound: Array, x_most: Array, length: float) -> float:
     """Return a time in which the typical acceleration allowed covers the path [s]."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(a != 0, np.maximum(bound - np.abs(c), 0.0) / np.abs(a), np.inf)
-    u = room.min(axis=-1).ravel() if room.shape[-1] else np.array([])
+        slack = np.where(a != 0, np.maximum(bound - np.abs(c), 0.0) / np.abs(a), np.inf)
+    u = slack.min(axis=-1).ravel() if slack.shape[-1] else np.array([])
     u = u[np.isfinite(u) & (u > 0)]
     if u.size:
         return float(np.sqrt(length / np.median(u)))
@@ -159,7 +159,7 @@ def _canonical_form(step: Array, a: Array, b: Array, c: Array, x_most: Array) ->
 
 
 def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, int | None]:
-    with _quiet():
+    with _silent():
         from toppra.algorithm import TOPPRA
         from toppra.constraint import DiscretizationType, LinearConstraint
 
@@ -195,7 +195,7 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silent() -> Iterator[None]:
     """Keep toppra from logging, for this call only: what it reports is in the returned profile."""
     logger = logging.getLogger("toppra")
     level = logger.level

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.core.splines import derivatives_on_pieces, evaluate_at_times
+from pepper_kin.core.splines import derivatives_on_segments, evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.shapes import read_only
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from pepper_kin.model import PepperModel
-    from pepper_kin.trajectory.binding import Binding
+    from pepper_kin.trajectory.active_limits import ActiveLimits
     from pepper_kin.trajectory.certificate import Certificate
     from pepper_kin.trajectory.key_frames import Frame
 
@@ -158,7 +158,8 @@ class Trajectory:
 
         A joint moves from one frame that names it to the next that does; it never leaves the two positions
         in between, and stops where it turns back (a `Timeline` with automatic handles).  Speeds follow from
-        the times alone: `check` it; `make_safe` slows it down where it has to, `retime(pepper, postures)`
+        the times alone: `check` it; `enforce_limits` slows it down where it has to, `retime(pepper,
+            postures)`
         finds the times itself.
 
         Args:
@@ -196,17 +197,17 @@ class Trajectory:
         state = self._derivatives(t, 3)
         return State(state[0], state[1], state[2])
 
-    def at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> State:
-        """Return the state of chosen pieces, which tells the two sides of a break apart.
+    def at_segments(self, segment: ArrayLike, local_time: ArrayLike) -> State:
+        """Return the state of chosen segments, which distinguishes the two sides of a break.
 
         Args:
-            piece: Indices of pieces, shape (...).
+            segment: Indices of pieces, shape (...).
             local_time: Time since the start of the piece [s], shape (...).
 
         Returns:
             Arrays of shape (..., n).
         """
-        state = derivatives_on_pieces(self.coefficients, piece, local_time, 3)
+        state = derivatives_on_segments(self.coefficients, segment, local_time, 3)
         return State(state[0], state[1], state[2])
 
     @property
@@ -290,9 +291,9 @@ class Trajectory:
         """
         return self._derivatives(t, 4)[3]
 
-    def jerk_at_pieces(self, piece: ArrayLike, local_time: ArrayLike) -> Array:
-        """Return d3q/dt3 of chosen pieces, as `at_pieces` does the state, shape (..., n)."""
-        return np.asarray(derivatives_on_pieces(self.coefficients, piece, local_time, 4)[3])
+    def jerk_at_segments(self, segment: ArrayLike, local_time: ArrayLike) -> Array:
+        """Return d3q/dt3 of chosen pieces, as `at_segments` does the state, shape (..., n)."""
+        return np.asarray(derivatives_on_segments(self.coefficients, segment, local_time, 4)[3])
 
     def scaled(self, factor: float) -> Trajectory:
         """Return the trajectory that takes `factor` times as long along the same path, q(t / factor).
@@ -352,11 +353,11 @@ class Trajectory:
 
         return blended(self, other, overlap)
 
-    def binding(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> Binding:
-        """Return which limit acts at each instant; see `pepper_kin.trajectory.binding_limits`."""
-        from pepper_kin.trajectory.binding import binding_limits
+    def active_limits(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> ActiveLimits:
+        """Return which limit acts at each instant; see `pepper_kin.trajectory.active_limits`."""
+        from pepper_kin.trajectory.active_limits import active_limits
 
-        return binding_limits(pepper, self, t, **limits)
+        return active_limits(pepper, self, t, **limits)
 
     def check(self, pepper: PepperModel, scene: object | None = None, **limits: Any) -> Certificate:
         """Check limits, continuity, balance and clearance; see `pepper_kin.trajectory.check`."""
@@ -368,7 +369,7 @@ class Trajectory:
         """Draw it against the limits, and the phase plane; see `pepper_kin.trajectory.plot`."""
         from pepper_kin.trajectory.plot import plot
 
-        return plot(self, pepper, path, **options)
+        return plot(pepper, self, path, **options)
 
     def _derivatives(self, t: ArrayLike, count: int) -> Array:
         """Return value and derivatives at times, shape (count, ..., n); see `_within`."""

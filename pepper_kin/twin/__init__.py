@@ -1,5 +1,17 @@
-"""The twin: the robot's dynamics with its servos, stepped through time."""
+"""The twin: the robot's dynamics with its servos, stepped through time.
 
+    Twin, TwinState, Run, RunStatus, load_run         one robot; what a run logged
+    TwinBatch, BatchRun                       thousands, each with parameters of its own
+    Push, ActuatorParameters, actuator_parameters
+    run_real_time, Timing                     steps against the wall clock
+    Recorder, Recording, load_recording       everything on disk, resumable
+    replay, GestureReport, paper_gesture, PaperGesture, paper_inconsistencies, GESTURES   the paper's gestures
+    Integrator, DivergedError, WorldHook, SensorsHook     for worlds and sensors of your own
+
+Rooms within it: `world` (contacts and free bodies), `sensors`, `base` (wheels, odometry, tipping).
+"""
+
+from pepper_kin.lazy_names import lazily
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.batch_run import BatchRun
@@ -9,10 +21,10 @@ from pepper_kin.twin.hooks import SensorsHook, WorldHook
 from pepper_kin.twin.integrator import Integrator
 from pepper_kin.twin.paper_gestures import GESTURES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.twin.push import Push
-from pepper_kin.twin.real_time import Timing, serve
+from pepper_kin.twin.real_time import Timing, run_real_time
 from pepper_kin.twin.recorder import Recorder
-from pepper_kin.twin.recording import Recording, read_recording
-from pepper_kin.twin.run import Run, read_run
+from pepper_kin.twin.recording import Recording, load_recording
+from pepper_kin.twin.run import Run, RunStatus, load_run
 from pepper_kin.twin.state import DivergedError, TwinState
 from pepper_kin.twin.twin import Twin
 
@@ -28,6 +40,7 @@ __all__ = [
     "Recorder",
     "Recording",
     "Run",
+    "RunStatus",
     "SensorsHook",
     "Timing",
     "Twin",
@@ -35,10 +48,12 @@ __all__ = [
     "TwinState",
     "WorldHook",
     "actuator_parameters",
+    "load_recording",
+    "load_run",
     "paper_gesture",
     "paper_inconsistencies",
-    "read_recording",
-    "read_run",
     "replay",
-    "serve",
+    "run_real_time",
 ]
+
+__getattr__, __dir__ = lazily(__name__, {room: room for room in ("base", "sensors", "world")})

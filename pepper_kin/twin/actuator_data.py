@@ -1,4 +1,4 @@
-"""Which actuators a robot has: Pepper's from a data file, generic ones for any other joint."""
+"""Actuator parameters of a robot: Pepper's from a data file, generic ones for any other joint."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MOTOR = (
 def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorParameters:
     """Return the actuators of a robot.
 
-    Pepper's come from `data/actuators.json`, where each says its source or "assumed".  Any other joint gets
+    Pepper's come from `data/actuators.json`, each with its source or "assumed".  Any other joint gets
     a generic one: full torque at 5 mrad (5 mm) of error, or 50 rad/s where the torque is unlimited, and
     critical damping for the joint's own inertia in the neutral posture.
 

@@ -26,7 +26,7 @@ QUANTITIES = (*_GIVEN, *_ZERO, *_UNBOUNDED, "strength")
 
 @dataclass(frozen=True, eq=False)
 class ActuatorParameters:
-    """Actuators of all joints; see `pepper_kin.twin.joint_law` for the torque that they give.
+    """Actuators of all joints; see `pepper_kin.core.simulation.actuator_model` for their torque.
 
     What is wanted of an actuator depends on its mode:
 
@@ -34,7 +34,7 @@ class ActuatorParameters:
     * "velocity": u = damping (v_ref - v) + feed-forward
     * "torque":   u = effort, as commanded; no feed-forward
 
-    and the torque is tau = strength clip(u, what the motor can give at its speed).
+    and the torque is tau = strength clip(u, the motor's torque range at its speed).
 
     Attributes:
         joint_names: The joints.
@@ -45,16 +45,17 @@ class ActuatorParameters:
         stop_damping: Of the joint stops [N m s/rad or N s/m], shape (n,).
         sources: Where each joint's stiffness and damping come from, or "assumed".
         mode: "position", "velocity" or "torque" for each joint; "position" if omitted.
-        strength: What NAOqi calls stiffness, 0 to 1: the part of its torque that the motor gives, shape (n,);
-            1 if omitted.
-        rotor_inertia: Of the motor's rotor, seen through its gear [kg m^2 or kg], shape (n,); 0 if omitted.
+        strength: What NAOqi calls stiffness, 0 to 1: the share of its torque that the motor applies, shape
+            (n,); 1 if omitted.
+        rotor_inertia: Of the motor's rotor, reflected through its gear [kg m^2 or kg], shape (n,); 0 if
+            omitted.
         viscous_friction: [N m s/rad or N s/m], shape (n,); 0 if omitted.
         coulomb_friction: [N m or N], shape (n,); 0 if omitted.
-        stall_torque: That the motor would give at rest, had it no torque limit [N m or N], shape (n,); inf if
+        stall_torque: Torque of the motor at rest without the torque limit [N m or N], shape (n,); inf if
             omitted.
-        no_load_speed: At which the motor gives no torque [rad/s or m/s], shape (n,); inf if omitted.
-        encoder_resolution: The servo sees positions in multiples of this [rad or m], shape (n,); 0 (exact) if
-            omitted.
+        no_load_speed: Speed at which the motor's torque is zero [rad/s or m/s], shape (n,); inf if omitted.
+        encoder_resolution: The servo reads positions in multiples of this [rad or m], shape (n,); 0 (exact)
+            if omitted.
         latency: Commands act this much later [s], rounded to timesteps of the twin.
     """
 

@@ -1,4 +1,4 @@
-"""Parameters of many robots: what each has of its own, in one array."""
+"""Parameters of many robots, one row of an array for each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a batch of twins did."""
+"""Recorded states, torques and references of a batch of twins."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class BatchRun:
         time: Of the rows [s], shape (rows,), from 0.
         position: [rad or m], shape (N, rows, n).
         velocity: [rad/s or m/s], shape (N, rows, n).
-        torque: Of the actuators during the step that ends at each time; the first row is what they give at
+        torque: Of the actuators during the step that ends at each time; the first row is their torque at
             the start [N m or N], shape (N, rows, n).
         reference_position: What the servos were to follow [rad or m], shape (N or 1, rows, n).
         final_position: At the end, or the last good one of a robot that stopped [rad or m], shape (N, n).

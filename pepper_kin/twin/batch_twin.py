@@ -31,14 +31,14 @@ Array = NDArray[np.float64]
 class TwinBatch:
     """N independent robots of one kind, stepped together by vector machine code.
 
-    Each does what a `Twin` with its parameters does, to 1e-9; there are no pushes, no world and no sensors.
+    Each agrees with a `Twin` of its parameters to 1e-9; there are no pushes, no world and no sensors.
 
     Args:
         pepper: The robot.
         count: N.
         timestep: Time of one step [s], above 0 and at most 0.05.
         feedforward: "none", "gravity" or "inverse_dynamics", as for `Twin`; computed for the robot as it is
-            described, since a robot's controller does not know how its own mass differs.
+            described, since a robot's controller uses the nominal masses.
         actuators: What the robots' actuators have in common; `actuator_parameters(pepper)` if omitted.
         vary: Quantity of `ActuatorParameters`, such as "stiffness" -> what each robot has instead: numbers of
             shape (n,), (N, 1) or (N, n), or joint -> shape (N,).
@@ -130,7 +130,7 @@ class TwinBatch:
     def execute(
         self,
         trajectory: Trajectory,
-        settle: float = 0.0,
+        hold_time: float = 0.0,
         *,
         from_present: bool = False,
         every: int | None = None,
@@ -140,7 +140,7 @@ class TwinBatch:
 
         Args:
             trajectory: What to follow; its joints must be the robot's.
-            settle: Time to hold the end afterwards [s].
+            hold_time: Time to hold the end afterwards [s].
             from_present: Start where the robots are; otherwise all are first put at the trajectory's start,
                 with its velocity.
             every: Timesteps between recorded states; start and end alone if omitted.
@@ -153,7 +153,7 @@ class TwinBatch:
             InvalidValueError: for other joints, or a time or number that is not allowed.
             LimitError: where the trajectory starts outside the position limits.
         """
-        reference = sampled(self.pepper, trajectory, settle, self.timestep)
+        reference = sampled(self.pepper, trajectory, hold_time, self.timestep)
         if not from_present:
             self.reset(reference.position[0], reference.velocity[0])
         q_ref, v_ref, a_ref = (x[np.newaxis, 1:] for x in reference)
@@ -171,7 +171,7 @@ class TwinBatch:
         every: int | None = None,
         threads: int = 1,
     ) -> BatchRun:
-        """Follow references given for every timestep, from where the robots are.
+        """Follow references with a row for every timestep, from the present states of the robots.
 
         Args:
             position: Position wanted at the end of each step [rad or m], shape (T, n) for all robots, or (N,
@@ -211,10 +211,10 @@ class TwinBatch:
         if not due.feedforward.any():
             due = due._replace(feedforward=np.zeros((1, 1, self.pepper.n)))
         if k > 1:
-            quiet = due.feedforward.shape[1] == 1
-            full = due._replace(feedforward=np.zeros_like(due.position)) if quiet else due
+            no_feedforward = due.feedforward.shape[1] == 1
+            full = due._replace(feedforward=np.zeros_like(due.position)) if no_feedforward else due
             fine = full.refined(k, self.timestep / k)
-            due = fine._replace(feedforward=due.feedforward) if quiet else fine
+            due = fine._replace(feedforward=due.feedforward) if no_feedforward else fine
             load = load if load.shape[1] == 1 else np.repeat(load, k, axis=1)
         start = (self._q, self._v)
         inputs = Inputs(due.position, due.velocity, due.feedforward, load)

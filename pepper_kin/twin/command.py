@@ -71,7 +71,7 @@ class Delay:
         Args:
             command: Shape (n,) or (N, n); of k robots (k, n).
             rows: Which of N robots, shape (k,); all if omitted.
-            count: N, where rows are given.
+            count: N, where there are rows.
         """
         if not self.ticks:
             return

@@ -1,4 +1,4 @@
-"""What a world says when it can go no further."""
+"""Error of a contact problem that could not be solved."""
 
 from __future__ import annotations
 

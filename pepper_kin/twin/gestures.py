@@ -53,7 +53,7 @@ class GestureReport:
         return np.abs(self.measured - self.gesture.plan).mean(axis=0)
 
     @property
-    def limit_excess(self) -> Array:
+    def limit_violation(self) -> Array:
         """How far the paper's plan lies outside the joint limits [rad], shape (5, k)."""
         return np.abs(self.gesture.plan - self.commanded)
 
@@ -64,11 +64,13 @@ class GestureReport:
         return self.run.rms_error[places]
 
     def report(self) -> str:
-        """Return the table of errors and what to know about it, in words."""
+        """Return the table of errors with a legend, as text."""
         gesture = self.gesture
         lines = [
             f"Movement {gesture.name!r} of the paper's table 5: {self.trajectory.duration:.3f} s, "
-            "key frames at " + ", ".join(f"{t:.3f}" for t in self.key_times) + f" s; run {self.run.status}",
+            "key frames at "
+            + ", ".join(f"{t:.3f}" for t in self.key_times)
+            + f" s; run {self.run.status.value}",
             "Mean absolute error against the plan at five key frames [rad]:",
             f"  {'joint':<16}{'ours':>12}{'paper: Gazebo':>16}{'paper: Reality':>16}"
             f"{'ours, rms over time':>22}",
@@ -85,10 +87,11 @@ class GestureReport:
     def notes(self) -> tuple[str, ...]:
         """Return what was changed in the plan, and what is inconsistent in the paper's table."""
         notes = []
-        for frame, joint in np.argwhere(self.limit_excess > 0):
+        for frame, joint in np.argwhere(self.limit_violation > 0):
             notes.append(
                 f"{FRAMES[frame]} of {self.gesture.joint_names[joint]}: the plan says "
-                f"{self.gesture.plan[frame, joint]:.4f} rad, {self.limit_excess[frame, joint]:.4f} outside "
+                f"{self.gesture.plan[frame, joint]:.4f} rad, "
+                f"{self.limit_violation[frame, joint]:.4f} outside "
                 f"the joint's limits; commanded and compared: {self.commanded[frame, joint]:.4f}."
             )
         return (*notes, *paper_inconsistencies())
@@ -112,7 +115,7 @@ class GestureReport:
         }
         return {
             "gesture": gesture.name,
-            "status": self.run.status,
+            "status": self.run.status.value,
             "unit": "rad",
             "duration": self.trajectory.duration,
             "key_times": self.key_times.tolist(),
@@ -159,7 +162,7 @@ def replay(
 def passing_times(trajectory: Trajectory, points: Array) -> Array:
     """Return when a trajectory made by `retime` passes its way-points [s], shape (k,).
 
-    The time law keeps every way-point as a knot; they are found in turn.
+    The time law keeps every way-point as a knot; they are found in order.
     """
     at_knots = trajectory(trajectory.knots).position
     times, first = [], 0

@@ -49,7 +49,7 @@ class WorldCoupling(Protocol):
         """Return the tables for steps of length h [s]."""
 
     def end(self, steps: int, outcome: int) -> BaseException | None:
-        """Take note of the steps that were taken; return why the next one failed, if its outcome says so."""
+        """Record the steps that were taken; return why the next one failed, if its outcome is a failure."""
 
 
 class HookCoupling:
@@ -90,7 +90,7 @@ def coupling_of(world: WorldHook, n: int) -> WorldCoupling:
 
 
 class SensorsHook(Protocol):
-    """Something that looks.
+    """Sensors of a twin.
 
     Where it has a number `due`, states before that time [s] may be kept from it.
     """
@@ -100,7 +100,7 @@ class SensorsHook(Protocol):
 
 
 def due_time(sensors: SensorsHook | None, otherwise: float) -> float:
-    """Return when sensors want to see a state next [s]; `otherwise` where they do not say."""
+    """Return the time of the sensors' next sample [s]; `otherwise` where they have no clock."""
     return math.inf if sensors is None else float(getattr(sensors, "due", otherwise))
 
 

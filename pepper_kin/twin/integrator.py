@@ -62,14 +62,14 @@ class _SingleStep(NamedTuple):
         state: The same.
         log: The same.
         rows: Where position, velocity, references of both, feed-forward and load go, shape (1, n) each.
-        result: Position, velocity and torque after the step, shape (3, 1, n).
+        step_output: Position, velocity and torque after the step, shape (3, 1, n).
     """
 
     inputs: Inputs
     state: Array
     log: Log
     rows: tuple[Array, ...]
-    result: Array
+    step_output: Array
 
     @classmethod
     def of(cls, n: int) -> _SingleStep:
@@ -139,7 +139,7 @@ class Integrator:
         return torque
 
     def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
-        """Return what the actuators want at the end of a step if the joints then stand still, unclipped."""
+        """Return the torques that the actuators demand at the end of a step with zero velocity, unclipped."""
         servo = self._actuators
         with np.errstate(over="ignore", invalid="ignore"):
             return servo.kp * (q_ref - q) + servo.kd * v_ref + servo.strength * feedforward
@@ -201,8 +201,8 @@ class Integrator:
         space = self._space
         inputs = (q, v, q_ref, v_ref, self._actuators.strength * feedforward, 0.0 if load is None else load)
         for row, values in enumerate(inputs):
-            space.given[row * n : (row + 1) * n] = values
-        space.given[6 * n :] = tables.constant[0]
+            space.step_input[row * n : (row + 1) * n] = values
+        space.step_input[6 * n :] = tables.constant[0]
         mass_hat, force = np.empty((n, n)), np.empty(n)
         linearized_step(tables, space, mass_hat, force)
         return mass_hat, force
@@ -255,7 +255,7 @@ class Integrator:
         outcome = rollout(
             _ONE, self._simulator.tables, self._space, single.inputs, single.state, single.log, world
         )
-        position, velocity, torque = single.result.copy()
+        position, velocity, torque = single.step_output.copy()
         return Series(position, velocity, torque, int(single.log.good[0]), outcome)
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.numpy_archive import decompressed
 
 _HEAD = np.dtype("<i8")
 _LEVEL = 6
@@ -24,7 +25,7 @@ def pack(values: ArrayLike) -> NDArray[np.uint8]:
 
     Floats of 64 bits are taken as integers, of which differences in time are kept (exact, modulo 2^64), for
     each column of the order that leaves least, 6 at most; signs go to the lowest bit, and bytes of equal
-    weight are put together before they are deflated.  What a polynomial tells the joints shrinks to the
+    weight are put together before they are deflated.  What follows a polynomial shrinks to the
     rounding of its samples, constant series to nothing.  Other arrays are deflated as they are.
 
     Args:
@@ -74,11 +75,11 @@ def unpack(packed: NDArray[np.uint8]) -> NDArray:
         shape = tuple(int(x) for x in np.frombuffer(data[16 : 16 + 8 * int(ndim)], _HEAD))
         begin = 16 + 8 * int(ndim)
         kind = data[begin : begin + int(size)]
-        body = zlib.decompress(data[begin + int(size) :])
+        body = decompressed(data[begin + int(size) :])
         if kind == _DIFFERENCES:
             return _summed(body, shape)
         return np.frombuffer(body, np.dtype(kind.decode())).reshape(shape).copy()
-    except (ValueError, TypeError, UnicodeDecodeError, zlib.error) as error:
+    except (ValueError, TypeError, UnicodeDecodeError) as error:
         raise InvalidValueError("packed series", f"{len(data)} bytes", f"whole ones ({error})") from error
 
 
@@ -94,7 +95,7 @@ def pack_moved(
         h: Timestep [s].
 
     Returns:
-        Bytes that `unpack_moved` reads, given the same velocities, start and h.
+        Bytes that `unpack_moved` reads, with the same velocities, start and h.
     """
     before = np.concatenate([start[np.newaxis], position[:-1]])
     expected = np.ascontiguousarray(before + h * velocity)
@@ -121,32 +122,32 @@ def pack_together(series: Mapping[str, tuple[list[str], list[NDArray[np.uint8]]]
     """Pack many packed series into one: members of an archive would each take some hundred bytes more.
 
     Args:
-        series: Name -> what is to be told about it, and what `pack` made of its parts.
+        series: Name -> its metadata, and its parts as packed by `pack`.
 
     Returns:
         Bytes that `unpack_together` reads.
     """
     index = {name: [about, [len(part) for part in parts]] for name, (about, parts) in series.items()}
     body = b"".join(part.tobytes() for _, parts in series.values() for part in parts)
-    told = json.dumps(index, separators=(",", ":")).encode() + b"\n" + body
-    return np.frombuffer(zlib.compress(told, _LEVEL), dtype=np.uint8)
+    packed = json.dumps(index, separators=(",", ":")).encode() + b"\n" + body
+    return np.frombuffer(zlib.compress(packed, _LEVEL), dtype=np.uint8)
 
 
 def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], list[NDArray[np.uint8]]]]:
-    """Return what `pack_together` was given.
+    """Return the arguments of `pack_together`.
 
     Raises:
         InvalidValueError: where the bytes are damaged.
     """
     found: dict[str, tuple[list[str], list[NDArray[np.uint8]]]] = {}
     try:
-        line, _, body = zlib.decompress(np.asarray(packed, dtype=np.uint8).tobytes()).partition(b"\n")
+        line, _, body = decompressed(np.asarray(packed, dtype=np.uint8).tobytes()).partition(b"\n")
         start = 0
         for name, (about, sizes) in json.loads(line).items():
             ends = (start + np.cumsum([0, *sizes])).tolist()
             parts = [np.frombuffer(body[a:b], np.uint8) for a, b in pairwise(ends)]
             found[name], start = (about, parts), ends[-1]
-    except (ValueError, TypeError, AttributeError, zlib.error) as error:
+    except (ValueError, TypeError, AttributeError) as error:
         raise InvalidValueError(
             "packed series", f"{np.size(packed)} bytes", f"whole ones ({error})"
         ) from error

@@ -74,8 +74,8 @@ class Push:
         """Return J(q)^T f, what it is worth at the joints [N m or N], shape (n,)."""
         moment: Array = np.zeros(3)
         if self.point.any():
-            lever = frame_pose(pepper, q, self.frame)[:3, :3] @ self.point
-            moment = np.asarray(np.cross(lever, self.force), dtype=np.float64)
+            offset = frame_pose(pepper, q, self.frame)[:3, :3] @ self.point
+            moment = np.asarray(np.cross(offset, self.force), dtype=np.float64)
         return external_torque(pepper, q, {self.frame: np.concatenate([self.force, moment])})
 
 

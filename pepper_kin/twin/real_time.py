@@ -72,7 +72,7 @@ class Timing:
         )
 
 
-def serve(
+def run_real_time(
     twin: Twin,
     commander: Commander,
     *,
@@ -94,10 +94,10 @@ def serve(
         on_state: Shown the state after each tick, to draw or to send it.
 
     Returns:
-        How well the clock was kept; its message says why it ended where a step diverged.
+        How well the clock was kept; its message names the reason where a step diverged.
 
     Raises:
-        InvalidValueError: for a period that is no multiple of the timestep, or what the commander returns,
+        InvalidValueError: for a period that is not a multiple of the timestep, or what the commander returns,
             by name.
     """
     period = check_positive("period", period, "s")
@@ -132,7 +132,7 @@ def serve(
             late.append(max(end - due, 0.0))
             break
         while (left := due - time.perf_counter()) > 0:
-            time.sleep(left if left > 2e-4 else 0.0)  # the system wakes late: look again near the end
+            time.sleep(left if left > 2e-4 else 0.0)  # the system wakes late: check again near the end
         late.append(max(time.perf_counter() - due, 0.0))
         if late[-1] > period:
             due = time.perf_counter()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,15 +16,14 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together
-from pepper_kin.twin.recording import HEADER, INPUTS, STATES, Recording, chunk_path, read_recording
+from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, load_recording
+from pepper_kin.twin.recording_header import HEADER, STATES, write_header
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
 Array = NDArray[np.float64]
-
-FORMAT = 1
 
 
 class Recorder:
@@ -35,8 +33,8 @@ class Recorder:
         recorder.execute(trajectory)
         recorder.recording.save("monday.mcap")
 
-    A recording is a folder: `recording.json` says what was recorded, and each second of the twin's time is a
-    file of its own, written whole or not at all.  After a crash all but the second that was under way is
+    A recording is a folder: `recording.json` lists what was recorded, and each second of the twin's time is a
+    separate file, written whole or not at all.  After a crash all but the second that was under way is
     there; `Recorder.resume` takes it up again.  Kept are the commands of every step, what came of them
     (position, velocity, torque), and every reading of the sensors with its truth and its time.
 
@@ -44,7 +42,7 @@ class Recorder:
         twin: The twin, as it begins: it is reset to where it stands.
         folder: Folder of the recording; made if missing, and must not hold one.
         chunk: Time between files [s].
-        seed: Noted in the header; give it to the sensors and whatever else is random.
+        seed: Stored in the header; pass it to the sensors and to all else that is random.
 
     Raises:
         FileFormatError: where the folder holds a recording already, or cannot be written.
@@ -60,7 +58,6 @@ class Recorder:
         self._count = 0
         start = twin.reset(twin.state.position, twin.state.velocity)
         header = {
-            "format": FORMAT,
             "robot": twin.pepper.name,
             "joints": list(twin.pepper.joint_names),
             "units": list(twin.pepper.joint_units),
@@ -76,7 +73,7 @@ class Recorder:
                 "torque": [float(x).hex() for x in start.torque],
             },
         }
-        atomic_file.write_text(self.folder / HEADER, json.dumps(header, indent=1) + "\n")
+        write_header(self.folder, header)
 
     @classmethod
     def resume(cls, twin: Twin, folder: PathName) -> Recorder:
@@ -90,14 +87,14 @@ class Recorder:
             folder: The recording.
 
         Returns:
-            A recorder that stands at the end of the last whole chunk: `recorder.time` says where.
+            A recorder at the end of the last whole chunk, at the time `recorder.time`.
 
         Raises:
             FileFormatError: where there is no recording, or it is damaged.
             InvalidValueError: where the twin is another one: other joints, timestep or physics, with the
                 step at which it first differs.
         """
-        found = read_recording(folder)
+        found = load_recording(folder)
         found.replay(twin)
         recorder = cls.__new__(cls)
         recorder.twin, recorder.folder = twin, Path(folder)
@@ -112,9 +109,9 @@ class Recorder:
     @property
     def recording(self) -> Recording:
         """What has been written so far."""
-        return read_recording(self.folder)
+        return load_recording(self.folder)
 
-    def execute(self, trajectory: Trajectory, settle: float = 0.0) -> Run:
+    def execute(self, trajectory: Trajectory, hold_time: float = 0.0) -> Run:
         """Follow a trajectory from where the twin stands, and write it down.
 
         Of a recording that was resumed the part that is there already is left out, if it was this
@@ -122,16 +119,16 @@ class Recorder:
 
         Args:
             trajectory: What to follow; its joints must be the robot's, its start where the twin began.
-            settle: Time to hold the end afterwards [s].
+            hold_time: Time to hold the end afterwards [s].
 
         Returns:
             What the twin did now.
 
         Raises:
-            InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
+            InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
             FileFormatError: where a file cannot be written.
         """
-        rows = sampled(self.twin.pepper, trajectory, settle, self.twin.timestep)
+        rows = sampled(self.twin.pepper, trajectory, hold_time, self.twin.timestep)
         done = round(self.time / self.twin.timestep)
         kept = done if done and self._is_begin_of(rows.position[1 : done + 1]) else 0
         position, velocity, acceleration = (values[1 + kept :] for values in rows)
@@ -146,7 +143,7 @@ class Recorder:
         effort: ArrayLike | None = None,
         load: ArrayLike | None = None,
     ) -> Run:
-        """Follow references given for every timestep, and write it down; see `Twin.follow`.
+        """Follow references with a row for every timestep, and record it; see `Twin.follow`.
 
         Returns:
             What the twin did now; where it stopped, everything up to there is written.
@@ -160,45 +157,45 @@ class Recorder:
         if not rows:
             raise InvalidValueError("position", "no rows", "one or more")
         values = dict(zip(INPUTS, (position, velocity, acceleration, effort, load), strict=True))
-        given = {k: as_finite(v, k, (rows, n)) for k, v in values.items() if v is not None}
+        inputs = {k: as_finite(v, k, (rows, n)) for k, v in values.items() if v is not None}
         if self.twin.feedforward != "inverse_dynamics":
-            given.pop("acceleration", None)  # without effect
+            inputs.pop("acceleration", None)  # without effect
         parts, first = [], 0
         while first < rows:
             done = round(self.time / self.twin.timestep)
             last = min(first + self._steps - done % self._steps, rows)
-            piece = {name: array[first:last] for name, array in given.items()}
-            run = self.twin.follow(**piece)
+            part = {name: array[first:last] for name, array in inputs.items()}
+            run = self.twin.follow(**part)
             parts.append(run)
-            self._write(piece, run, self.twin.pushes)
+            self._write(part, run, self.twin.pushes)
             if not run.success:
                 break
             first = last
         return _joined(parts, self.twin.timestep)
 
     def _is_begin_of(self, position: Array) -> bool:
-        told = np.concatenate([chunk["position"] for chunk in self.recording.inputs()])
-        return told.shape == position.shape and bool(np.array_equal(told, position))
+        recorded = np.concatenate([chunk["position"] for chunk in self.recording.inputs()])
+        return recorded.shape == position.shape and bool(np.array_equal(recorded, position))
 
-    def _write(self, given: dict[str, Array], run: Run, pushes: Any) -> None:
+    def _write(self, inputs: dict[str, Array], run: Run, pushes: Any) -> None:
         rows = len(run) - 1
-        arrays: dict[str, Any] = {f"in.{name}": pack(array[:rows]) for name, array in given.items()}
+        arrays: dict[str, Any] = {f"in.{name}": pack(array[:rows]) for name, array in inputs.items()}
         arrays |= {f"out.{name}": pack(getattr(run, name)[1:]) for name in STATES[1:]}
         moved = (run.position[1:], run.velocity[1:], run.position[0], self.twin.timestep)
         arrays["out.position"] = pack_moved(*moved)
         if pushes:
-            told = [[p.start, p.duration, *p.force, *p.point] for p in pushes]
-            arrays["pushes"], arrays["push_frames"] = np.array(told), np.array([p.frame for p in pushes])
+            recorded = [[p.start, p.duration, *p.force, *p.point] for p in pushes]
+            arrays["pushes"], arrays["push_frames"] = np.array(recorded), np.array([p.frame for p in pushes])
         offset = self.time - run.duration
-        told_by = {
+        sensor_series = {
             name: (
                 [series.unit, series.frame],
                 [pack(series.time + offset), pack(series.value), pack(series.truth)],
             )
             for name, series in _news(run, self._count == 0).items()
         }
-        if told_by:
-            arrays["readings"] = pack_together(told_by)
+        if sensor_series:
+            arrays["readings"] = pack_together(sensor_series)
         arrays["message"] = np.array(run.message)
         content = io.BytesIO()
         np.savez(content, **arrays)
@@ -237,10 +234,10 @@ def _news(run: Run, first: bool) -> dict[str, ReadingSeries]:
     """Return the readings of a run, without those of its start, which the run before it has already."""
     if first:
         return dict(run.readings)
-    told = {}
+    recorded = {}
     for name, series in run.readings.items():
         new = series.time > 1e-9
         if new.any():
             values = (series.time[new], series.value[new], series.truth[new])
-            told[name] = ReadingSeries(*values, series.unit, series.frame)
-    return told
+            recorded[name] = ReadingSeries(*values, series.unit, series.frame)
+    return recorded

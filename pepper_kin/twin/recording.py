@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,20 +13,19 @@ from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.numpy_archive import read_arrays
 from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
-from pepper_kin.twin.run import COMPLETED, STOPPED, Run
+from pepper_kin.twin.recording_header import STATES, read_header
+from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
 Array = NDArray[np.float64]
 
-HEADER = "recording.json"
 INPUTS = ("position", "velocity", "acceleration", "effort", "load")
-STATES = ("position", "velocity", "torque")
 _PARTS = ("time", "value", "truth")
 _NONE = pack_together({})
-_NEEDED = ("robot", "joints", "units", "timestep", "chunk_steps", "start", "feedforward", "substeps")
 
 
 def chunk_path(folder: Path, index: int) -> Path:
@@ -38,11 +35,11 @@ def chunk_path(folder: Path, index: int) -> Path:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a `Recorder` wrote; read anew from disk whenever asked.
+    """Recording written by a `Recorder`; read from disk at each access.
 
     Attributes:
         folder: Where it is.
-        header: What `recording.json` says.
+        header: Content of `recording.json`.
         chunks: Number of whole chunks, one after the other from the first.
     """
 
@@ -71,7 +68,7 @@ class Recording:
         return sum(path.stat().st_size for path in self.folder.iterdir() if path.is_file())
 
     def inputs(self) -> Iterator[dict[str, Array]]:
-        """Yield what each chunk's steps were told, by the arguments of `Twin.follow`."""
+        """Yield the commands of each chunk, by the arguments of `Twin.follow`."""
         for chunk in self._read():
             yield {name: unpack(chunk[f"in.{name}"]) for name in INPUTS if f"in.{name}" in chunk}
 
@@ -87,13 +84,13 @@ class Recording:
         n, start = len(self.joint_names), self.header["start"]
         first = {name: np.array([float.fromhex(x) for x in start[name]])[None] for name in STATES}
         rows: dict[str, list[Array]] = {name: [first[name]] for name in STATES}
-        told: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
+        recorded: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
         message = ""
         for chunk in self._read():
             for name, values in self._states(chunk, rows["position"][-1][-1]).items():
                 rows[name].append(values)
             count = len(rows["position"][-1])
-            for name, store in told.items():
+            for name, store in recorded.items():
                 key = f"in.{name}"
                 store.append(unpack(chunk[key]) if key in chunk else np.zeros((count, n)))
             message = str(chunk["message"])
@@ -106,10 +103,10 @@ class Recording:
             whole["position"],
             whole["velocity"],
             whole["torque"],
-            np.concatenate(told["position"]),
-            np.concatenate(told["velocity"]),
+            np.concatenate(recorded["position"]),
+            np.concatenate(recorded["velocity"]),
             np.full(n, math.inf) if torque_limit is None else torque_limit,
-            STOPPED if message else COMPLETED,
+            RunStatus.STOPPED if message else RunStatus.COMPLETED,
             message,
             self.readings(),
         )
@@ -160,9 +157,9 @@ class Recording:
         twin.clear_pushes()
         twin.reset(*(np.array([float.fromhex(x) for x in start[name]]) for name in STATES[:2]))
         step, before = 0, np.array(twin.state.position)
-        for chunk, given in zip(self._read(), self.inputs(), strict=True):
+        for chunk, inputs in zip(self._read(), self.inputs(), strict=True):
             _push(twin, chunk)
-            run = twin.follow(**given)
+            run = twin.follow(**inputs)
             recorded = self._states(chunk, before)
             for name, values in recorded.items():
                 _compare(name, getattr(run, name)[1:], values, step, self.timestep, self.joint_names)
@@ -184,7 +181,7 @@ class Recording:
         return save_recording(self, path)
 
     def _states(self, chunk: dict[str, Any], before: Array) -> dict[str, Array]:
-        """Return what came of a chunk's steps, given the position before them."""
+        """Return the states of a chunk's steps, from the position before them."""
         velocity, torque = unpack(chunk["out.velocity"]), unpack(chunk["out.torque"])
         position = unpack_moved(chunk["out.position"], velocity, before, self.timestep)
         return {"position": position, "velocity": velocity, "torque": torque}
@@ -193,21 +190,20 @@ class Recording:
         for index in range(self.chunks):
             path = chunk_path(self.folder, index)
             try:
-                with np.load(path, allow_pickle=False) as data:
-                    chunk = {name: data[name] for name in data.files}
+                chunk: dict[str, Any] = dict(read_arrays(path))
                 for name, (about, parts) in unpack_together(chunk.pop("readings", _NONE)).items():
                     chunk[f"about.{name}"] = about
                     chunk |= {f"{what}.{name}": part for what, part in zip(_PARTS, parts, strict=True)}
                 yield chunk
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, InvalidValueError) as error:
+            except (ValueError, KeyError, InvalidValueError) as error:
                 raise FileFormatError(path, f"not a chunk of a recording: {error}") from error
 
 
-def read_recording(folder: PathName) -> Recording:
+def load_recording(folder: PathName) -> Recording:
     """Read the recording in a folder.
 
     Args:
-        folder: What a `Recorder` was given.
+        folder: Folder of a `Recorder`.
 
     Returns:
         The recording; chunks after a missing one do not count.
@@ -216,16 +212,7 @@ def read_recording(folder: PathName) -> Recording:
         FileFormatError: where there is none, or its header is damaged.
     """
     place = Path(folder)
-    path = place / HEADER
-    try:
-        header = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileFormatError(path, f"no recording here: {error.strerror}") from error
-    except ValueError as error:
-        raise FileFormatError(path, f"not the header of a recording: {error}") from error
-    missing = [name for name in _NEEDED if not isinstance(header, dict) or name not in header]
-    if missing:
-        raise FileFormatError(path, f"the header lacks {', '.join(missing)}")
+    header = read_header(place)
     chunks = 0
     while chunk_path(place, chunks).is_file():
         chunks += 1

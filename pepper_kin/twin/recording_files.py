@@ -66,7 +66,7 @@ def _write_npz(recording: Recording, path: PathName) -> Path:
     names = ("time", "position", "velocity", "torque", "reference_position", "reference_velocity")
     arrays: dict[str, Any] = {name: getattr(run, name) for name in names}
     arrays |= {"joint_names": np.array(run.joint_names), "joint_units": np.array(run.joint_units)}
-    arrays |= {"status": np.array(run.status), "message": np.array(run.message)}
+    arrays |= {"status": np.array(run.status.value), "message": np.array(run.message)}
     for name, series in run.readings.items():
         arrays |= {f"reading.{name}.{what}": getattr(series, what) for what in ("time", "value", "truth")}
     content = io.BytesIO()

@@ -28,25 +28,25 @@ class Reference(NamedTuple):
     acceleration: Array
 
 
-def sampled(pepper: PepperModel, trajectory: Trajectory, settle: float, timestep: float) -> Reference:
-    """Sample a trajectory at every step, and its end, at rest, for the time to settle.
+def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, timestep: float) -> Reference:
+    """Sample a trajectory at every step, and its end, at rest, for the hold time.
 
     Args:
         pepper: The robot.
         trajectory: What to follow.
-        settle: Time to hold the end afterwards [s].
+        hold_time: Time to hold the end afterwards [s].
         timestep: Of the twin [s].
 
     Raises:
-        InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
+        InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
     """
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
-    if not (np.isfinite(settle) and settle >= 0):
-        raise InvalidValueError("settle", settle, "a finite time of at least 0 s")
-    steps = int(np.ceil((trajectory.duration + settle) / timestep - 1e-9))
+    if not (np.isfinite(hold_time) and hold_time >= 0):
+        raise InvalidValueError("hold_time", hold_time, "a finite time of at least 0 s")
+    steps = int(np.ceil((trajectory.duration + hold_time) / timestep - 1e-9))
     time: Array = timestep * np.arange(steps + 1, dtype=float)
     position, velocity, acceleration = trajectory(np.minimum(time, trajectory.duration))
     rest = int(np.searchsorted(time, trajectory.duration, side="right"))

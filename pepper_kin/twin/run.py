@@ -1,4 +1,4 @@
-"""What the twin did: states, torques and references over time."""
+"""States, torques and references of the twin over time."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.files.table_file import TIME, PathName, read_table, write_table
+from pepper_kin.files.table_file import TIME, PathName, load_table, save_table
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import kept_read_only
+from pepper_kin.status import ResultStatus
 
 if TYPE_CHECKING:
     from pepper_kin.twin.sensors.recording import ReadingSeries
 
 Array = NDArray[np.float64]
 
-COMPLETED = "completed"
-STOPPED = "stopped"
 _QUANTITIES = {
     "position": "position",
     "velocity": "velocity",
@@ -29,6 +28,13 @@ _QUANTITIES = {
     "reference": "reference_position",
     "reference_velocity": "reference_velocity",
 }
+
+
+class RunStatus(ResultStatus):
+    """How a run of the twin ended."""
+
+    COMPLETED = "completed", "The run went to its end."
+    STOPPED = "stopped", "The state diverged, or a contact could not be solved: use a smaller timestep."
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +47,12 @@ class Run:
         time: [s], shape (T,), from 0 in steps of the twin.
         position: [rad or m], shape (T, n).
         velocity: [rad/s or m/s], shape (T, n).
-        torque: Of the servos, during the step that ends at each time; the first row is what they give at the
+        torque: Of the servos, during the step that ends at each time; the first row is their torque at the
             start [N m or N], shape (T, n).
         reference_position: What the servos were to follow [rad or m], shape (T, n).
         reference_velocity: [rad/s or m/s], shape (T, n).
         torque_limit: Of the servos [N m or N], shape (n,), inf for none.
-        status: "completed" or "stopped".
+        status: How it ended.
         message: Why it stopped, naming joint, step and cause; empty if it completed.
         readings: What the twin's sensors said meanwhile, by name; times from 0.
     """
@@ -60,7 +66,7 @@ class Run:
     reference_position: Array
     reference_velocity: Array
     torque_limit: Array
-    status: str = COMPLETED
+    status: RunStatus = RunStatus.COMPLETED
     message: str = ""
     readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
 
@@ -78,7 +84,7 @@ class Run:
     @property
     def success(self) -> bool:
         """Whether the run went to its end."""
-        return self.status == COMPLETED
+        return self.status is RunStatus.COMPLETED
 
     @property
     def duration(self) -> float:
@@ -111,7 +117,7 @@ class Run:
         return self.peak_torque / self.torque_limit
 
     def position_at(self, t: ArrayLike) -> Array:
-        """Return positions at given times, linear between steps [rad or m], shape (..., n).
+        """Return positions at times, linear between steps [rad or m], shape (..., n).
 
         Args:
             t: Times within the run [s], shape (...).
@@ -130,7 +136,7 @@ class Run:
         worst, hardest = int(np.argmax(self.max_error)), int(np.argmax(self.torque_use))
         names = self.joint_names
         head = [
-            f"Run of {self.duration:.3f} s in {len(self) - 1} steps: {self.status}"
+            f"Run of {self.duration:.3f} s in {len(self) - 1} steps: {self.status.value}"
             + (f" ({self.message})" if self.message else ""),
             f"  worst tracking: {names[worst]}, at most {self.max_error[worst]:.3g} "
             f"{self.joint_units[worst]}; hardest work: {names[hardest]}, "
@@ -157,7 +163,7 @@ class Run:
             for j, name in enumerate(self.joint_names)
         }
         return {
-            "status": self.status,
+            "status": self.status.value,
             "message": self.message,
             "duration": self.duration,
             "steps": len(self) - 1,
@@ -165,7 +171,7 @@ class Run:
         }
 
     def save(self, path: PathName) -> Path:
-        """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.files.write_table`.
+        """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.files.save_table`.
 
         Columns: `time`, then for all joints `.position`, `.velocity`, `.torque`, `.reference` and
         `.reference_velocity`.
@@ -183,25 +189,27 @@ class Run:
         for quantity, attribute in _QUANTITIES.items():
             values = getattr(self, attribute)
             columns.update({f"{name}.{quantity}": values[:, j] for j, name in enumerate(self.joint_names)})
-        return write_table(path, columns, dict(zip(self.joint_names, self.joint_units, strict=True)))
+        return save_table(
+            columns, path, joint_units=dict(zip(self.joint_names, self.joint_units, strict=True))
+        )
 
 
-def read_run(path: PathName, pepper: Any) -> Run:
+def load_run(path: PathName, pepper: Any) -> Run:
     """Read a run that `Run.save` wrote.
 
     Args:
         path: The file.
-        pepper: The robot whose joints it must have; gives units and torque limits.
+        pepper: The robot whose joints it must have; the source of units and torque limits.
 
     Returns:
-        The run, with status "completed".
+        The run, with status COMPLETED.
 
     Raises:
         FileFormatError: naming path and line and what is wrong there.
     """
     names: tuple[str, ...] = pepper.joint_names
     header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names)]
-    table: Mapping[str, Array] = read_table(path, header)
+    table: Mapping[str, Array] = load_table(path, header)
     values = {
         attribute: np.column_stack([table[f"{name}.{quantity}"] for name in names])
         for quantity, attribute in _QUANTITIES.items()

@@ -129,11 +129,11 @@ class Simulator:
         """Return the arrays of one thread."""
         m, entries = self._n * self._lanes, self.tables.places.shape[1] * self._lanes
         return StepWorkspace(
-            given=_aligned(6 * m + self.tables.constant.shape[1]),
-            result=_aligned(5 * m + entries + self._lanes),
+            step_input=_aligned(6 * m + self.tables.constant.shape[1]),
+            step_output=_aligned(5 * m + entries + self._lanes),
             work=_aligned(max(kernel.work_size for kernel in self._kernels)),
-            ask=_aligned(2 * m + entries),
-            answer=_aligned(m),
+            solve_input=_aligned(2 * m + entries),
+            solve_output=_aligned(m),
             rows=np.empty((5, m)),
             flags=np.zeros((2, self._lanes), dtype=np.bool_),
         )
@@ -166,6 +166,6 @@ def has_motor(actuators: ActuatorTable) -> bool:
 
 def _aligned(size: int) -> Array:
     """Return an array at a multiple of 64 bytes."""
-    room = np.empty(size + 8)
-    start = (-(room.ctypes.data // 8)) % 8
-    return room[start : start + size]
+    floats = np.empty(size + 8)
+    start = (-(floats.ctypes.data // 8)) % 8
+    return floats[start : start + size]

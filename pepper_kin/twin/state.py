@@ -1,4 +1,4 @@
-"""State of the twin, and what it says when it can go no further."""
+"""State of the twin, and its error when a step diverges."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def diverged(
     (q0, v0), (q, v, tau) = before, after
     if wanted is not None and not np.isfinite(wanted).all():
         j = int(np.argmax(~np.isfinite(wanted)))
-        return DivergedError(joint_names[j], step, time, f"its actuator wants a torque of {wanted[j]}")
+        return DivergedError(joint_names[j], step, time, f"its actuator demands a torque of {wanted[j]}")
     bad = ~(np.isfinite(q) & np.isfinite(v) & np.isfinite(tau))
     j = int(np.argmax(bad)) if bad.any() else int(np.argmax(np.abs(v)))
     cause = f"velocity became {v[j]:.3g} after {v0[j]:.3g}, position {q[j]:.3g} after {q0[j]:.3g}"

@@ -87,7 +87,7 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
     `scale` (n) and `payload`.  Outputs:
 
     * `next`: position, velocity and torque at the end of the step (3 n).
-    * `servo`: what the actuators want at w = 0, and `bias`: b (n each).
+    * `servo`: the actuators' torque demand at w = 0, and `bias`: b (n each).
     * `mass`: the entries of M at `mass_places`.
     * `violation`: not above 0 where the guess was right: no motor clipped, no stop touched, no joint stuck,
       freed or turned round, nothing absurd.
@@ -150,22 +150,22 @@ def _violation(x: dict[str, Any], variant: Variant, q: Any, w: Any, torque: Any)
     import casadi
 
     old, v, limit = x["position"], x["velocity"], x["limit"]
-    excess = [
+    violations = [
         casadi.fmax(q, old) - x["upper"],
         x["lower"] - casadi.fmin(q, old),
         casadi.fabs(w) - RUNAWAY,
     ]
     if variant.motor:
         lower, upper = _traced(speed_torque_line)(x["stall"], x["line"], w)
-        excess.append(torque - casadi.fmin(limit, upper))
-        excess.append(casadi.fmax(-limit, lower) - torque)
+        violations.append(torque - casadi.fmin(limit, upper))
+        violations.append(casadi.fmax(-limit, lower) - torque)
         kept = casadi.fabs(w) - CREEP
         turned = CREEP - casadi.copysign(1, v) * w
-        excess.append(x["coulomb"] * casadi.if_else(casadi.fabs(v) <= CREEP, kept, turned))
+        violations.append(x["coulomb"] * casadi.if_else(casadi.fabs(v) <= CREEP, kept, turned))
     else:
-        excess.append(casadi.fabs(torque) - limit)
-    worst = excess[0][0]
-    for values in excess:
+        violations.append(casadi.fabs(torque) - limit)
+    worst = violations[0][0]
+    for values in violations:
         for value in casadi.vertsplit(values):
             worst = casadi.fmax(worst, value)
     return worst + _not_a_number(w)
@@ -303,11 +303,11 @@ def _loaded(tree: Tree, frames: Sequence[str], masses: Sequence[Scalar]) -> Tree
         if body < 0:
             continue  # on the floor it moves with nothing
         old = bodies[body].inertia
-        lever = scale(mass, place)
+        first_moment = scale(mass, place)
         inertia = Inertia(
             old.mass + mass,  # type: ignore[arg-type]
-            add(old.first, lever),
-            add_matrices(old.second, outer(lever, place)),
+            add(old.first, first_moment),
+            add_matrices(old.second, outer(first_moment, place)),
         )
         bodies[body] = replace(bodies[body], inertia=inertia)
     return replace(tree, bodies=tuple(bodies))

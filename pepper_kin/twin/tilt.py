@@ -1,4 +1,4 @@
-"""Joint angles from accelerometers on the links: the tilt formulas, what they cannot see, and what can."""
+"""Joint angles from accelerometers on the links: tilt formulas and observability."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _DRIFT = 1e-4  # [rad/s per sqrt(s)] that the filter lets the bias wander
 
 
 def tilt_angles(specific_force: ArrayLike) -> Array:
-    """Return roll, pitch and yaw as the tilt formulas give them from an accelerometer alone.
+    """Return roll, pitch and yaw by the tilt formulas from an accelerometer alone.
 
         roll  = atan2(f_y, sqrt(f_x^2 + f_z^2))
         pitch = atan2(-f_x, sqrt(f_y^2 + f_z^2))
         yaw   = atan2(sqrt(f_x^2 + f_y^2), f_z)
 
     The first is the turn about x if there is none about y, and the other way round; the third is the angle of
-    the z axis to the vertical, never negative, and says nothing about a turn about the vertical.  This is the
-    usual form of the formulas (Freescale application note AN3461), with the signs of x forward, z up.
+    the z axis to the vertical, never negative, and carries no information on a turn about the vertical.  This
+    is the usual form of the formulas (Freescale application note AN3461), with the signs of x forward, z up.
 
     Args:
         specific_force: What the accelerometer measures, R^T (a - gravity) [m/s^2], shape (..., 3).
@@ -109,7 +109,7 @@ def measure_by_tilt(
     """Simulate accelerometers and gyroscopes on the links and recover joint angles from them.
 
     A joint turns its link about an axis n of the parent: f_parent = Rot(n, q) f_link, up to the acceleration
-    between both origins.  So only the part of gravity across n tells of q,
+    between both origins.  So only the part of gravity across n depends on q,
 
         q = atan2(n . (f_link x f_parent), f_link . f_parent)        (parts across n)
 

@@ -30,14 +30,14 @@ from pepper_kin.twin.hooks import (
 )
 from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joined, whole_number
 from pepper_kin.twin.push import Push, load_of
-from pepper_kin.twin.real_time import Commander, Timing, serve
+from pepper_kin.twin.real_time import Commander, Timing, run_real_time
 from pepper_kin.twin.reference import sampled
-from pepper_kin.twin.run import COMPLETED, STOPPED, Run
+from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.state import TwinState, diverged
 
 Array = NDArray[np.float64]
 
-LONGEST_RUN = 500  # steps with a world, after which the interpreter has a say: an interrupt, for one
+LONGEST_RUN = 500  # steps with a world, after which the interpreter runs: interrupts are handled
 FEEDFORWARDS = ("none", "gravity", "inverse_dynamics")
 
 
@@ -52,7 +52,7 @@ class Twin:
         feedforward: What the servos add to their feedback: "none"; "gravity", the torque that holds the
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
-        world: What the robot may touch; asked for its load in every step.
+        world: What the robot may touch; computes the load of each step.
         sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
@@ -130,8 +130,8 @@ class Twin:
         self._q, self._v, self._step = position.copy(), velocity.copy(), 0
         self._a = np.zeros(self.pepper.n)
         rest = np.zeros(self.pepper.n)
-        given = self._feedforward(position, rest, rest, rest)
-        self._delay.fill(Command(position, rest, given))
+        feedforward = self._feedforward(position, rest, rest, rest)
+        self._delay.fill(Command(position, rest, feedforward))
         held = self._integrator.gravity_torque(self._q) if self.feedforward == "gravity" else 0 * self._q
         held = np.where(self._torque_mode, 0.0, held)
         self._torque = self._integrator.present_torque(self._q, self._v, self._q, self._v, held)
@@ -219,28 +219,28 @@ class Twin:
         self._take(series, 1)
         return self.state
 
-    def execute(self, trajectory: Trajectory, settle: float = 0.0, *, from_present: bool = False) -> Run:
+    def execute(self, trajectory: Trajectory, hold_time: float = 0.0, *, from_present: bool = False) -> Run:
         """Follow a trajectory.
 
         Args:
             trajectory: What to follow; its joints must be the robot's.
-            settle: Time to hold the end afterwards [s].
+            hold_time: Time to hold the end afterwards [s].
             from_present: Start where the twin is; otherwise it is first put at the trajectory's start, with
                 its velocity.
 
         Returns:
-            The run; where the state diverged, or the world could not do its step, its status is "stopped",
+            The run; where the state diverged, or the world could not do its step, its status is STOPPED,
             its message names step, joint or contact, and cause, and it holds everything up to there.
 
         Raises:
-            InvalidValueError: for other joints, or a settle time that is not a finite number of at least 0.
+            InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        position, velocity, acceleration = sampled(self.pepper, trajectory, settle, self.timestep)
+        position, velocity, acceleration = sampled(self.pepper, trajectory, hold_time, self.timestep)
         if not from_present:
             self.reset(position[0], velocity[0])
-        given = self._feedforward(position, velocity, acceleration, np.zeros(self.pepper.n))
-        return self._follow(Command(position, velocity, given))
+        feedforward = self._feedforward(position, velocity, acceleration, np.zeros(self.pepper.n))
+        return self._follow(Command(position, velocity, feedforward))
 
     def follow(
         self,
@@ -251,7 +251,7 @@ class Twin:
         effort: ArrayLike | None = None,
         load: ArrayLike | None = None,
     ) -> Run:
-        """Follow references given for every timestep, from where the twin is.
+        """Follow references with a row for every timestep, from the present state of the twin.
 
         Args:
             position: Position wanted at the end of each step [rad or m], shape (T, n).
@@ -267,7 +267,7 @@ class Twin:
             InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity.
         """
         rows = len(as_finite(position, "position", (None, self.pepper.n)))
-        given_by_name = {
+        named_limits = {
             "position": position,
             "velocity": velocity,
             "acceleration": acceleration,
@@ -276,15 +276,15 @@ class Twin:
         }
         q_ref, v_ref, a_ref, torque, outer = (
             np.zeros((rows, self.pepper.n)) if x is None else as_finite(x, name, (rows, self.pepper.n))
-            for name, x in given_by_name.items()
+            for name, x in named_limits.items()
         )
         command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
         first = Command(self._q, self._v, np.zeros(self.pepper.n)).as_rows()
         return self._follow(first.then(command), outer)
 
-    def serve(self, commander: Commander, **options: Any) -> Timing:
-        """Step against the wall clock, with a function that says where to go; see `real_time.serve`."""
-        return serve(self, commander, **options)
+    def run_real_time(self, commander: Commander, **options: Any) -> Timing:
+        """Step against the wall clock, with a function of target positions; see `run_real_time`."""
+        return run_real_time(self, commander, **options)
 
     def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
         """Return the feed-forward of the actuators, or the effort in torque mode, shape (..., n)."""
@@ -310,10 +310,10 @@ class Twin:
             logged[2][0] = start[2]
         for rows in (time, *logged):
             rows.setflags(write=False)
-        count, status, message = series.good + 1, COMPLETED, ""
+        count, status, message = series.good + 1, RunStatus.COMPLETED, ""
         if count < len(time):
             step = first + count
-            status, at = STOPPED, step * self.timestep
+            status, at = RunStatus.STOPPED, step * self.timestep
             if failed is not None:
                 message = f"twin stopped at step {step} ({at:.6g} s): {failed}"
             else:
@@ -339,7 +339,7 @@ class Twin:
         )
 
     def _advance(self, command: Command, load: Array) -> tuple[Series, ContactError | None]:
-        """Advance by one timestep for each command, in segments between which pushes and sensors have a say.
+        """Advance by one timestep for each command, in segments between changes of pushes and samples.
 
         Returns:
             What came of it, and why the world stopped, if it did.
@@ -412,7 +412,7 @@ class Twin:
         return coupling
 
     def _steps_alone(self, most: int) -> int:
-        """Return how many steps no push has a say in, nor sensors that look at a world; 0 for none."""
+        """Return the number of steps before the next push or sample of a sensor of the world; 0 for none."""
         if self.world is not None:
             most = min(most, LONGEST_RUN)
         now, h = self._step * self._timestep, self._timestep

@@ -1,4 +1,12 @@
-"""Pictures of the robot: a live page, recordings that need no server, images."""
+"""Pictures of the robot: a live page, recordings that need no server, images.
+
+    Viewer                                    a robot with scene and targets, live or saved
+    JointMotion, Drawable, marker, Viewpoint  what is shown, and from where
+    render_motion                             a motion as page, film or picture, by the file's suffix
+    save_motion_page, save_reach_html, save_video, screenshot, find_chromium
+
+A room within it: `server`, the live page's own.
+"""
 
 from __future__ import annotations
 
@@ -8,27 +16,27 @@ from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.browser import find_chromium, screenshot
-    from pepper_kin.viewer.camera import Camera
+    from pepper_kin.viewer.camera import Viewpoint
     from pepper_kin.viewer.drawable import Drawable, marker
     from pepper_kin.viewer.joint_motion import JointMotion
     from pepper_kin.viewer.reach_page import save_reach_html
-    from pepper_kin.viewer.recording import write_motion_page
+    from pepper_kin.viewer.recording import save_motion_page
     from pepper_kin.viewer.rendering import render_motion
-    from pepper_kin.viewer.video import write_video
+    from pepper_kin.viewer.video import save_video
     from pepper_kin.viewer.viewer import Viewer
 
 __all__ = [
-    "Camera",
     "Drawable",
     "JointMotion",
     "Viewer",
+    "Viewpoint",
     "find_chromium",
     "marker",
     "render_motion",
+    "save_motion_page",
     "save_reach_html",
+    "save_video",
     "screenshot",
-    "write_motion_page",
-    "write_video",
 ]
 
 __getattr__, __dir__ = lazily(
@@ -36,14 +44,15 @@ __getattr__, __dir__ = lazily(
     {
         "find_chromium": "browser",
         "screenshot": "browser",
-        "Camera": "camera",
+        "Viewpoint": "camera",
         "Drawable": "drawable",
         "marker": "drawable",
         "JointMotion": "joint_motion",
         "save_reach_html": "reach_page",
-        "write_motion_page": "recording",
+        "save_motion_page": "recording",
         "render_motion": "rendering",
-        "write_video": "video",
+        "save_video": "video",
         "Viewer": "viewer",
+        "server": "server",
     },
 )

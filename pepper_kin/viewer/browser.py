@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 
 from pepper_kin import atomic_file
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError
-from pepper_kin.viewer.camera import Camera, CameraView, view_options
+from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 
 CHROMIUM_VARIABLE = "PEPPER_KIN_CHROMIUM"
 """Environment variable that names the browser's program, before any that is found by name."""
@@ -61,18 +61,18 @@ def screenshot(
     size: tuple[int, int] = (1280, 800),
     at_time: float | None = None,
     *,
-    view: CameraView | Camera = "three-quarter",
+    view: CameraView | Viewpoint = "three-quarter",
     panel: bool = False,
     timeout: float = 120.0,
 ) -> Path:
     """Save a picture of a motion page.
 
     Args:
-        html_path: A page as written by `write_motion_page`.
+        html_path: A page as written by `save_motion_page`.
         png_path: The picture to write; it appears when it is whole.
         size: Width and height [pixel].
         at_time: Time of the motion to show [s]; None shows its start.
-        view: "three-quarter", "front", "side" or "top", or a `Camera`.
+        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
         panel: Whether title, controls and plots are in the picture.
         timeout: Longest wait for the browser [s].
 
@@ -91,13 +91,13 @@ def screenshot(
         raise InvalidValueError("html_path", html_path, "an existing page")
     if len(size) != 2 or not all(isinstance(length, int) and 0 < length <= 8192 for length in size):
         raise InvalidValueError("size", size, "width and height in pixels, each in 1 ... 8192")
-    seen = view_options(view)
+    shown = view_options(view)
     if at_time is not None and not math.isfinite(at_time):
         raise InvalidValueError("at_time", at_time, "a finite time [s]")
     chromium = find_chromium()
     if chromium is None:
         raise MissingDependencyError("chromium", "apt-get install chromium", "a picture of a page")
-    options = seen | {"panel": str(int(panel))} | ({} if at_time is None else {"t": repr(float(at_time))})
+    options = shown | {"panel": str(int(panel))} | ({} if at_time is None else {"t": repr(float(at_time))})
     with tempfile.TemporaryDirectory() as profile:
         picture = Path(profile) / "picture.png"
         command = [

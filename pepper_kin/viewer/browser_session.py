@@ -18,7 +18,7 @@ from urllib.parse import urlencode
 
 from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS, find_chromium
-from pepper_kin.viewer.camera import Camera, CameraView, view_options
+from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 
 _ADVICE = "open the page by hand to see why"
 # Drawn and read in one go, so that no frame of the browser's own comes between: same time, same pixels.
@@ -41,9 +41,9 @@ class BrowserSession:
     The browser is spoken to in the Chrome DevTools Protocol over two pipes: no port is opened.
 
     Args:
-        html_path: A page as written by `write_motion_page`.
+        html_path: A page as written by `save_motion_page`.
         size: Width and height of the pictures [pixel].
-        view: "three-quarter", "front", "side" or "top", or a `Camera`.
+        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
         timeout: Longest wait for any one answer [s].
 
     Raises:
@@ -56,7 +56,7 @@ class BrowserSession:
         html_path: str | Path,
         size: tuple[int, int],
         *,
-        view: CameraView | Camera = "three-quarter",
+        view: CameraView | Viewpoint = "three-quarter",
         timeout: float = 60.0,
     ) -> None:
         options = {"panel": "0"} | view_options(view)
@@ -140,12 +140,12 @@ class BrowserSession:
     def _evaluate(self, expression: str) -> Any:
         answer = self._ask("Runtime.evaluate", expression=expression, returnByValue=True)
         if "exceptionDetails" in answer:
-            told = answer["exceptionDetails"].get("exception", {}).get("description", "no message")
-            raise InfeasibleError("picture", f"the page failed: {told.splitlines()[0]}", _ADVICE)
+            description = answer["exceptionDetails"].get("exception", {}).get("description", "no message")
+            raise InfeasibleError("picture", f"the page failed: {description.splitlines()[0]}", _ADVICE)
         return answer["result"].get("value")
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send a command and wait for its answer; what the browser tells in between is dropped."""
+        """Send a command and wait for its answer; other messages of the browser are discarded."""
         self._count += 1
         command = {"id": self._count, "method": method, "params": parameters}
         if self._session:

@@ -1,4 +1,4 @@
-"""Where a picture is seen from: a view by its name, or a camera of one's own."""
+"""Cameras of pictures: named views, or a position and a target."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _LEAST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
-    """A camera of one's own, for pictures, films and pages.
+class Viewpoint:
+    """A camera at any position, for pictures, films and pages.
 
-        viewer.save_image("hand.png", q, view=pk.viewer.Camera((1.2, 0.9, 1.1), (0.4, 0.2, 0.8)))
+        viewer.save_image("hand.png", q, view=pk.viewer.Viewpoint((1.2, 0.9, 1.1), (0.4, 0.2, 0.8)))
 
     It stands upright and sees 32 degrees from the lower to the upper edge of the picture.
 
@@ -45,13 +45,13 @@ class Camera:
         object.__setattr__(self, "target", aim)
 
 
-def view_options(view: CameraView | Camera) -> dict[str, str]:
+def view_options(view: CameraView | Viewpoint) -> dict[str, str]:
     """Return the options in a page's address that choose a view.
 
     Raises:
         UnknownNameError: There is no view of that name.
     """
-    if isinstance(view, Camera):
+    if isinstance(view, Viewpoint):
         return {"camera": ",".join(f"{x:.9g}" for x in (*view.position, *view.target))}
     if view not in get_args(CameraView):
         raise UnknownNameError("camera view", view, get_args(CameraView))

@@ -1,8 +1,8 @@
-"""What the viewer draws: a solid, a color and the link it moves with."""
+"""Drawable bodies: a solid, a color and the link that it moves with."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import Shape, Sphere, read_only
-from pepper_kin.viewer.surface import Surface
+from pepper_kin.model.shapes import NO_COLOR, Mesh, Shape, Sphere, read_only
+from pepper_kin.viewer.surface import Surface, read_colored_surfaces
 
 Color: TypeAlias = tuple[float, float, float, float]
 
@@ -61,6 +61,39 @@ class Drawable:
     def from_shape(cls, shape: Shape) -> Drawable:
         """Return a robot's shape as a drawable."""
         return cls(shape.name, shape.link, shape.geometry, shape.transform_shape_to_link, shape.color)
+
+    @classmethod
+    def all_of_shape(cls, shape: Shape) -> tuple[Drawable, ...]:
+        """Return a robot's shape as drawables: one, or one for each color of its mesh file.
+
+        The file's colors are taken where the description names none, as in RViz.
+
+        Raises:
+            FileFormatError: The mesh file cannot be read.
+        """
+        whole = cls.from_shape(shape)
+        surfaces = colored_surfaces_of(shape)
+        if surfaces is None:
+            return (whole,)
+        return tuple(
+            replace(whole, name=f"{shape.name}/{index}", geometry=surface, color=color)
+            for index, (surface, color) in enumerate(surfaces)
+        )
+
+
+def colored_surfaces_of(shape: Shape) -> tuple[tuple[Surface, Color], ...] | None:
+    """Return surfaces [m], scaled, and colors of a shape's mesh file; None where these do not count."""
+    mesh = shape.geometry
+    if not isinstance(mesh, Mesh) or shape.color != NO_COLOR or mesh.path.suffix.lower() in (".stl", ".obj"):
+        return None
+    scale = np.broadcast_to(np.asarray(mesh.scale, dtype=float), 3)
+    return tuple(
+        (
+            Surface((part.vertices * scale).astype(np.float32), part.faces),
+            NO_COLOR if color is None else color,
+        )
+        for part, color in read_colored_surfaces(mesh.path)
+    )
 
 
 def marker(name: str, position: ArrayLike, radius: float = 0.03, color: Color = TARGET_COLOR) -> Drawable:

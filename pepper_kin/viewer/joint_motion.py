@@ -1,4 +1,4 @@
-"""What a viewer can play: joint positions over time, whatever they came from."""
+"""Joint positions over time, as a viewer plays them."""
 
 from __future__ import annotations
 

@@ -129,15 +129,15 @@ def kept_samples(times: ArrayLike, fps: float) -> NDArray[np.intp]:
     Raises:
         InvalidValueError: Times that do not increase or are not finite, or `fps` not positive.
     """
-    instants = _checked_times(times)
+    sample_times = _checked_times(times)
     if not (np.isfinite(fps) and fps > 0):
         raise InvalidValueError("fps", fps, "a positive number of frames per second")
-    wanted = int(np.ceil((instants[-1] - instants[0]) * fps - 1e-9)) + 1
-    if wanted >= instants.size:
-        return np.arange(instants.size)
-    grid = np.linspace(instants[0], instants[-1], wanted)
-    after = np.clip(np.searchsorted(instants, grid), 1, instants.size - 1)
-    nearer_before = grid - instants[after - 1] < instants[after] - grid
+    wanted = int(np.ceil((sample_times[-1] - sample_times[0]) * fps - 1e-9)) + 1
+    if wanted >= sample_times.size:
+        return np.arange(sample_times.size)
+    grid = np.linspace(sample_times[0], sample_times[-1], wanted)
+    after = np.clip(np.searchsorted(sample_times, grid), 1, sample_times.size - 1)
+    nearer_before = grid - sample_times[after - 1] < sample_times[after] - grid
     return np.unique(after - nearer_before)
 
 
@@ -163,27 +163,29 @@ def frames_of_samples(
     Raises:
         InvalidValueError: As for `motion_frames`.
     """
-    instants = _checked_times(times)
+    sample_times = _checked_times(times)
     poses = rigid_transforms("link_poses", kept_poses, (kept.size, link_count, 4, 4))
     quaternions = quaternions_of(poses[..., :3, :3])
     # q and -q are one orientation; choose signs so that neighboring frames blend along the short way.
     turns = np.where(np.einsum("fli,fli->fl", quaternions[1:], quaternions[:-1]) < 0.0, -1.0, 1.0)
     quaternions[1:] *= np.cumprod(turns, axis=0)[..., None]
-    curves = tuple(_sampled(name, curve, instants.size, kept) for name, curve in series.items())
-    return MotionFrames(instants[kept], poses[..., :3, 3], quaternions, curves)
+    curves = tuple(_sampled(name, curve, sample_times.size, kept) for name, curve in series.items())
+    return MotionFrames(sample_times[kept], poses[..., :3, 3], quaternions, curves)
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
-    instants = as_finite(times, "times", (None,))
-    if instants.size == 0:
+    sample_times = as_finite(times, "times", (None,))
+    if sample_times.size == 0:
         raise InvalidValueError("times", "no sample", "at least one time [s]")
-    steps = np.diff(instants)
+    steps = np.diff(sample_times)
     if (steps <= 0.0).any():
         k = int(np.argmax(steps <= 0.0))
         raise InvalidValueError(
-            "times", f"{instants[k]:g} s followed by {instants[k + 1]:g} s", "strictly increasing times"
+            "times",
+            f"{sample_times[k]:g} s followed by {sample_times[k + 1]:g} s",
+            "strictly increasing times",
         )
-    return instants
+    return sample_times
 
 
 def _sampled(name: str, series: Series, samples: int, kept: NDArray[np.intp]) -> SampledSeries:

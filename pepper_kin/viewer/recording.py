@@ -27,12 +27,12 @@ _SCRIPTS = ("stage.js", "motion.js", "axes.js", "plots.js", "panel.js")
 _ARRAY_TYPES = {0x12: "Uint8Array", 0x15: "Int32Array", 0x16: "Uint32Array", 0x17: "Float32Array"}
 
 
-def write_motion_page(
-    path: str | Path,
+def save_motion_page(
     drawables: Sequence[Drawable],
     link_names: Sequence[str],
     times: ArrayLike,
     link_poses: ArrayLike,
+    path: str | Path,
     *,
     title: str,
     series: Mapping[str, ArrayLike] | None = None,
@@ -46,11 +46,11 @@ def write_motion_page(
     frames the page blends positions linearly and orientations along the great arc.
 
     Args:
-        path: The file to write; it appears when it is whole, and an older one is replaced.
         drawables: The solids of the robot and of the scene.
         link_names: Names of the L links whose poses are given.
         times: Sample times, shape (T,), strictly increasing [s]; one sample gives a still scene.
         link_poses: Transforms from link to world, shape (T, L, 4, 4) [m].
+        path: The file to write; it appears when it is whole, and an older one is replaced.
         title: Title of the page.
         series: Curves to plot beside the motion, name (with unit) to values of shape (T,).
         limits: Largest magnitude that a curve may have, by its name, in its unit; the axis of such a curve
@@ -83,9 +83,9 @@ def write_frames_page(
     markers: Sequence[Drawable] = (),
     touches: Sequence[TouchSpan] = (),
 ) -> Path:
-    """Write frames that are chosen already as one HTML file; see `write_motion_page`.
+    """Write frames that are chosen already as one HTML file; see `save_motion_page`.
 
-    What touches in `touches` is drawn in red at these times, and told in a sentence.
+    What touches in `touches` is drawn in red at these times, and named in a sentence.
     """
     names = tuple(link_names)
     if len(set(names)) != len(names):
@@ -186,10 +186,10 @@ def _page(title: str, content: dict[str, Any]) -> str:
         "content": json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
     }
     template = (folder / "page.html").read_text(encoding="utf-8")
-    pieces = template.split("{{")
-    filled = [pieces[0]]
-    for piece in pieces[1:]:
-        name, rest = piece.split("}}", 1)
+    split = template.split("{{")
+    filled = [split[0]]
+    for part in split[1:]:
+        name, rest = part.split("}}", 1)
         filled += [parts[name], rest]
     return "".join(filled)
 

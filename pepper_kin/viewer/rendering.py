@@ -1,4 +1,4 @@
-"""A motion to a film, a picture or a page, as the file's suffix says."""
+"""Rendering of a motion to a film, a picture or a page, by the file's suffix."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
-from pepper_kin.viewer.camera import Camera, CameraView
+from pepper_kin.viewer.camera import CameraView, Viewpoint
 from pepper_kin.viewer.joint_motion import Playable
 from pepper_kin.viewer.video import VIDEO_SUFFIXES
 from pepper_kin.viewer.viewer import Viewer
@@ -32,7 +32,7 @@ def render_motion(
     scene: Scene | None = None,
     fps: float | None = None,
     size: tuple[int, int] | None = None,
-    view: CameraView | Camera | None = None,
+    view: CameraView | Viewpoint | None = None,
     at_time: float | None = None,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
@@ -45,7 +45,7 @@ def render_motion(
         scene: What stands around the robot.
         fps: Frames per second of a film, `FPS` if omitted.
         size: Width and height of a film or picture [pixel], `SIZE` if omitted.
-        view: Of a film or picture: "three-quarter" (if omitted), "front", "side", "top", or a `Camera`.
+        view: Of a film or picture: "three-quarter" (if omitted), "front", "side", "top", or a `Viewpoint`.
         at_time: Time that a picture shows [s]; the start if omitted.
         on_frame: Called with the number of a film's frames done and of all.
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision.mesh_file import read_mesh, unique_rows
+from pepper_kin.collision.mesh_file import read_colored_mesh, read_mesh, unique_rows
 from pepper_kin.exceptions import FileFormatError
 
+FaceColor: TypeAlias = tuple[float, float, float, float]
+MOST_COLORS = 64
+"""A mesh file with more colors is drawn in one."""
 CREASE_ANGLE = np.deg2rad(35.0)
 """Edges that bend more than this are drawn sharp, all others smooth [rad]."""
 
@@ -47,13 +51,38 @@ def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surfac
         crease_angle: Largest angle between neighboring triangles that is drawn smooth [rad].
 
     Returns:
-        The surface, in the units of the file.
+        The surface [m before scaling].
 
     Raises:
         FileFormatError: The file cannot be read, is cut short, holds no triangle or holds NaN or infinite
             coordinates.
     """
     vertices, faces = read_mesh(path)
+    return _smooth_surface(path, vertices, faces, crease_angle)
+
+
+def read_colored_surfaces(path: str | Path) -> tuple[tuple[Surface, FaceColor | None], ...]:
+    """Read a mesh file as one surface for each color that it names; see `read_surface`.
+
+    Returns:
+        Surfaces and their colors: red, green, blue and opacity, 0 to 1. None for a file without colors.
+    """
+    vertices, faces, colors = read_colored_mesh(path)
+    if not len(colors):
+        return ((_smooth_surface(path, vertices, faces, CREASE_ANGLE), None),)
+    kinds, places = np.unique(colors, axis=0, return_inverse=True)
+    if len(kinds) > MOST_COLORS:  # painted corner by corner: one surface of the mean color
+        kinds, places = colors.mean(axis=0)[None], np.zeros(len(faces), int)
+    surfaces = []
+    for index, (red, green, blue, opacity) in enumerate((kinds / 255.0).tolist()):
+        part = _smooth_surface(path, vertices, faces[places.ravel() == index], CREASE_ANGLE)
+        surfaces.append((part, (red, green, blue, opacity)))
+    return tuple(surfaces)
+
+
+def _smooth_surface(
+    path: str | Path, vertices: NDArray[np.float64], faces: NDArray[np.int64], crease_angle: float
+) -> Surface:
     places, indices = unique_rows(vertices.astype(np.float32))
     faces = indices[faces]
     flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)

@@ -1,4 +1,4 @@
-"""Callbacks for targets that people drag, in a thread of their own."""
+"""Callbacks for targets that people drag, in a separate thread."""
 
 from __future__ import annotations
 

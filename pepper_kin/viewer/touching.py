@@ -1,4 +1,4 @@
-"""Where a recorded motion touches something: which bodies, when, and in a sentence."""
+"""Contacts of a recorded motion: bodies, times, and a sentence."""
 
 from __future__ import annotations
 

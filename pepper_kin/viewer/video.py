@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pepper_kin import atomic_file
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
 from pepper_kin.viewer.browser_session import BrowserSession
-from pepper_kin.viewer.camera import Camera, CameraView, view_options
+from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -27,26 +27,26 @@ _GIF_TICK = 0.01  # [s] a GIF counts time in hundredths of a second
 _COLORS = 256
 
 
-def write_video(
+def save_video(
     html_path: str | Path,
     video_path: str | Path,
     *,
     fps: float = 30.0,
     size: tuple[int, int] = (1280, 800),
-    view: CameraView | Camera = "three-quarter",
+    view: CameraView | Viewpoint = "three-quarter",
     on_frame: Callable[[int, int], None] = lambda done, total: None,
     timeout: float = 60.0,
 ) -> Path:
     """Film a motion page, from its first frame to its last.
 
-    One browser draws all pictures; it is told the time of each, so that slow machines film the same motion.
+    One browser draws all pictures; it gets the time of each, so that slow machines film the same motion.
 
     Args:
-        html_path: A page as written by `write_motion_page`.
+        html_path: A page as written by `save_motion_page`.
         video_path: The film to write, .mp4 (H.264) or .gif; it appears when it is whole.
         fps: Frames per second, in (0, 240]; a GIF has 50 at most and rounds each to a hundredth of a second.
         size: Width and height [pixel]; even numbers for .mp4.
-        view: "three-quarter", "front", "side" or "top", or a `Camera`.
+        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
         on_frame: Called with the number of frames done and of all.
         timeout: Longest wait for one picture [s].
 
@@ -70,8 +70,8 @@ def write_video(
     return atomic_file.write_bytes(video_path, content)
 
 
-def check_video(suffix: str, fps: float, size: tuple[int, int], view: CameraView | Camera) -> None:
-    """Refuse what no film can be made of, before anything is drawn; see `write_video`."""
+def check_video(suffix: str, fps: float, size: tuple[int, int], view: CameraView | Viewpoint) -> None:
+    """Refuse what no film can be made of, before anything is drawn; see `save_video`."""
     if suffix not in VIDEO_SUFFIXES:
         raise UnknownNameError("video suffix", suffix, VIDEO_SUFFIXES)
     most = 1 / (2 * _GIF_TICK) if suffix == ".gif" else 240.0
@@ -98,8 +98,8 @@ def _pictures(
 ) -> Iterator[Image.Image]:
     from PIL import Image
 
-    for index, instant in enumerate(times):
-        yield Image.open(io.BytesIO(session.picture(instant))).convert("RGB")
+    for index, time in enumerate(times):
+        yield Image.open(io.BytesIO(session.picture(time))).convert("RGB")
         on_frame(index + 1, times.size)
 
 

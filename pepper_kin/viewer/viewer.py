@@ -19,7 +19,7 @@ from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, Shape
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.viewer.browser import screenshot
-from pepper_kin.viewer.camera import Camera, CameraView
+from pepper_kin.viewer.camera import CameraView, Viewpoint
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
 from pepper_kin.viewer.motion_frames import (
@@ -30,19 +30,19 @@ from pepper_kin.viewer.motion_frames import (
     limited_series,
 )
 from pepper_kin.viewer.recording import write_frames_page
-from pepper_kin.viewer.server.layers import CAPSULES, LOOKS, SPHERES
+from pepper_kin.viewer.server.layers import CAPSULES, SPHERES, VISUAL
 from pepper_kin.viewer.target_listener import TargetListener
 from pepper_kin.viewer.touching import touch_spans
-from pepper_kin.viewer.video import check_video, write_video
+from pepper_kin.viewer.video import check_video, save_video
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.server import ViewerServer
     from pepper_kin.viewer.server.session import Session
 
-Looks = Literal["visual", "collision", "spheres"]
+GeometryType = Literal["visual", "collision", "spheres"]
 
 OVER_COLOR = (0.20, 0.45, 0.90, 0.35)
-_LAYERS = {"visual": LOOKS, "collision": CAPSULES, "spheres": SPHERES}
+_LAYERS = {"visual": VISUAL, "collision": CAPSULES, "spheres": SPHERES}
 
 
 class Viewer:
@@ -58,28 +58,28 @@ class Viewer:
 
     Args:
         pepper: The robot.
-        looks: "visual" draws what it looks like, "collision" the shapes that may not touch, "spheres" the
-            sphere set.
-        over: Looks drawn on top as well, half transparent, such as "collision" over "visual".
+        geometry_type: "visual" draws the visual meshes, "collision" the shapes that may not touch, "spheres"
+            the sphere set.
+        over: Geometry drawn on top as well, half transparent, such as "collision" over "visual".
         port: Port of the live page; None takes the first free one from 7878 on, 0 any free one.
 
     Raises:
-        UnknownNameError: There are no such looks.
+        UnknownNameError: There is no such geometry type.
     """
 
     def __init__(
         self,
         pepper: PepperModel,
         *,
-        looks: Looks = "visual",
-        over: Looks | None = None,
+        geometry_type: GeometryType = "visual",
+        over: GeometryType | None = None,
         port: int | None = None,
     ) -> None:
         self._pepper = pepper
         self._port = port
-        self._layers = tuple(_LAYERS[name] for name in (looks, over) if name in _LAYERS)
-        shapes = _shapes(pepper, looks)
-        drawn = [Drawable.from_shape(shape) for shape in shapes]
+        self._layers = tuple(_LAYERS[name] for name in (geometry_type, over) if name in _LAYERS)
+        shapes = _shapes(pepper, geometry_type)
+        drawn = [drawable for shape in shapes for drawable in Drawable.all_of_shape(shape)]
         if over is not None:
             on_top = _shapes(pepper, over)
             drawn += [
@@ -178,7 +178,7 @@ class Viewer:
             viewer.on_target(lambda name, position: print(name, position))
 
         The callback gets the target's name ("left hand", "right hand" or "gaze") and its position in the
-        world, shape (3,) [m].  It runs in a thread of its own; while it runs, only the newest position of
+        world, shape (3,) [m].  It runs in a separate thread; while it runs, only the newest position of
         each target is kept for it.  It may call the viewer, for instance `show`.  The body goes on following
         unless the page's "Follow live" is off; see `follow`.
 
@@ -207,8 +207,8 @@ class Viewer:
     def move_target(self, name: str, position: ArrayLike) -> Viewer:
         """Put a target of the live page somewhere, as dragging it does; the body follows by the servo.
 
-        Returns at once, while the body moves; `q` tells where it is.  The first time on a machine the servo
-        is compiled before, which takes a minute or two.
+        Returns at once, while the body moves; `q` is its present state.  The first time on a machine the
+        servo is compiled before, which takes a minute or two.
 
         Args:
             name: "left hand", "right hand" or "gaze".
@@ -324,7 +324,7 @@ class Viewer:
         *,
         at_time: float | None = None,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView | Camera = "three-quarter",
+        view: CameraView | Viewpoint = "three-quarter",
     ) -> Path:
         """Save a picture (PNG), drawn by a headless Chromium; the same input gives the same pixels.
 
@@ -333,7 +333,7 @@ class Viewer:
             motion: As for `save_html`.
             at_time: Time of the motion [s], within it; None takes its start.
             size: Width and height [pixel].
-            view: "three-quarter", "front", "side" or "top", or a `Camera`.
+            view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
 
         Returns:
             The path of the file.
@@ -361,7 +361,7 @@ class Viewer:
         *,
         fps: float = 30.0,
         size: tuple[int, int] = (1280, 800),
-        view: CameraView | Camera = "three-quarter",
+        view: CameraView | Viewpoint = "three-quarter",
         on_frame: Callable[[int, int], None] = lambda done, total: None,
     ) -> Path:
         """Save a film (MP4 or GIF), drawn by a headless Chromium; the same input gives the same pixels.
@@ -371,7 +371,7 @@ class Viewer:
             motion: As for `save_html`.
             fps: Frames per second, in (0, 240], for .gif at most 50.
             size: Width and height [pixel]; even numbers for .mp4.
-            view: "three-quarter", "front", "side" or "top", or a `Camera`.
+            view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
             on_frame: Called with the number of frames done and of all.
 
         Returns:
@@ -388,7 +388,7 @@ class Viewer:
         with tempfile.TemporaryDirectory() as folder:
             # At least as many poses as frames: what is blended between two lies on the samples' way.
             page = self.save_html(Path(folder) / "scene.html", motion, series={}, fps=max(40.0, fps))
-            return write_video(page, path, fps=fps, size=size, view=view, on_frame=on_frame)
+            return save_video(page, path, fps=fps, size=size, view=view, on_frame=on_frame)
 
     def close(self) -> None:
         """End the live page's server, if there is one."""
@@ -416,7 +416,7 @@ class Viewer:
     def _furnish(self, session: Session) -> None:
         """Give a new session what the viewer shows already."""
         for layer in session.available:
-            if layer == LOOKS or layer in self._layers:
+            if layer == VISUAL or layer in self._layers:
                 session.show(layer, layer in self._layers)
         session.set_scene(self._scene)
         session.set_markers(tuple(self._targets.values()))
@@ -434,12 +434,12 @@ def _joined(known: Scene, more: Scene) -> Scene:
     return Scene({**kept, **more.objects}, {**held, **more.attached}, [*known.allowed, *more.allowed])
 
 
-def _shapes(pepper: PepperModel, looks: str) -> tuple[Shape, ...]:
-    if looks not in get_args(Looks):
-        raise UnknownNameError("looks", looks, get_args(Looks))
+def _shapes(pepper: PepperModel, geometry_type: str) -> tuple[Shape, ...]:
+    if geometry_type not in get_args(GeometryType):
+        raise UnknownNameError("geometry_type", geometry_type, get_args(GeometryType))
     shapes = {
         "visual": pepper.visual_shapes,
         "collision": pepper.collision_shapes,
         "spheres": pepper.collision_spheres,
     }
-    return shapes[looks]
+    return shapes[geometry_type]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from pepper_kin.core.clock import CLOCK
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.status import ResultStatus
 
 from ..vectors import FloatArray, finite_points, positive_number, read_only
 from .assembly import Objective
@@ -30,30 +30,15 @@ _FIRST_DAMPING = 1e-6
 _SLICE = 0.25  # [s] that machine code runs before Python listens to an interrupt again
 
 
-class OptimizationStatus(Enum):
+class OptimizationStatus(ResultStatus):
     """How a descent ended; `advice` says what to try."""
 
-    CONVERGED = "converged"
-    OUT_OF_ITERATIONS = "out_of_iterations"
-    OUT_OF_TIME = "out_of_time"
-    STALLED = "stalled"
-    STOPPED = "stopped"
-    START_INFEASIBLE = "start_infeasible"
-
-    @property
-    def advice(self) -> str:
-        """One sentence: what the status means and what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    OptimizationStatus.CONVERGED: "No small change makes the motion cheaper.",
-    OptimizationStatus.OUT_OF_ITERATIONS: "The motion keeps all limits; more iterations make it cheaper.",
-    OptimizationStatus.OUT_OF_TIME: "The motion keeps all limits; more time makes it cheaper.",
-    OptimizationStatus.STALLED: "The motion keeps all limits; start elsewhere to find a cheaper one.",
-    OptimizationStatus.STOPPED: "The motion is as short as it has to be, and keeps all limits.",
-    OptimizationStatus.START_INFEASIBLE: "Start from a slower motion, or one further from the constraints.",
-}
+    CONVERGED = "converged", "No small change makes the motion cheaper."
+    OUT_OF_ITERATIONS = "out_of_iterations", "The motion keeps all limits; more iterations make it cheaper."
+    OUT_OF_TIME = "out_of_time", "The motion keeps all limits; more time makes it cheaper."
+    STALLED = "stalled", "The motion keeps all limits; start elsewhere to find a cheaper one."
+    STOPPED = "stopped", "The motion is as short as it has to be, and keeps all limits."
+    START_INFEASIBLE = "start_infeasible", "Start from a slower motion, or one further from the constraints."
 
 
 _STATUSES = {

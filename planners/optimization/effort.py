@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.status import ResultStatus
 
 from ..vectors import FloatArray, finite_vector, positive_number, read_only
 from .assembly import Bounds
@@ -23,26 +23,13 @@ _GAUSS = (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0)
 _TOLERANCE = 1e-8
 
 
-class EffortStatus(Enum):
+class EffortStatus(ResultStatus):
     """How the solver ended; `advice` says what to try."""
 
-    SOLVED = "solved"
-    INFEASIBLE = "infeasible"
-    OUT_OF_ITERATIONS = "out_of_iterations"
-    FAILED = "failed"
-
-    @property
-    def advice(self) -> str:
-        """One sentence: what the status means and what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    EffortStatus.SOLVED: "The motion meets the optimality conditions: no small change lowers its effort.",
-    EffortStatus.INFEASIBLE: "No motion was found within the limits; allow more time or wider limits.",
-    EffortStatus.OUT_OF_ITERATIONS: "Raise max_iterations, or start from a better guess.",
-    EffortStatus.FAILED: "Try the other solver, more intervals, or a longer duration.",
-}
+    SOLVED = "solved", "The motion meets the optimality conditions: no small change lowers its effort."
+    INFEASIBLE = "infeasible", "No motion was found within the limits; allow more time or wider limits."
+    OUT_OF_ITERATIONS = "out_of_iterations", "Raise max_iterations, or start from a better guess."
+    FAILED = "failed", "Try the other solver, more intervals, or a longer duration."
 
 
 @dataclass(frozen=True, eq=False)

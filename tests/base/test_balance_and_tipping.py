@@ -1,4 +1,4 @@
-"""Balance against the room of dynamics, tipping against the pendulum's closed forms."""
+"""Balance against `pepper_kin.dynamics`, tipping against the pendulum's closed forms."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def swing(pepper, size, w, seconds=1.0, count=501):
 
 
 @pytest.mark.parametrize("base", ["fixed", "planar"])
-def test_the_report_agrees_with_the_room_of_dynamics(base):
+def test_the_report_agrees_with_dynamics(base):
     pepper = pk.load_pepper(base=base)
     t, q, v, a = swing(pepper, 0.1, 4.0)
     if base == "planar":
@@ -57,7 +57,7 @@ def test_a_robot_at_rest_stands_on_its_center_of_mass(pepper, monitor):
     assert "kept throughout" in report.report()
 
 
-def test_the_first_instant_outside_is_named(pepper, monitor):
+def test_the_first_time_outside_is_named(pepper, monitor):
     t, q, v, a = swing(pepper, 0.45, 9.0)
     report = monitor.assess(t, q, v, a)
     event = report.event
@@ -160,10 +160,10 @@ def test_it_falls_beyond_the_critical_rate_and_comes_back_below(pepper, monitor,
     critical = np.sqrt(2 * weight * (np.hypot(b, h) - h) / inertia)  # the center just over the edge
     below = pendulum(pepper, monitor, edge, 0.99 * critical, 3.0)[0]
     above = pendulum(pepper, monitor, edge, 1.01 * critical, 3.0)[0]
-    assert below.status == "rocked"
+    assert below.status.value == "rocked"
     assert below.angle.max() < np.arctan2(b, h)
     assert "came back" in below.message
-    assert above.status == "fallen"
+    assert above.status.value == "fallen"
     assert above.angle[-1] >= 1.2
     assert "fell over the line" in above.message
 
@@ -187,13 +187,13 @@ def test_small_tilts_follow_the_closed_form(pepper, monitor):
     np.testing.assert_allclose(run.angle - balance, 1e-4 * np.cosh(s * t), rtol=1e-4)
     steady = simulate_tipping(monitor, report, q, start=(0, balance, 0.0))
     assert np.abs(steady.angle - balance).max() < 1e-9
-    assert steady.status == "tipped"
+    assert steady.status.value == "tipped"
 
 
 def test_a_balanced_motion_never_tilts_and_an_unbalanced_one_does_from_the_event_on(pepper, monitor):
     t, q, v, a = swing(pepper, 0.05, 3.0)
     calm = simulate_tipping(monitor, monitor.assess(t, q, v, a), q)
-    assert calm.status == "stood"
+    assert calm.status.value == "stood"
     assert (calm.angle == 0).all()
     t, q, v, a = swing(pepper, 0.45, 9.0)
     report = monitor.assess(t, q, v, a)
@@ -201,7 +201,7 @@ def test_a_balanced_motion_never_tilts_and_an_unbalanced_one_does_from_the_event
     first = int(np.argmax(run.edge >= 0))
     assert first == report.event.index
     assert monitor.edge(int(run.edge[first])) == report.event.edge
-    assert run.status in ("rocked", "tipped", "fallen")
+    assert run.status.value in ("rocked", "tipped", "fallen")
     assert run.angle.max() > 0
 
 
@@ -214,7 +214,7 @@ def test_a_lasting_push_beyond_the_margin_topples(pepper, monitor):
         push = share * limit * np.array([1, 0, 0, 0, 0.9, 0])
         report = monitor.assess(t, q, v, a, external=push)
         run = simulate_tipping(monitor, report, q)
-        assert run.status == status, run.message
+        assert run.status.value == status, run.message
         assert report.balanced == (status == "stood")
 
 

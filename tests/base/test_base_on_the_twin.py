@@ -24,7 +24,7 @@ def driven(pepper, controller, commands, steps, timestep=0.002):
 
 def test_the_twin_follows_the_base_and_odometry_tells_where_it_is():
     pepper = pk.load_pepper(base="planar")
-    controller = BaseController(OmniBase(pepper), timeout=1.0)
+    controller = BaseController(OmniBase(pepper), command_timeout=1.0)
     position, velocity = driven(pepper, controller, [(0, (0.25, 0.1, 0.4))], 900)
     suite = SensorSuite(pepper, sensors=["wheel_odometry", "imu_base_gyroscope"], seed=5)
     twin = Twin(pepper, 0.002, sensors=suite)

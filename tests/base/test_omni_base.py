@@ -42,8 +42,8 @@ def test_rolling_without_slip_in_any_direction(base, twist):
         rolling = np.cross([*axle, 0], [0, 0, 1])
         assert abs(slide @ rolling) < 1e-12
         assert abs(slide[2]) < 1e-15
-    np.testing.assert_allclose(base.slip(twist, speeds), 0, atol=1e-12)
-    np.testing.assert_allclose(base.slip(twist, speeds + 1.0), -geometry.wheel_radius)
+    np.testing.assert_allclose(base.wheel_slip(twist, speeds), 0, atol=1e-12)
+    np.testing.assert_allclose(base.wheel_slip(twist, speeds + 1.0), -geometry.wheel_radius)
     np.testing.assert_allclose(base.body_twist(speeds), twist, atol=1e-12)
 
 
@@ -72,7 +72,7 @@ def test_four_wheels_are_fitted_by_least_squares():
     wrong = speeds + np.array([0.1, -0.2, 0.3, 0.05])
     best = np.linalg.lstsq(base.wheel_map, wrong, rcond=None)[0]
     np.testing.assert_allclose(base.body_twist(wrong), best, atol=1e-12)
-    assert np.abs(base.slip(best, wrong)).max() > 0.001
+    assert np.abs(base.wheel_slip(best, wrong)).max() > 0.001
 
 
 def test_limits_scale_the_whole_twist(base):
@@ -122,7 +122,7 @@ def test_an_arc_is_found_again(angle):
 
 
 def test_ramps_keep_both_accelerations_and_arrive(base):
-    controller, limits = BaseController(base, timeout=10.0), base.geometry
+    controller, limits = BaseController(base, command_timeout=10.0), base.geometry
     controller.command((0.3, -0.1, 0.8))
     twists = [controller.twist]
     for _ in range(300):
@@ -141,7 +141,7 @@ def test_ramps_keep_both_accelerations_and_arrive(base):
 
 def test_every_twist_on_the_way_is_within_the_limits():
     base = OmniBase(pepper_base(fastest=True))
-    controller, rng = BaseController(base, timeout=1.0), np.random.default_rng(3)
+    controller, rng = BaseController(base, command_timeout=1.0), np.random.default_rng(3)
     for _ in range(60):
         controller.command(rng.normal(size=3) * (1, 1, 3))
         for _ in range(rng.integers(1, 40)):
@@ -151,7 +151,7 @@ def test_every_twist_on_the_way_is_within_the_limits():
 
 
 def test_it_stops_when_commands_cease_after_the_braking_distance(base):
-    controller = BaseController(base, timeout=0.5)
+    controller = BaseController(base, command_timeout=0.5)
     controller.command((0.3, 0.0, 0.0))
     twists = [controller.step(0.001) for _ in range(1600)]
     assert np.argmax(twists, axis=0)[0] * 0.001 == pytest.approx(0.5, abs=0.002)
@@ -193,7 +193,7 @@ def test_odometry_from_true_turns_is_exact_and_from_wrong_ones_as_wrong_as_asked
 
     ends = []
     for seed in range(300):
-        slipping = Odometry(base, slip=0.02, seed=seed)
+        slipping = Odometry(base, wheel_slip=0.02, seed=seed)
         for _ in range(20):
             slipping.add(base.wheel_speeds((0.05, 0, 0)))
         ends.append(slipping.pose)
@@ -201,7 +201,7 @@ def test_odometry_from_true_turns_is_exact_and_from_wrong_ones_as_wrong_as_asked
     spread = np.linalg.inv(base.wheel_map) @ np.diag(0.02**2 * turn) @ np.linalg.inv(base.wheel_map).T
     assert np.std(ends, axis=0)[0] == pytest.approx(np.sqrt(spread[0, 0]), rel=0.15)
     assert np.std(ends, axis=0)[2] == pytest.approx(np.sqrt(spread[2, 2]), rel=0.15)
-    again = Odometry(base, slip=0.02, seed=299)
+    again = Odometry(base, wheel_slip=0.02, seed=299)
     for _ in range(20):
         again.add(base.wheel_speeds((0.05, 0, 0)))
     np.testing.assert_array_equal(again.pose, ends[-1])
@@ -215,9 +215,9 @@ def test_misuse_is_named(base):
     with pytest.raises(InvalidValueError, match="timestep"):
         BaseController(base).step(0.0)
     with pytest.raises(InvalidValueError, match="timeout"):
-        BaseController(base, timeout=-1.0)
-    with pytest.raises(InvalidValueError, match="slip"):
-        Odometry(base, slip=np.nan)
+        BaseController(base, command_timeout=-1.0)
+    with pytest.raises(InvalidValueError, match="wheel_slip"):
+        Odometry(base, wheel_slip=np.nan)
     with pytest.raises(InvalidValueError, match="wheels"):
         BaseGeometry(("a", "b"), np.zeros((2, 2)), np.ones((2, 2)), 0.1)
     with pytest.raises(InvalidValueError, match="linear_velocity"):

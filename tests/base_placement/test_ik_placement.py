@@ -35,7 +35,7 @@ ARM = """<robot name="crane">
 
 @pytest.fixture(scope="module")
 def over_the_table():
-    return pk.ik.place_base(PEPPER, [pk.ik.HandPosition("left", EDGE)], scene=TABLE)
+    return pk.base_placement.place_base(PEPPER, [pk.ik.HandPosition("left", EDGE)], scene=TABLE)
 
 
 def in_base(placement, point):
@@ -57,7 +57,7 @@ def random_pose(seed):
 
 def test_every_placement_reaches_by_forward_kinematics_of_the_fixed_robot():
     gaze = pk.ik.LookAt(POINT)
-    result = pk.ik.place_base(PEPPER, [LEFT, gaze], keep=4)
+    result = pk.base_placement.place_base(PEPPER, [LEFT, gaze], keep=4, collisions=False)
     assert result.status is PlacementStatus.FOUND
     assert result.success
     assert 1 < len(result.placements) <= 4
@@ -79,7 +79,7 @@ def test_every_placement_reaches_by_forward_kinematics_of_the_fixed_robot():
 
 
 def test_placements_are_ranked_and_lie_apart():
-    result = pk.ik.place_base(PEPPER, LEFT)
+    result = pk.base_placement.place_base(PEPPER, LEFT, collisions=False)
     scores = [place.score for place in result.placements]
     assert scores == sorted(scores, reverse=True)
     assert result.best is result.placements[0]
@@ -88,13 +88,15 @@ def test_placements_are_ranked_and_lie_apart():
             turn = abs((a.yaw - b.yaw + math.pi) % (2 * math.pi) - math.pi)
             assert math.hypot(a.x - b.x, a.y - b.y) >= 0.1 or turn >= 0.25
     # The score found by sampling and local search is not beaten by other samples.
-    other = pk.ik.place_base(PEPPER, LEFT, seed=9, candidates=400)
+    other = pk.base_placement.place_base(PEPPER, LEFT, seed=9, candidates=400, collisions=False)
     assert other.best.score == pytest.approx(result.best.score, abs=0.06)
 
 
 def test_the_terms_are_what_they_say():
     stand = (0.3, -0.5, 0.4)
-    result = pk.ik.place_base(PEPPER, LEFT, stand=stand, weights=PlacementWeights(travel=2.0))
+    result = pk.base_placement.place_base(
+        PEPPER, LEFT, stand=stand, weights=PlacementWeights(travel=2.0), collisions=False
+    )
     place, terms = result.best, result.best.terms
     q = place.q[0]
     moved = np.abs(pk.kinematics.frame_jacobian(PEPPER, q, "LArm_effector")[:3]).max(axis=0) > 1e-12
@@ -116,11 +118,15 @@ def test_the_terms_are_what_they_say():
 
 def test_what_weighs_more_comes_out_better():
     only = {"limit_margin": 0.0, "manipulability": 0.0, "clearance": 0.0, "travel": 0.0}
-    near = pk.ik.place_base(PEPPER, LEFT, weights=PlacementWeights(**(only | {"travel": 1.0}))).best
-    skilled = pk.ik.place_base(
-        PEPPER, LEFT, weights=PlacementWeights(**(only | {"manipulability": 1.0}))
+    near = pk.base_placement.place_base(
+        PEPPER, LEFT, weights=PlacementWeights(**(only | {"travel": 1.0})), collisions=False
     ).best
-    loose = pk.ik.place_base(PEPPER, LEFT, weights=PlacementWeights(**(only | {"limit_margin": 1.0}))).best
+    skilled = pk.base_placement.place_base(
+        PEPPER, LEFT, weights=PlacementWeights(**(only | {"manipulability": 1.0})), collisions=False
+    ).best
+    loose = pk.base_placement.place_base(
+        PEPPER, LEFT, weights=PlacementWeights(**(only | {"limit_margin": 1.0})), collisions=False
+    ).best
     assert near.terms.distance < min(skilled.terms.distance, loose.terms.distance)
     assert skilled.terms.manipulability > max(near.terms.manipulability, loose.terms.manipulability)
     assert loose.terms.limit_margin > max(near.terms.limit_margin, skilled.terms.limit_margin)
@@ -146,12 +152,12 @@ def test_with_a_scene_nothing_touches(over_the_table):
 def test_one_place_for_several_targets():
     points = np.array([[2.0, 0.4, 0.9], [2.2, 0.2, 0.7], [1.9, 0.5, 1.1]])
     apart = [[pk.ik.HandPosition("left", point)] for point in points]
-    result = pk.ik.place_base(PEPPER, apart)
+    result = pk.base_placement.place_base(PEPPER, apart, collisions=False)
     assert result.success, result.report()
     assert result.reached.shape[1] == len(result.names) == len(result.best.q) == 3
     for q, point in zip(result.best.q, points, strict=True):
         np.testing.assert_allclose(hand(q)[:3, 3], in_base(result.best, point), atol=1e-3)
-    together = pk.ik.place_base(PEPPER, pk.ik.HandPosition("left", points))
+    together = pk.base_placement.place_base(PEPPER, pk.ik.HandPosition("left", points), collisions=False)
     np.testing.assert_array_equal(together.places, result.places)
     np.testing.assert_array_equal(together.best.q, result.best.q)
 
@@ -159,14 +165,16 @@ def test_one_place_for_several_targets():
 def test_neither_threads_nor_repetition_change_anything():
     sets = [[pk.ik.HandPosition("left", EDGE)], [LEFT]]
     results = [
-        pk.ik.place_base(PEPPER, sets, scene=TABLE, threads=k, seed=4, candidates=60) for k in (1, 1, 2)
+        pk.base_placement.place_base(PEPPER, sets, scene=TABLE, threads=k, seed=4, candidates=60)
+        for k in (1, 1, 2)
     ]
     for other in results[1:]:
         np.testing.assert_array_equal(other.places, results[0].places)
         np.testing.assert_array_equal(other.scores, results[0].scores)
         np.testing.assert_array_equal(other.best.q, results[0].best.q)
     assert not np.array_equal(
-        pk.ik.place_base(PEPPER, sets, seed=5, scene=TABLE, candidates=60).places, results[0].places
+        pk.base_placement.place_base(PEPPER, sets, seed=5, scene=TABLE, candidates=60).places,
+        results[0].places,
     )
 
 
@@ -181,8 +189,10 @@ def test_turning_the_world_turns_the_answer():
     rotation = np.array([[c, -s], [s, c]])
     there = np.column_stack([places[:, :2] @ rotation.T + shift, places[:, 2] + turn])
     moved = np.array([*(rotation @ POINT[:2] + shift), POINT[2]])
-    one = pk.ik.place_base(PEPPER, LEFT, candidates=places)
-    two = pk.ik.place_base(PEPPER, pk.ik.HandPosition("left", moved), candidates=there, stand=(*shift, turn))
+    one = pk.base_placement.place_base(PEPPER, LEFT, candidates=places, collisions=False)
+    two = pk.base_placement.place_base(
+        PEPPER, pk.ik.HandPosition("left", moved), candidates=there, stand=(*shift, turn), collisions=False
+    )
     np.testing.assert_array_equal(one.reached, two.reached)
     np.testing.assert_allclose(one.scores, two.scores, atol=1e-3)
     assert 5 < one.reached.sum() < 35
@@ -193,14 +203,14 @@ def test_reached_is_what_solve_finds_from_each_place():
     places = np.column_stack(
         [generator.uniform(-0.9, 0.9, (40, 2)) + POINT[:2], generator.uniform(-3, 3, 40)]
     )
-    found = pk.ik.place_base(PEPPER, LEFT, candidates=places)
+    found = pk.base_placement.place_base(PEPPER, LEFT, candidates=places, collisions=False)
     np.testing.assert_allclose(found.places[1:], places)
     solved = []
     for x, y, yaw in places:
         c, s = math.cos(yaw), math.sin(yaw)
         dx, dy = POINT[:2] - (x, y)
         point = (c * dx + s * dy, -s * dx + c * dy, POINT[2])
-        solved.append(pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point)).success)
+        solved.append(pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point), collisions=False).success)
     assert np.sum(np.array(solved) != found.reached[1:, 0]) <= 1
     assert not found.reached[0, 0]
     assert not found.here
@@ -208,7 +218,7 @@ def test_reached_is_what_solve_finds_from_each_place():
 
 def test_status_unreachable_names_the_target():
     sets = [[LEFT], [pk.ik.HandPosition("right", (2.0, 0.0, 2.5))]]
-    result = pk.ik.place_base(PEPPER, sets, candidates=48)
+    result = pk.base_placement.place_base(PEPPER, sets, candidates=48, collisions=False)
     assert result.status is PlacementStatus.UNREACHABLE
     assert not result.success
     assert result.unreached == (1,)
@@ -223,7 +233,7 @@ def test_status_unreachable_names_the_target():
 
 def test_status_not_together():
     sets = [[LEFT], [pk.ik.HandPosition("left", (6.0, 0.4, 0.9))]]
-    result = pk.ik.place_base(PEPPER, sets, candidates=48)
+    result = pk.base_placement.place_base(PEPPER, sets, candidates=48, collisions=False)
     assert result.status is PlacementStatus.NOT_TOGETHER
     assert result.unreached == ()
     assert result.reached.any(axis=0).all()
@@ -233,10 +243,10 @@ def test_status_not_together():
 
 def test_status_blocked_by_collision():
     inside = pk.ik.HandPosition("left", (2.0, 0.0, 0.70))
-    result = pk.ik.place_base(PEPPER, inside, scene=TABLE, candidates=12)
+    result = pk.base_placement.place_base(PEPPER, inside, scene=TABLE, candidates=12)
     assert result.status is PlacementStatus.BLOCKED_BY_COLLISION
     assert "in collision" in result.report()
-    assert pk.ik.place_base(PEPPER, inside, candidates=12).success
+    assert pk.base_placement.place_base(PEPPER, inside, candidates=12, collisions=False).success
     assert len({status.advice for status in PlacementStatus}) == len(PlacementStatus) == 4
 
 
@@ -246,7 +256,9 @@ def test_a_place_that_serves_already_is_kept():
         pk.ik.JointPosture(PEPPER.neutral()),
         pk.ik.Point("left", (1, 0, 0)),
     ):
-        result = pk.ik.place_base(PEPPER, task, candidates=24, weights=PlacementWeights(0, 0, 0, 1))
+        result = pk.base_placement.place_base(
+            PEPPER, task, candidates=24, weights=PlacementWeights(0, 0, 0, 1), collisions=False
+        )
         assert result.here
         assert result.best.terms.distance == 0.0
         assert "the current place serves too" in result.report()
@@ -266,7 +278,7 @@ def test_a_place_that_serves_already_is_kept():
     ids=lambda task: type(task).__name__,
 )
 def test_every_kind_of_task(task):
-    result = pk.ik.place_base(PEPPER, task, candidates=64)
+    result = pk.base_placement.place_base(PEPPER, task, candidates=64, collisions=False)
     assert result.success, result.report()
     planar = pk.load_pepper(base="planar")
     place = result.best
@@ -279,7 +291,7 @@ def test_every_kind_of_task(task):
 def test_a_planar_robot_stays_itself():
     planar = pk.load_pepper(base="planar")
     q0 = planar.joint_vector({"BaseX": 0.5, "BaseYaw": 0.3})
-    result = pk.ik.place_base(planar, LEFT, q0, candidates=48)
+    result = pk.base_placement.place_base(planar, LEFT, q0, candidates=48, collisions=False)
     np.testing.assert_allclose(result.places[0], [0.5, 0.0, 0.3])
     place = result.best
     assert place.q.shape == (1, 18)
@@ -288,14 +300,14 @@ def test_a_planar_robot_stays_itself():
         pk.kinematics.frame_pose(planar, place.q[0], "LArm_effector")[:3, 3], POINT, atol=1e-3
     )
     with pytest.raises(LimitError, match="BaseX"):
-        pk.ik.place_base(planar, LEFT, candidates=[(11.0, 0.0, 0.0)])
+        pk.base_placement.place_base(planar, LEFT, candidates=[(11.0, 0.0, 0.0)], collisions=False)
 
 
 def test_any_fixed_robot_can_be_placed():
     """A crane that reaches in one vertical plane only: the places lie on a ring, turned to the target."""
     crane = pk.load_robot(ARM)
     task = pk.ik.FramePosition("tip", (1.0, 2.0, 1.3))
-    result = pk.ik.place_base(crane, task, candidates=64)
+    result = pk.base_placement.place_base(crane, task, candidates=64, collisions=False)
     assert result.success, result.report()
     for place in result.placements:
         dx, dy = 1.0 - place.x, 2.0 - place.y
@@ -334,52 +346,59 @@ def test_the_robot_on_a_moving_base_is_the_robot_moved():
 @pytest.mark.parametrize("hands", ["mimic", "independent"])
 def test_robots_with_fingers(hands):
     pepper = pk.load_pepper(hands=hands)
-    result = pk.ik.place_base(pepper, LEFT, candidates=32)
+    result = pk.base_placement.place_base(pepper, LEFT, candidates=32, collisions=False)
     assert result.success, result.report()
     pose = pk.kinematics.frame_pose(pepper, result.best.q[0], "LArm_effector")
     np.testing.assert_allclose((result.best.transform_base_to_world @ pose)[:3, 3], POINT, atol=1e-3)
 
 
 def test_a_result_travels():
-    result = pk.ik.place_base(PEPPER, LEFT, candidates=16)
+    result = pk.base_placement.place_base(PEPPER, LEFT, candidates=16, collisions=False)
     copy = pickle.loads(pickle.dumps(result))
     assert copy.report() == result.report()
     np.testing.assert_array_equal(copy.best.q, result.best.q)
 
 
 def test_only_the_named_joints_move():
-    result = pk.ik.place_base(PEPPER, LEFT, joints="left_arm")
+    result = pk.base_placement.place_base(PEPPER, LEFT, joints="left_arm", collisions=False)
     assert result.success
     still = [i for i, name in enumerate(PEPPER.joint_names) if name not in PEPPER.joint_group("left_arm")]
     np.testing.assert_array_equal(result.best.q[0, still], PEPPER.neutral()[still])
 
 
-def test_the_floor_map_agrees_with_place_base():
-    told = []
-    found = pk.ik.floor_map(
-        PEPPER, LEFT, center=POINT[:2], size=1.6, resolution=0.2, headings=6, progress=told.append
+def test_the_placement_map_agrees_with_place_base():
+    calls = []
+    found = pk.base_placement.placement_map(
+        PEPPER,
+        LEFT,
+        center=POINT[:2],
+        size=1.6,
+        resolution=0.2,
+        headings=6,
+        progress=calls.append,
+        collisions=False,
     )
     assert found.scores.shape == found.yaws.shape == (8, 8)
-    assert told == sorted(told)
-    assert len(told) == 8
-    assert told[-1] == 1.0
+    assert calls == sorted(calls)
+    assert len(calls) == 8
+    assert calls[-1] == 1.0
     assert found.area == pytest.approx(0.04 * np.isfinite(found.scores).sum())
     np.testing.assert_array_equal(np.isfinite(found.scores), np.isfinite(found.yaws))
     for center in found.centers[::7]:
         best = found.score_at(center)
         yaws = np.arange(6) * math.pi / 3
         places = np.column_stack([np.tile(center, (6, 1)), yaws])
-        one = pk.ik.place_base(PEPPER, LEFT, candidates=places)
+        one = pk.base_placement.place_base(PEPPER, LEFT, candidates=places, collisions=False)
         assert one.scores[1:].max() == pytest.approx(best, abs=1e-9)
     assert math.isnan(found.score_at((100.0, 0.0)))
     with pytest.raises(ValueError, match="read-only"):
         found.scores[0, 0] = 1.0
-    sampled = pk.ik.place_base(PEPPER, LEFT).score_map(0.2)
+    sampled = pk.base_placement.place_base(PEPPER, LEFT, collisions=False).score_map(0.2)
     assert np.nanmax(sampled.scores) == pytest.approx(np.nanmax(found.scores), abs=0.1)
 
 
 def test_the_picture_is_a_png(tmp_path):
-    found = pk.ik.place_base(PEPPER, LEFT, candidates=64).score_map()
+    found = pk.base_placement.place_base(PEPPER, LEFT, candidates=64, collisions=False).score_map()
     path = save_floor_picture(found, tmp_path / "floor.png", [POINT])
     assert path.read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InvalidValueError, match="targets"):
@@ -401,7 +420,7 @@ def test_the_example_of_the_page_runs():
 
 
 def test_values_are_read_only():
-    result = pk.ik.place_base(PEPPER, LEFT, candidates=16)
+    result = pk.base_placement.place_base(PEPPER, LEFT, candidates=16, collisions=False)
     for array in (result.places, result.scores, result.reached, result.touching, result.best.q):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1

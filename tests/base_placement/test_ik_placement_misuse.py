@@ -42,13 +42,13 @@ LEFT = pk.ik.HandPosition("left", POINT)
         ({"seed": -1}, InvalidValueError, "seed: got -1"),
         ({"threads": 0}, InvalidValueError, "threads: got 0"),
         ({"scene": "table"}, InvalidValueError, "scene: got 'table'"),
-        ({"q0": np.full(15, 9.0)}, LimitError, "q0: "),
-        ({"q0": np.zeros((2, 15))}, InvalidValueError, "q0: got shape"),
+        ({"start": np.full(15, 9.0)}, LimitError, "start: "),
+        ({"start": np.zeros((2, 15))}, InvalidValueError, "start: got shape"),
     ],
 )
 def test_misuse_is_named(arguments, error, message):
     with pytest.raises(error, match=message):
-        pk.ik.place_base(PEPPER, **{"tasks": LEFT, "candidates": 4, **arguments})
+        pk.base_placement.place_base(PEPPER, **{"tasks": LEFT, "candidates": 4, **arguments})
 
 
 def test_a_task_class_of_ones_own_is_served():
@@ -73,7 +73,7 @@ def test_a_task_class_of_ones_own_is_served():
         def attained(self, pepper, q):
             return "something"
 
-    assert pk.ik.place_base(PEPPER, Reach(), candidates=3).success
+    assert pk.base_placement.place_base(PEPPER, Reach(), candidates=3, collisions=False).success
 
 
 def test_misuse_of_weights_and_maps_is_named():
@@ -85,6 +85,6 @@ def test_misuse_of_weights_and_maps_is_named():
         PlacementWeights(0, 0, 0, 0)
     for name, value in (("resolution", 0.0), ("size", np.nan), ("headings", 0), ("center", (0, 0, 0))):
         with pytest.raises(InvalidValueError, match=f"{name}: got"):
-            pk.ik.floor_map(PEPPER, LEFT, **{"center": (0, 0), name: value})
+            pk.base_placement.placement_map(PEPPER, LEFT, **{"center": (0, 0), name: value})
     with pytest.raises(InvalidValueError, match="ten million"):
-        pk.ik.floor_map(PEPPER, LEFT, center=(0, 0), resolution=1e-4)
+        pk.base_placement.placement_map(PEPPER, LEFT, center=(0, 0), resolution=1e-4, collisions=False)

@@ -47,4 +47,4 @@ def test_inverse_kinematics_in_a_scene_gives_the_same_rows():
         one = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point), scene=scene(), seed=5)
         np.testing.assert_array_equal(batch.q[row], one.q)
         assert batch.status(row) is one.status
-    assert batch.solved.sum() > 0
+    assert batch.success.sum() > 0

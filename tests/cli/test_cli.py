@@ -40,8 +40,8 @@ def test_pepper_moves_in_the_page_of_the_demo(demo, browser):
     page.goto((folder / "out" / "motion.html").as_uri())
     page.wait_for_load_state("load")
     duration = page.evaluate("window.pepperKin.duration")
-    told = json.loads((folder / "out" / "summary.json").read_text())
-    assert duration >= told["duration_s"]
+    summary = json.loads((folder / "out" / "summary.json").read_text())
+    assert duration >= summary["duration_s"]
     pictures = []
     for time in (0.0, duration / 2, 0.0):
         page.evaluate(f"window.pepperKin.pause(); window.pepperKin.seek({time})")
@@ -68,10 +68,10 @@ def test_json_is_all_that_is_printed(run, tmp_path):
     arguments = ("--hand", "right", "--at", "0.2", "-0.35", "0.9", "--json", "-o", "out")
     done = run("reach", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["hand_error_m"] < 1e-3
-    assert told["gaze_error_rad"] is None
-    assert json.loads((tmp_path / "out" / "summary.json").read_text()) == told
+    summary = json.loads(done.stdout)
+    assert summary["hand_error_m"] < 1e-3
+    assert summary["gaze_error_rad"] is None
+    assert json.loads((tmp_path / "out" / "summary.json").read_text()) == summary
 
 
 def test_boxes_are_avoided(run, tmp_path):
@@ -79,9 +79,9 @@ def test_boxes_are_avoided(run, tmp_path):
     arguments = ("--hand", "left", "--at", "0.38", "0.22", "0.82", "--avoid-box", box, "--json", "-o", "out")
     done = run("reach", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["obstacles"]["box1"]["position_m"] == [0.47, 0.05, 0.715]
-    assert told["smallest_clearance_planned_m"] > 0
+    summary = json.loads(done.stdout)
+    assert summary["obstacles"]["box1"]["position_m"] == [0.47, 0.05, 0.715]
+    assert summary["smallest_clearance_planned_m"] > 0
 
 
 @pytest.mark.parametrize(
@@ -118,15 +118,15 @@ def test_gesture_tells_errors_and_inconsistencies(run, tmp_path):
     for word in ("RShoulderPitch", "paper: Gazebo", "left labels", "60 of 60 numbers", "0 or 0.01 rad"):
         assert word in done.stdout
     assert (tmp_path / "out" / "run.csv").exists()
-    told = json.loads(run("gesture", "right-arm", "--json", cwd=tmp_path).stdout)
-    assert told["joints"]["RElbowRoll"]["mean_absolute_error"] < 0.01
+    summary = json.loads(run("gesture", "right-arm", "--json", cwd=tmp_path).stdout)
+    assert summary["joints"]["RElbowRoll"]["mean_absolute_error"] < 0.01
 
 
 def test_help_has_an_example(run):
     for command in ("demo", "reach", "gesture"):
         done = run(command, "--help", cwd=".")
         assert "Example: pepper-kin" in done.stdout
-    assert pk.__version__ == "0.1.0"
+    assert pk.__version__ == "0.2.0"
 
 
 @pytest.mark.parametrize(
@@ -166,8 +166,8 @@ def test_check_model_passes_for_ours_and_finds_a_planted_fault(run, tmp_path):
     assert done.returncode == 1
     assert "Head" in done.stdout
     assert "-1.51893" in done.stdout
-    told = json.loads(run("check", "model", "bad.urdf", "--json", cwd=tmp_path).stdout)
-    assert set(told) == {"audit", "comparison"}
+    summary = json.loads(run("check", "model", "bad.urdf", "--json", cwd=tmp_path).stdout)
+    assert set(summary) == {"audit", "comparison"}
 
 
 def test_check_limits_prints_table_4(run, tmp_path):

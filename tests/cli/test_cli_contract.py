@@ -146,8 +146,8 @@ def test_colors_are_for_terminals_that_want_them(tmp_path):
 def test_a_bar_with_the_time_left_on_a_terminal_only(chromium_path, tmp_path):
     make_nod(tmp_path)
     arguments = ("render", "nod.csv", "-o", "nod.gif", "--fps", "2", "--size", "64x48")
-    seen = on_a_terminal(*arguments, cwd=tmp_path)
-    assert re.search(r"rendering .*100%.* left", COLORS.sub("", seen), re.DOTALL)
+    shown = on_a_terminal(*arguments, cwd=tmp_path)
+    assert re.search(r"rendering .*100%.* left", COLORS.sub("", shown), re.DOTALL)
     done = run_process(*arguments, "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == {"written": ["nod.gif"]}
@@ -155,7 +155,7 @@ def test_a_bar_with_the_time_left_on_a_terminal_only(chromium_path, tmp_path):
 
 def make_nod(folder):
     pepper = pk.load_pepper()
-    pk.trajectory.save(pk.motion.gesture(pepper, "nod"), folder / "nod.csv")
+    pk.files.save(pk.motion.gesture(pepper, "nod"), folder / "nod.csv")
 
 
 def hear_ctrl_c():

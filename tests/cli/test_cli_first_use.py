@@ -35,9 +35,9 @@ def test_help_writes_units_in_words(command):
 
 
 def test_help_of_reach_names_its_units(tmp_path):
-    told = run("reach", "--help", cwd=tmp_path).stdout
-    assert "Where the palm should go: X Y Z, in meters." in told
-    assert "Time budget of IK and planning, in seconds." in told
+    output = run("reach", "--help", cwd=tmp_path).stdout
+    assert "Where the palm should go: X Y Z, in meters." in output
+    assert "Time budget of IK and planning, in seconds." in output
 
 
 @pytest.mark.parametrize("command", [("demo",), ("reach", "--hand", "left", "--at", "0.38", "0.22", "0.82")])
@@ -65,7 +65,7 @@ def test_folders_that_are_there_or_can_be_made_are_fine(tmp_path):
 def test_a_page_goes_to_a_new_folder(tmp_path):
     pepper = pk.load_pepper()
     path = [pepper.posture("Stand"), pepper.joint_vector({"HeadYaw": 0.5})]
-    pk.trajectory.save(pk.retime(pepper, path), tmp_path / "way.csv")
+    pk.files.save(pk.retime(pepper, path), tmp_path / "way.csv")
     done = run("render", "way.csv", "-o", "new/folder/way.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "new" / "folder" / "way.html").stat().st_size > 100_000

@@ -15,7 +15,7 @@ def test_gesture_of_the_library_and_its_plot(run, tmp_path):
         "columns.json",
         "summary.json",
     }
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["ok"] is True
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["success"] is True
     done = run("plot", "out/trajectory.csv", "-o", "nod.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "nod.png").read_bytes().startswith(b"\x89PNG")

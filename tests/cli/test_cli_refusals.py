@@ -12,14 +12,14 @@ import pepper_kin as pk
 @pytest.fixture(scope="module")
 def nod(tmp_path_factory):
     path = tmp_path_factory.mktemp("nod") / "nod.npz"
-    pk.trajectory.save(pk.motion.gesture(pk.load_pepper(), "nod"), path)
+    pk.files.save(pk.motion.gesture(pk.load_pepper(), "nod"), path)
     return path
 
 
 @pytest.mark.parametrize(
     "command", [("gesture", "nod"), ("gesture", "head"), ("check", "paper"), ("check", "physics")]
 )
-def test_a_folder_that_is_a_file_is_told_before_the_work(run, tmp_path, command):
+def test_a_folder_that_is_a_file_is_reported_before_the_work(run, tmp_path, command):
     (tmp_path / "taken").write_text("mine")
     done = run(*command, "-o", "taken", cwd=tmp_path)
     assert done.returncode == 2
@@ -70,7 +70,7 @@ def test_render_refuses_what_a_kind_of_file_does_not_have(run, nod, tmp_path, fi
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 @pytest.mark.parametrize("arguments", [("--version",), ("export", "urdf"), ("check", "limits", "--json")])
-def test_an_output_that_cannot_be_written_is_told_in_one_line(tmp_path, arguments):
+def test_an_output_that_cannot_be_written_is_reported_in_one_line(tmp_path, arguments):
     program = "import sys; sys.argv[0] = 'pepper-kin'; from pepper_kin.cli import main; main()"
     with open("/dev/full", "w") as full:
         done = subprocess.run(

@@ -15,8 +15,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("render")
     pepper = pk.load_pepper()
     wave = pk.motion.gesture(pepper, "nod")
-    pk.trajectory.save(wave, folder / "nod.npz")
-    pk.trajectory.save(wave, folder / "nod.yaml", dt=0.02)
+    pk.files.save(wave, folder / "nod.npz")
+    pk.files.save(wave, folder / "nod.yaml", dt=0.02)
     pk.Twin(pepper, timestep=0.01).execute(wave).save(folder / "run.csv")
     return folder
 
@@ -34,7 +34,7 @@ def test_a_trajectory_or_a_run_becomes_a_film(run, chromium_path, folder, tmp_pa
 
     with av.open(str(name)) as film:
         pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
-    duration = pk.trajectory.load(folder / "nod.npz").duration
+    duration = pk.files.load(folder / "nod.npz").duration
     assert abs(len(pictures) - (2 * duration + 1)) <= 1.01
     assert pictures[0].shape == (64, 96, 3)
 

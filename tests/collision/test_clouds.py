@@ -84,7 +84,7 @@ def test_a_cloud_in_the_hand_has_the_verdicts_of_coal(count, margins):
     assert (bounds <= distances + 1e-6).all()
 
 
-def test_points_near_a_cloud_in_the_hand_are_told_apart():
+def test_points_near_a_cloud_in_the_hand_are_distinguished():
     rng = np.random.default_rng(3)
     held = held_cloud(rng, 300)
     scene = pk.Scene().add_point_cloud("grapes", held, 0.008, voxel=None)
@@ -158,6 +158,6 @@ def test_points_of_the_robot_are_left_out(held):
     ],
 )
 def test_misuse_is_named(change, message):
-    given = {"q": PEPPER.neutral(), "points": np.zeros((1, 3)), "margin": 0.02, **change}
+    arguments = {"q": PEPPER.neutral(), "points": np.zeros((1, 3)), "margin": 0.02, **change}
     with pytest.raises(InvalidValueError, match=message):
-        pk.collision.without_robot(PEPPER, given["q"], given["points"], margin=given["margin"])
+        pk.collision.without_robot(PEPPER, arguments["q"], arguments["points"], margin=arguments["margin"])

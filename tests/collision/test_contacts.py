@@ -42,7 +42,7 @@ def test_cloud_distances_equal_brute_force():
     pepper = pk.load_pepper()
     points = np.random.default_rng(0).uniform([0.4, -0.6, 0.5], [0.9, 0.6, 0.9], (3000, 3))
     scene = pk.Scene().add_point_cloud("dust", points, 0.01, voxel=None)
-    seen = 0
+    checked = 0
     for q in random_q(pepper, 20):
         found = {c.names[0]: c for c in pk.collision.contacts(pepper, q, scene, within=0.4)}
         for link, gap in gaps_to(pepper, q, points).items():
@@ -53,8 +53,8 @@ def test_cloud_distances_equal_brute_force():
                     apart = contact.points[1] - contact.points[0]
                     assert np.linalg.norm(apart) == pytest.approx(contact.distance, abs=1e-5)
                     np.testing.assert_allclose(apart / np.linalg.norm(apart), contact.normal, atol=1e-4)
-                seen += 1
-    assert seen > 20
+                checked += 1
+    assert checked > 20
 
 
 def test_verdicts_on_clouds_equal_brute_force():
@@ -114,7 +114,7 @@ def test_a_box_as_a_mesh_is_as_near_as_the_box(kind):
     hull = pk.Scene().add_convex_mesh("it", corners, *pose)
     mesh = pk.Scene().add_mesh("it", corners, hull.objects["it"].geometry.faces, *pose)
     other = hull if kind == "convex" else mesh
-    seen = 0
+    checked = 0
     for q in random_q(pepper, 30, seed=4):
         pairs = [
             {c.names: c for c in pk.collision.contacts(pepper, q, scene, within=0.5) if "it" in c.names}
@@ -123,11 +123,11 @@ def test_a_box_as_a_mesh_is_as_near_as_the_box(kind):
         for names, contact in pairs[0].items():
             if contact.distance > 0 or kind == "convex":
                 assert pairs[1][names].distance == pytest.approx(contact.distance, abs=1e-4)
-                seen += 1
+                checked += 1
         assert bool(pk.collision.in_collision(pepper, q, box)) == bool(
             pk.collision.in_collision(pepper, q, other)
         )
-    assert seen > 50
+    assert checked > 50
 
 
 def everything():
@@ -224,16 +224,18 @@ def test_contacts_refuse_nonsense():
         pk.collision.contacts(pepper, np.zeros((2, 15)))
     with pytest.raises(InvalidValueError, match="margin: got nan"):
         CollisionChecker(pepper, None, np.nan)
-    with pytest.raises(InvalidValueError, match="looks: got 'nice', expected one of collision, visual"):
-        CollisionChecker(pepper, looks="nice")
+    with pytest.raises(
+        InvalidValueError, match="geometry_type: got 'nice', expected one of 'collision', 'visual'"
+    ):
+        CollisionChecker(pepper, geometry_type="nice")
 
 
 def test_surfaces_are_thinner_than_what_contains_them():
     """With the drawn surfaces for shapes: nothing touches in Stand or in Crouch."""
     pepper = pk.load_pepper()
-    assert pk.collision.contacts(pepper, pepper.posture("Stand"), looks="visual") == ()
-    assert pk.collision.contacts(pepper, pepper.posture("Crouch"), looks="visual") == ()
+    assert pk.collision.contacts(pepper, pepper.posture("Stand"), geometry_type="visual") == ()
+    assert pk.collision.contacts(pepper, pepper.posture("Crouch"), geometry_type="visual") == ()
     head = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "Head")[:3, 3]
     scene = pk.Scene().add_box("beam", (0.1, 1.0, 0.02), head + np.array([0.0, 0.0, 0.1]))
-    found = pk.collision.contacts(pepper, pepper.posture("Stand"), scene, looks="visual")
+    found = pk.collision.contacts(pepper, pepper.posture("Stand"), scene, geometry_type="visual")
     assert {c.names for c in found} == {("Head", "beam")}

@@ -107,7 +107,7 @@ NEVER = {"ForeArm-wrist"}
 """Neighbors whose measured surfaces touched in none of them."""
 
 
-def test_no_other_neighbor_can_be_told_apart_by_its_surface():
+def test_no_other_neighbor_can_be_decided_by_its_surface():
     """What is exempt without a table touches always or never: there is nothing that a table could decide."""
     pepper = pk.load_pepper()
     exempt = {}

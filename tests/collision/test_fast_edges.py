@@ -9,7 +9,7 @@ from pepper_kin.collision.dependent_ranges import dependent_ranges
 from pepper_kin.collision.fast import FastChecker
 from pepper_kin.collision.fast.ball_cover import ball_cover
 from pepper_kin.collision.fast.certificate import leaves_range
-from pepper_kin.collision.fast.levers import part_levers
+from pepper_kin.collision.fast.motion_bounds import part_motion_bounds
 
 SCENE = (
     pk.Scene()
@@ -204,10 +204,10 @@ def test_ranges_along_an_edge_are_those_of_dense_samples():
         assert left <= 3  # a corner cut between two of 4001 samples
 
 
-def test_levers_bound_the_motion_of_every_sphere():
+def test_motion_bounds_hold_for_every_sphere():
     pepper = pk.load_pepper()
     structure = FastChecker(pepper, SCENE)._prepared.structure
-    levers = part_levers(pepper, structure)[len(structure.classes) :]
+    motion_bounds = part_motion_bounds(pepper, structure)[len(structure.classes) :]
     model, data = pepper.pinocchio_model, pepper.pinocchio_model.createData()
     import pinocchio
 
@@ -222,9 +222,9 @@ def test_levers_bound_the_motion_of_every_sphere():
     tightest = 0.0
     for a, b in random_q(pepper, 120, seed=8).reshape(60, 2, -1):
         b = a + 0.05 * (b - a)
-        for lever, group in zip(levers, structure.groups, strict=True):
+        for motion_bound, group in zip(motion_bounds, structure.groups, strict=True):
             moved = np.linalg.norm(np.subtract(points(b, group), points(a, group)), axis=1).max()
-            bound = lever @ np.abs(b - a)
+            bound = motion_bound @ np.abs(b - a)
             assert moved <= bound + 1e-12
             tightest = max(tightest, moved / bound)
     assert tightest > 0.5

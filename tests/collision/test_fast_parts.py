@@ -92,8 +92,8 @@ def core_of(kind, half, pose, corners=NO_VERTICES):
 
 
 def verdict_of(first, second, threshold, axis):
-    room = np.zeros(GJK_ROOM)
-    return nearer_than(first, second, threshold, 3e-6, axis.ctypes.data, room.ctypes.data)
+    scratch = np.zeros(GJK_ROOM)
+    return nearer_than(first, second, threshold, 3e-6, axis.ctypes.data, scratch.ctypes.data)
 
 
 KEPT = {}

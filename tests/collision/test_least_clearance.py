@@ -82,8 +82,8 @@ def test_no_pair_comes_nearer_than_the_bound_says(kind):
         path = np.concatenate([here[None], here + steps])
         search = _Search(checker, path)
         centers, used, (a, b) = search._place(search.path[0], pairs)
-        levers = search._levers(centers, used)
-        lever = levers[a] * search.moves[0] + levers[b] * search.moves[1]
+        motion_bounds = search._motion_bounds(centers, used)
+        lever = motion_bounds[a] * search.moves[0] + motion_bounds[b] * search.moves[1]
         allowed = np.abs(search.path[1:] - search.path[0]) @ lever.T
         distance = distances_along(checker, path, pairs)
         apart = (distance > 0).all(axis=0)  # depths are less exact

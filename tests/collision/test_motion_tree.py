@@ -8,8 +8,8 @@ import pepper_kin as pk
 from pepper_kin.collision.motion_tree import (
     Hull,
     bounds_anywhere,
-    levers_of,
     motion_bounds,
+    motion_bounds_of,
     motion_tree,
 )
 from pepper_kin.kernels.compiled_function import CompiledFunction
@@ -118,7 +118,7 @@ def test_travel_of_what_slides_counts(tmp_path):
     far = motion_bounds(robot, np.array([-3.0, -np.inf]), np.array([3.0, np.inf]))
     assert far[turn] == np.inf
     hulls = [Hull(2, np.array([[0.3, 0.0, 0.0]]), 0.0), Hull(2, np.full((1, 3), np.inf), 0.0)]
-    assert levers_of(robot, hulls)[:, 0] == pytest.approx([1.0, np.inf], abs=1e-6)
+    assert motion_bounds_of(robot, hulls)[:, 0] == pytest.approx([1.0, np.inf], abs=1e-6)
 
 
 def test_a_curve_stays_in_its_hull():
@@ -139,7 +139,7 @@ def test_the_same_source_runs_interpreted():
     compiled = np.empty((tree.carriers.size, tree.parents.size))
     interpreted = np.empty_like(compiled)
     ends = np.array(PEPPER.lower_limits), np.array(PEPPER.upper_limits)
-    core.body_levers(tree, *ends, compiled)
-    assert isinstance(core.body_levers, CompiledFunction)
-    core.body_levers.python(tree, *ends, interpreted)
+    core.body_motion_bounds(tree, *ends, compiled)
+    assert isinstance(core.body_motion_bounds, CompiledFunction)
+    core.body_motion_bounds.python(tree, *ends, interpreted)
     np.testing.assert_allclose(interpreted, compiled, rtol=1e-12)

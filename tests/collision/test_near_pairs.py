@@ -114,7 +114,7 @@ def test_same_pairs_as_coal_finds(kind, scene):
 
 def test_same_pairs_as_coal_finds_all_along_the_way_of_a_servo():
     pepper, generator = pk.load_pepper(), np.random.default_rng(7)
-    servo = pk.ik.Servo(pepper, pepper.posture("Stand"), scene=SCENE)
+    servo = pk.servo.Servo(pepper, pepper.posture("Stand"), scene=SCENE)
     for tick in range(600):
         if tick % 30 == 0:
             left, right = generator.uniform((0.0, -0.2, 0.5), (0.6, 0.5, 1.3), (2, 3))
@@ -151,7 +151,7 @@ def test_normals_and_points_belong_together():
 def test_misuse_is_refused_by_name():
     pepper = pk.load_pepper()
     q = pepper.posture("Stand")
-    with pytest.raises(InvalidValueError, match="distance: got 0"):
+    with pytest.raises(InvalidValueError, match="within: got 0"):
         pk.collision.near_pairs(pepper, q, 0)
     with pytest.raises(InvalidValueError, match=r"q: got shape \(1, 15\)"):
         pk.collision.near_pairs(pepper, q[None], 0.1)

@@ -42,7 +42,7 @@ suite = SensorSuite(pepper, seed=1)
 readings = suite.read(0.0, path[0], scene=scene.add_sphere("ball", 0.05, (0.18, 0.255, 0.07)))
 pressed = [float(reading.value) for name, reading in readings.items() if "bumper" in name]
 answers["sensors"] = pressed + readings["laser_left"].value.clip(-9, 9).tolist()
-servo = pk.ik.Servo(pepper, path[0])
+servo = pk.servo.Servo(pepper, path[0])
 servo.set_target([pk.ik.HandPosition("right", (0.3, -0.2, 0.9))])
 answers["servo"] = servo.step().q.tolist()
 v, a = rng.normal(size=(2, pepper.n))

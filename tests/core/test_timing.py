@@ -46,7 +46,7 @@ def uniform_grid(step):
     return grid
 
 
-def given_rows(a, b, c, bound, x_most):
+def time_rows(a, b, c, bound, x_most):
     size, r = bound.shape
     rows = make_rows(size, size + 1, r, r)
     rows.a[:], rows.b[:], rows.c[:], rows.low[:], rows.high[:], rows.x_most[:] = (
@@ -67,7 +67,7 @@ def test_a_double_integrator_goes_at_its_closed_form():
     one, zero, bound = np.ones((size + 1, 1)), np.zeros((size + 1, 1)), np.full((size, 1), 2.0)
     s = np.linspace(0, 1, size + 1)
     for x_most in (1e6, 0.5):
-        assert fastest_profile(grid, given_rows(one, zero, zero, bound, x_most), space) == -1
+        assert fastest_profile(grid, time_rows(one, zero, zero, bound, x_most), space) == -1
         expected = np.minimum(x_most, np.minimum(4 * s, 4 * (1 - s)))
         np.testing.assert_allclose(space.x, expected, atol=1e-12)
 
@@ -77,7 +77,7 @@ def test_passes_say_where_there_is_no_way():
     a, c = np.ones((size + 1, 1)), np.zeros((size + 1, 1))
     c[6] = 5.0  # there the row asks for u <= -3 on one side and u >= -1 just before
     b = -1.0 * (np.arange(size + 1) == 6)[:, None]
-    rows = given_rows(a, b, c, np.full((size, 1), 2.0), 0.1)
+    rows = time_rows(a, b, c, np.full((size, 1), 2.0), 0.1)
     assert fastest_profile(uniform_grid(np.full(size, 1e-3)), rows, make_space(size, 1)) >= 0
 
 
@@ -90,7 +90,7 @@ def test_repeated_passes_are_passes_from_the_start(seed):
     a, b, c = rng.normal(size=(3, size + 1, r))
     a[:, 0], c = 1.0, 0.3 * c
     b[20:25, 3] = a[20:25, 3] = 0.0  # a row without u
-    rows = given_rows(a, b, c, np.full((size, r), 3.0), rng.uniform(2.0, 20.0, size + 1))
+    rows = time_rows(a, b, c, np.full((size, r), 3.0), rng.uniform(2.0, 20.0, size + 1))
     space, anew = make_space(size, r), make_space(size, r)
     space.reach[:], space.x[:] = 0.0, 0.0
     for _ in range(5):

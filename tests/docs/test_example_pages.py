@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 SECTIONS = re.split(r"^## ", (ROOT / "docs" / "examples.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[
     1:
@@ -24,8 +25,8 @@ def test_examples_are_numbered_without_a_gap():
 
 
 def test_the_page_has_the_examples_in_their_order():
-    told = [re.findall(r"^`examples/(.+)`$", section, re.MULTILINE) for section in SECTIONS]
-    assert told == [[path.name] for path in EXAMPLES]
+    listed = [re.findall(r"^`examples/(.+)`$", section, re.MULTILINE) for section in SECTIONS]
+    assert listed == [[path.name] for path in EXAMPLES]
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)), ids=lambda k: EXAMPLES[k].stem)
@@ -55,7 +56,7 @@ def test_an_example_ends_with_a_check_of_its_own(script):
 def test_every_picture_that_a_page_shows_is_there():
     shown = {
         (page.name, target)
-        for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+        for page in PAGES
         for target in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
         if not (page.parent / target).is_file()
     }
@@ -63,8 +64,7 @@ def test_every_picture_that_a_page_shows_is_there():
 
 
 def test_no_picture_lies_about_unused():
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     unused = [
         path.name for path in (ROOT / "docs" / "pictures").iterdir() if f"pictures/{path.name}" not in text
     ]

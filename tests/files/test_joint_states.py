@@ -94,13 +94,13 @@ def test_an_mcap_without_stamps_uses_the_times_of_recording(tmp_path):
 
 def test_what_load_writes_is_a_recording_too(tmp_path):
     wave = pk.motion.gesture(PEPPER, "wave")
-    pk.trajectory.save(wave, tmp_path / "wave.mcap", dt=0.02)
+    pk.files.save(wave, tmp_path / "wave.mcap", dt=0.02)
     found = read_joint_states(tmp_path / "wave.mcap", PEPPER)
     times = np.arange(0.0, wave.duration, 0.02)[:-1]
     np.testing.assert_allclose(found(times).position, wave(times).position, atol=1e-9)
 
 
-def test_a_step_is_told(tmp_path):
+def test_a_step_is_reported(tmp_path):
     path = write_rows(tmp_path / "log.csv", ["time", "HeadYaw"], TIMES, [0, 0, 0, 1, 1])
     with pytest.warns(OvershootWarning, match="HeadYaw"):
         read_joint_states(path, PEPPER)

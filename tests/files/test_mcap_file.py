@@ -5,7 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.trajectory import load, save
+from pepper_kin.files import load, save
 
 
 @pytest.fixture(scope="module")

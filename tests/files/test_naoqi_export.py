@@ -3,7 +3,7 @@
 import pytest
 
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.trajectory import read_naoqi_export
+from pepper_kin.files import read_naoqi_export
 from pepper_kin.trajectory.key_curve import Handle, Key
 
 EXPORT = """# made by hand

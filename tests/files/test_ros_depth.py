@@ -6,12 +6,12 @@ import sys
 import pytest
 
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.trajectory import load
+from pepper_kin.files import load
 
 READ = """
 import sys
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.trajectory import load
+from pepper_kin.files import load
 try:
     load(sys.argv[1])
 except FileFormatError as error:

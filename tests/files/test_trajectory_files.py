@@ -8,12 +8,14 @@ import pytest
 
 from pepper_kin import atomic_file
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
-from pepper_kin.trajectory import Trajectory, read_columns, read_csv, read_table, write_csv, write_table
+from pepper_kin.files import load_columns, load_table, save_table
+from pepper_kin.files.csv_file import read_csv, write_csv
+from pepper_kin.trajectory import Trajectory
 
 
 @pytest.fixture
 def good(tmp_path):
-    return write_table(tmp_path / "t.csv", {"time": [0, 1, 2], "A.position": [0.1, 1 / 3, 1e-300]})
+    return save_table({"time": [0, 1, 2], "A.position": [0.1, 1 / 3, 1e-300]}, tmp_path / "t.csv")
 
 
 def test_round_trip_keeps_every_sample(pepper, trajectory, tmp_path):
@@ -30,8 +32,8 @@ def test_round_trip_keeps_every_sample(pepper, trajectory, tmp_path):
 
 def test_second_round_trip_is_exact(trajectory, tmp_path):
     first = write_csv(tmp_path / "a.csv", trajectory)
-    table = read_table(first)
-    again = write_table(tmp_path / "b.csv", table)
+    table = load_table(first)
+    again = save_table(table, tmp_path / "b.csv")
     assert again.read_bytes() == first.read_bytes()
 
 
@@ -48,9 +50,9 @@ def test_header_and_companion(trajectory, tmp_path):
 
 
 def test_tables_of_one_folder_share_the_companion(tmp_path):
-    write_table(tmp_path / "a.csv", {"time": [0.0], "A.position": [1.0]})
-    write_table(tmp_path / "b.csv", {"time": [0.0], "B.torque": [1.0]}, {"B": "m"})
-    columns = read_columns(tmp_path / "columns.json")
+    save_table({"time": [0.0], "A.position": [1.0]}, tmp_path / "a.csv")
+    save_table({"time": [0.0], "B.torque": [1.0]}, tmp_path / "b.csv", joint_units={"B": "m"})
+    columns = load_columns(tmp_path / "columns.json")
     assert set(columns) == {"time", "A.position", "B.torque"}
     assert columns["B.torque"]["unit"] == "N"
 
@@ -61,7 +63,7 @@ def test_meters_come_back(tmp_path):
 
 
 def test_numbers_survive_exactly(good):
-    np.testing.assert_array_equal(read_table(good)["A.position"], [0.1, 1 / 3, 1e-300])
+    np.testing.assert_array_equal(load_table(good)["A.position"], [0.1, 1 / 3, 1e-300])
 
 
 @pytest.mark.parametrize(
@@ -84,7 +86,7 @@ def test_numbers_survive_exactly(good):
 def test_wrong_tables_are_refused_by_line(good, change, line, message):
     good.write_text(change(good.read_text()))
     with pytest.raises(FileFormatError) as caught:
-        read_table(good)
+        load_table(good)
     assert caught.value.line == line
     assert str(good) in str(caught.value)
     assert message in str(caught.value)
@@ -96,7 +98,7 @@ def test_columns_other_than_expected(good):
         (["time"], "unknown column 'A.position'"),
     ]:
         with pytest.raises(FileFormatError, match=message):
-            read_table(good, expected)
+            load_table(good, expected)
 
 
 def test_reordered_trajectory_columns(pepper, trajectory, tmp_path):
@@ -120,13 +122,13 @@ def test_reordered_trajectory_columns(pepper, trajectory, tmp_path):
 
 def test_tables_that_are_no_trajectory(tmp_path):
     columns = {f"A.{q}": [0.0, 1.0] for q in ("position", "velocity", "acceleration")}
-    late = write_table(tmp_path / "late.csv", {"time": [1.0, 2.0], **columns})
+    late = save_table({"time": [1.0, 2.0], **columns}, tmp_path / "late.csv")
     with pytest.raises(FileFormatError, match=r"late.csv:2: time begins at .*1.0.*, expected 0"):
         read_csv(late)
-    short = write_table(tmp_path / "short.csv", {"time": [0.0], **{k: v[:1] for k, v in columns.items()}})
+    short = save_table({"time": [0.0], **{k: v[:1] for k, v in columns.items()}}, tmp_path / "short.csv")
     with pytest.raises(FileFormatError, match="one line of numbers makes no trajectory"):
         read_csv(short)
-    torque = write_table(tmp_path / "torque.csv", {"time": [0.0, 1.0], "A.torque": [0.0, 0.0]})
+    torque = save_table({"time": [0.0, 1.0], "A.torque": [0.0, 0.0]}, tmp_path / "torque.csv")
     with pytest.raises(FileFormatError, match=r"unknown column 'A.torque'"):
         read_csv(torque)
 
@@ -153,18 +155,18 @@ def test_files_that_cannot_be_read(tmp_path):
 )
 def test_wrong_columns_are_not_written(tmp_path, columns, error, message):
     with pytest.raises(error, match=message):
-        write_table(tmp_path / "t.csv", columns)
+        save_table(columns, tmp_path / "t.csv")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_foreign_companion_is_kept(tmp_path):
     (tmp_path / "columns.json").write_text('{"mine": 1}')
     with pytest.raises(FileFormatError, match=r"columns.json: does not map columns"):
-        write_table(tmp_path / "t.csv", {"time": [0.0]})
+        save_table({"time": [0.0]}, tmp_path / "t.csv")
     assert [p.name for p in tmp_path.iterdir()] == ["columns.json"]
     (tmp_path / "columns.json").write_text("{\n oops")
     with pytest.raises(FileFormatError, match=r"columns.json:2: is not JSON"):
-        read_columns(tmp_path / "columns.json")
+        load_columns(tmp_path / "columns.json")
 
 
 def test_failed_write_leaves_nothing(tmp_path, monkeypatch):
@@ -200,15 +202,15 @@ def test_permissions_are_the_usual_ones(tmp_path):
 
 def test_a_mark_of_byte_order_is_no_fault(good):
     """Spreadsheets put one before what they save."""
-    plain = read_table(good)
+    plain = load_table(good)
     good.write_bytes(b"\xef\xbb\xbf" + good.read_bytes())
-    again = read_table(good)
+    again = load_table(good)
     assert list(again) == list(plain)
     np.testing.assert_array_equal(again["A.position"], plain["A.position"])
 
 
 def test_what_a_wrong_column_might_have_been_is_said(good):
     with pytest.raises(FileFormatError, match=r"unknown column 'A.position'; the joints are B$"):
-        read_table(good, ["time", "B.position", "B.velocity"])
+        load_table(good, ["time", "B.position", "B.velocity"])
     with pytest.raises(FileFormatError, match=r"'A.position'; of A there can be velocity, torque$"):
-        read_table(good, ["time", "A.velocity", "A.torque"])
+        load_table(good, ["time", "A.velocity", "A.torque"])

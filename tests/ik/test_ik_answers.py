@@ -11,7 +11,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.ik import Status
+from pepper_kin.ik import IKStatus
 
 PEPPER = pk.load_pepper()
 MODEL = pinocchio.buildModelFromXML(PEPPER.export("urdf"))
@@ -88,8 +88,8 @@ def check_stop(result, report, target, hand="L"):
 def test_solved_states_its_errors():
     point, straight = np.array([0.35, 0.2, 0.95]), np.array([1.0, 0.3, 0.0])
     tasks = [pk.ik.HandPosition("left", point), pk.ik.LookAt(point), pk.ik.Point("right", straight)]
-    result = pk.ik.solve(PEPPER, tasks)
-    assert result.status is Status.SOLVED
+    result = pk.ik.solve(PEPPER, tasks, collisions=False)
+    assert result.status is IKStatus.SOLVED
     report = result.report()
     assert report.startswith("solved: every task is met\n")
     found = re.search(rf"left hand: error ([\d.e-]+) (m|cm|mm), point {VECTOR}", report)
@@ -110,8 +110,8 @@ def test_solved_states_its_errors():
 
 @pytest.mark.parametrize(("target", "hand"), [((1.2, 0.3, 1.0), "left"), ((0.2, -0.9, 1.5), "right")])
 def test_unreachable_states_where_the_hand_stops(target, hand):
-    result = pk.ik.solve(PEPPER, pk.ik.HandPosition(hand, target))
-    assert result.status is Status.CLOSEST_UNREACHABLE
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition(hand, target), collisions=False)
+    assert result.status is IKStatus.CLOSEST_UNREACHABLE
     report = result.report()
     check_stop(result, report, target, hand[0].upper())
     check_torque(result, report)
@@ -129,8 +129,8 @@ def test_unreachable_states_where_the_hand_stops(target, hand):
 
 def test_limits_are_named():
     target = (-0.15, 0.05, 0.9)
-    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), joints="left_arm")
-    assert result.status is Status.CLOSEST_LIMITS
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), joints="left_arm", collisions=False)
+    assert result.status is IKStatus.CLOSEST_LIMITS
     report = result.report()
     check_stop(result, report, target)
     check_torque(result, report)
@@ -153,8 +153,8 @@ def test_the_sentence_with_all_its_parts():
     """What stops short, by how much, whose limits, the nearest point, and which joints would help."""
     helped = PEPPER.joint_vector({"HipPitch": -0.5, "LShoulderPitch": 0.2, "LElbowRoll": -0.1})
     target = hand_point(helped)
-    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), joints="left_arm")
-    assert result.status in (Status.CLOSEST_LIMITS, Status.CLOSEST_UNREACHABLE)
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), joints="left_arm", collisions=False)
+    assert result.status in (IKStatus.CLOSEST_LIMITS, IKStatus.CLOSEST_UNREACHABLE)
     report = result.report()
     sentence = re.search(
         rf"left hand stops ([\d.]+) cm short of {VECTOR}: [\w, ]+ at (its limit|their limits); "
@@ -166,7 +166,7 @@ def test_the_sentence_with_all_its_parts():
     assert check_limits(result, report) == result.blocking_limits
     # The advice holds: with the torso free too, it is reached.
     joints = (*PEPPER.joint_group("left_arm"), *PEPPER.joint_group("torso"))
-    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), joints=joints).success
+    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), joints=joints, collisions=False).success
     # The nearest point for the arm alone is not beaten by sampled postures of the arm.
     arm = [PEPPER.joint_index(name) for name in PEPPER.joint_group("left_arm")]
     q = np.tile(PEPPER.neutral(), (100_000, 1))
@@ -182,21 +182,32 @@ def test_the_sentence_with_all_its_parts():
 def test_the_smallest_group_that_helps_is_named():
     target = hand_point(PEPPER.joint_vector({"HipPitch": -0.5, "LShoulderPitch": 0.2, "LElbowRoll": -0.1}))
     task = pk.ik.HandPosition("left", target)
-    assert pk.ik.solve(PEPPER, task, joints="torso").hint == "with the left arm free it would be reached"
+    assert (
+        pk.ik.solve(PEPPER, task, joints="torso", collisions=False).hint
+        == "with the left arm free it would be reached"
+    )
     both = [task, pk.ik.LookAt((0.0, 0.8, 0.2))]
-    assert pk.ik.solve(PEPPER, both, joints=("HipPitch",)).hint == "with all joints free it would be reached"
-    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (2.0, 0, 1.0)), joints="left_arm").hint == ""
-    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (2.0, 0, 1.0))).hint == ""
+    assert (
+        pk.ik.solve(PEPPER, both, joints=("HipPitch",), collisions=False).hint
+        == "with all joints free it would be reached"
+    )
+    assert (
+        pk.ik.solve(
+            PEPPER, pk.ik.HandPosition("left", (2.0, 0, 1.0)), joints="left_arm", collisions=False
+        ).hint
+        == ""
+    )
+    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (2.0, 0, 1.0)), collisions=False).hint == ""
     planar = pk.load_pepper(base="planar")
     joints = (*planar.joint_group("torso"), *planar.joint_group("left_arm"))
-    far = pk.ik.solve(planar, pk.ik.HandPosition("left", (2.0, 0, 1.0)), joints=joints)
+    far = pk.ik.solve(planar, pk.ik.HandPosition("left", (2.0, 0, 1.0)), joints=joints, collisions=False)
     assert far.hint == "with the base free it would be reached"
 
 
 def test_collision_states_its_clearance():
     target = np.array([0.4, 0.2, 0.70])
     result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), scene=TABLE, restarts=8)
-    assert result.status is Status.CLOSEST_COLLISION
+    assert result.status is IKStatus.CLOSEST_COLLISION
     report = result.report()
     assert "blocked by collision" in report
     assert "comes to point" in report
@@ -210,8 +221,8 @@ def test_collision_states_its_clearance():
 
 def test_timed_out_states_how_far_it_came():
     target = (1.5, 0.5, 1.2)
-    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), timeout=1e-9)
-    assert result.status is Status.TIMED_OUT
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), timeout=1e-9, collisions=False)
+    assert result.status is IKStatus.TIMED_OUT
     report = result.report()
     assert report.startswith("not reached: time ran out")
     check_stop(result, report, target)
@@ -221,23 +232,25 @@ def test_timed_out_states_how_far_it_came():
 
 def test_other_tasks_state_their_shortfalls():
     behind, up = np.array([-1.0, 0.0, 0.2]), np.array([0.0, 0.0, 1.0])
-    gaze = pk.ik.solve(PEPPER, pk.ik.LookAt(behind), joints="head")
+    gaze = pk.ik.solve(PEPPER, pk.ik.LookAt(behind), joints="head", collisions=False)
     passes = re.search(rf"gaze of CameraTop_frame passes ([\d.]+) deg beside {VECTOR}", gaze.report())
     camera = pose(gaze.q, "CameraTop_frame")
     assert float(passes[1]) == pytest.approx(angle(camera[:3, 0], behind - camera[:3, 3]), abs=0.051)
-    pointed = pk.ik.solve(PEPPER, pk.ik.Point("left", up), joints=("LWristYaw", "LElbowYaw"))
+    pointed = pk.ik.solve(
+        PEPPER, pk.ik.Point("left", up), joints=("LWristYaw", "LElbowYaw"), collisions=False
+    )
     points = re.search(r"left hand points ([\d.]+) deg away from direction", pointed.report())
     assert float(points[1]) == pytest.approx(
         angle(pose(pointed.q, "LArm_effector")[:3, 0], up), abs=0.051
     )  # fmt: skip
     wanted = np.diag([-1.0, 1.0, -1.0])
-    turned = pk.ik.solve(PEPPER, pk.ik.FrameOrientation("Head", wanted), joints="head")
+    turned = pk.ik.solve(PEPPER, pk.ik.FrameOrientation("Head", wanted), joints="head", collisions=False)
     stays = re.search(r"Head is turned ([\d.]+) deg away from its orientation", turned.report())
     rotation = pose(turned.q, "Head")[:3, :3] @ wanted.T
     assert float(stays[1]) == pytest.approx(
         math.degrees(math.acos((np.trace(rotation) - 1) / 2)), abs=0.051
     )  # fmt: skip
-    bent = pk.ik.solve(PEPPER, pk.ik.JointPosture((1.0,), joints=("KneePitch",)))
+    bent = pk.ik.solve(PEPPER, pk.ik.JointPosture((1.0,), joints=("KneePitch",)), collisions=False)
     stops = re.search(r"KneePitch stops at ([\d.]+) rad, short of 1.0000 rad", bent.report())
     assert float(stops[1]) == pytest.approx(float(PEPPER.upper_limits[0]), abs=5.1e-5)
 
@@ -344,13 +357,13 @@ def test_unknown_frames_hands_and_joints_are_refused_by_name(item):
     for name, value in arguments.items():
         if isinstance(value, str):
             with pytest.raises(UnknownNameError, match="nose") as caught:
-                pk.ik.solve(robot, item(**{**arguments, name: "nose"}))
+                pk.ik.solve(robot, item(**{**arguments, name: "nose"}), collisions=False)
             assert caught.value.name == "nose"
             assert {"LArm_effector", "LElbowRoll", "left"} & set(caught.value.available)
     if "joints" in inspect.signature(item).parameters:
         numbers = {name: (0.1,) for name, value in arguments.items() if isinstance(value, np.ndarray)}
         with pytest.raises(UnknownNameError, match="nose"):
-            pk.ik.solve(robot, item(**{**arguments, **numbers, "joints": ("nose",)}))
+            pk.ik.solve(robot, item(**{**arguments, **numbers, "joints": ("nose",)}), collisions=False)
 
 
 @pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)

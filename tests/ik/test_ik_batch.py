@@ -20,41 +20,44 @@ def test_rows_are_what_solve_gives():
     points[3] *= 3
     starts = np.random.default_rng(1).uniform(PEPPER.lower_limits, PEPPER.upper_limits, (20, 15))
     tasks = [pk.ik.HandPosition("left", points), pk.ik.LookAt((1.0, 0.0, 1.0))]
-    batch = pk.ik.solve_batch(PEPPER, tasks, starts, seed=3)
+    batch = pk.ik.solve_batch(PEPPER, tasks, starts, seed=3, collisions=False)
     for i in range(20):
-        one = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", points[i]), tasks[1]], starts[i], seed=3)
+        one = pk.ik.solve(
+            PEPPER, [pk.ik.HandPosition("left", points[i]), tasks[1]], starts[i], seed=3, collisions=False
+        )
         np.testing.assert_array_equal(batch.q[i], one.q)
         assert batch.status(i) is one.status
         assert (batch.iterations[i], batch.restarts[i]) == (one.iterations, one.restarts)
         np.testing.assert_allclose(batch.errors[i], [error.value for error in one.errors], atol=1e-9)
         assert batch.result(i).certificate == one.certificate
-    assert not batch.solved[3]
+    assert not batch.success[3]
 
 
-def test_threads_change_nothing_and_progress_is_told():
+def test_threads_change_nothing_and_progress_is_reported():
     points = hands(3 * PIECE + 5)[:, :3, 3]
-    told = []
-    one = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points))
+    calls = []
+    one = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points), collisions=False)
     two = pk.ik.solve_batch(
         PEPPER,
         pk.ik.HandPosition("left", points),
         threads=3,
-        progress=lambda done, count: told.append((done, count)),
+        progress=lambda done, count: calls.append((done, count)),
+        collisions=False,
     )
     for name in ("q", "codes", "errors", "iterations", "restarts"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-    assert told[-1] == (len(points), len(points))
-    assert sorted(told) == told
-    assert len(told) == 4
-    assert f"{len(points)} targets: {int(one.solved.sum())} solved" in one.report()
+    assert calls[-1] == (len(points), len(points))
+    assert sorted(calls) == calls
+    assert len(calls) == 4
+    assert f"{len(points)} targets: {int(one.success.sum())} solved" in one.report()
 
 
 @pytest.mark.parametrize("solver", ["placo", "proxsuite"])
 def test_other_solvers_too(solver):
     poses = hands(3, seed=4)
     tasks = [pk.ik.HandPosition("left", poses[:, :3, 3]), pk.ik.Point("left", poses[:, :3, 0])]
-    found = pk.ik.solve_batch(PEPPER, tasks, solver=solver, restarts=1)
-    single = pk.ik.solve(PEPPER, [task.at(1) for task in tasks], solver=solver, restarts=1)
+    found = pk.ik.solve_batch(PEPPER, tasks, solver=solver, restarts=1, collisions=False)
+    single = pk.ik.solve(PEPPER, [task.at(1) for task in tasks], solver=solver, restarts=1, collisions=False)
     # Not to the last bit: their linear algebra rounds by where in memory the arrays lie.
     np.testing.assert_allclose(found.q[1], single.q, atol=1e-8)
 
@@ -69,15 +72,15 @@ def test_every_task_takes_many_targets():
         pk.ik.LookAt(poses[:, :3, 3] + (0.5, 0.0, 0.0)),
         pk.ik.JointPosture(postures),
     ):
-        found = pk.ik.solve_batch(PEPPER, tasks)
-        assert found.solved.all()
+        found = pk.ik.solve_batch(PEPPER, tasks, collisions=False)
+        assert found.success.all()
         for i in range(6):
             assert all(error.met for error in found.result(i).errors)
-            assert CODES[found.codes[i]] is pk.ik.Status.SOLVED
+            assert CODES[found.codes[i]] is pk.ik.IKStatus.SOLVED
 
 
 def test_no_targets_is_an_empty_result():
-    found = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", np.empty((0, 3))))
+    found = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", np.empty((0, 3))), collisions=False)
     assert found.q.shape == (0, 15)
     assert found.errors.shape == (0, 1)
     assert len(found) == 0
@@ -87,20 +90,20 @@ def test_misuse_is_refused_by_name():
     points = hands(4)[:, :3, 3]
     task = pk.ik.HandPosition("left", points)
     with pytest.raises(InvalidValueError, match="4 targets, expected one target; `solve_batch` takes many"):
-        pk.ik.solve(PEPPER, task)
+        pk.ik.solve(PEPPER, task, collisions=False)
     with pytest.raises(InvalidValueError, match="`solve` takes one"):
-        pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points[0]))
+        pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points[0]), collisions=False)
     with pytest.raises(InvalidValueError, match=r"targets of left hand: 4, targets of gaze.*: 3"):
-        pk.ik.solve_batch(PEPPER, [task, pk.ik.LookAt(points[:3])])
-    with pytest.raises(InvalidValueError, match="q0: 2"):
-        pk.ik.solve_batch(PEPPER, task, np.tile(PEPPER.neutral(), (2, 1)))
+        pk.ik.solve_batch(PEPPER, [task, pk.ik.LookAt(points[:3])], collisions=False)
+    with pytest.raises(InvalidValueError, match="start: 2"):
+        pk.ik.solve_batch(PEPPER, task, np.tile(PEPPER.neutral(), (2, 1)), collisions=False)
     with pytest.raises(InvalidValueError, match=r"target of left hand: got nan"):
         pk.ik.HandPosition("left", np.where(np.eye(3) > 0, np.nan, 0.0))
     with pytest.raises(InvalidValueError, match=r"target of left hand: got shape \(4, 2\)"):
         pk.ik.HandPosition("left", points[:, :2])
     with pytest.raises(InvalidValueError, match="direction of left hand"):
         pk.ik.Point("left", np.zeros((2, 3)))
-    with pytest.raises(LimitError, match="q0"):
-        pk.ik.solve_batch(PEPPER, task, np.full(15, 0.5))
+    with pytest.raises(LimitError, match="start"):
+        pk.ik.solve_batch(PEPPER, task, np.full(15, 0.5), collisions=False)
     with pytest.raises(InvalidValueError, match="threads"):
-        pk.ik.solve_batch(PEPPER, task, threads=0)
+        pk.ik.solve_batch(PEPPER, task, threads=0, collisions=False)

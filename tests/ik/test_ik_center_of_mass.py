@@ -55,7 +55,7 @@ def test_errors_are_those_of_plain_geometry():
 @pytest.mark.parametrize("solver", ALL_SOLVERS)
 def test_over_a_point(solver):
     point = (0.03, 0.02)
-    result = pk.ik.solve(PEPPER, pk.ik.CenterOfMass(point), solver=solver)
+    result = pk.ik.solve(PEPPER, pk.ik.CenterOfMass(point), solver=solver, collisions=False)
     assert result.success, result.report()
     assert math.dist(center(result.q), point) <= 1e-3
     assert "center of mass: error " in result.report()
@@ -66,10 +66,12 @@ def test_over_a_point(solver):
 def test_a_reach_that_keeps_its_balance(solver):
     """Alone the reach leans out; with the margin asked for as well, both are met."""
     margin = 0.07
-    alone = pk.ik.solve(PEPPER, REACH, solver=solver)
+    alone = pk.ik.solve(PEPPER, REACH, solver=solver, collisions=False)
     assert alone.success
     assert inside(alone.q) < margin
-    result = pk.ik.solve(PEPPER, [REACH, pk.ik.CenterOfMassOverWheels(margin)], solver=solver)
+    result = pk.ik.solve(
+        PEPPER, [REACH, pk.ik.CenterOfMassOverWheels(margin)], solver=solver, collisions=False
+    )
     assert result.success, result.report()
     assert inside(result.q) >= margin - 1e-3
     assert "margin of center of mass" in result.met
@@ -83,7 +85,10 @@ def test_inside_it_asks_for_nothing():
     assert task.error(PEPPER, q) == 0
     assert not task.jacobian(PEPPER, q).any()
     hand = pk.ik.HandPosition("left", (0.4, 0.2, 0.9))
-    one, two = pk.ik.solve(PEPPER, hand), pk.ik.solve(PEPPER, [hand, task])
+    one, two = (
+        pk.ik.solve(PEPPER, hand, collisions=False),
+        pk.ik.solve(PEPPER, [hand, task], collisions=False),
+    )
     np.testing.assert_allclose(
         two.q[PEPPER.joint_index("LElbowRoll")], one.q[PEPPER.joint_index("LElbowRoll")]
     )
@@ -91,12 +96,12 @@ def test_inside_it_asks_for_nothing():
 
 def test_many_margins_and_points():
     margins = np.array([-0.01, 0.03, 0.05, 0.08])
-    found = pk.ik.solve_batch(PEPPER, [REACH, pk.ik.CenterOfMassOverWheels(margins)])
-    assert found.solved.all()
+    found = pk.ik.solve_batch(PEPPER, [REACH, pk.ik.CenterOfMassOverWheels(margins)], collisions=False)
+    assert found.success.all()
     assert all(inside(q) >= m - 1e-3 for q, m in zip(found.q, margins, strict=True))
     points = np.array([(0.03, 0.0), (0.0, 0.02), (-0.03, 0.0)])
-    found = pk.ik.solve_batch(PEPPER, pk.ik.CenterOfMass(points), solver="proxsuite")
-    assert found.solved.all()
+    found = pk.ik.solve_batch(PEPPER, pk.ik.CenterOfMass(points), solver="proxsuite", collisions=False)
+    assert found.success.all()
     assert all(math.dist(center(q), p) <= 1e-3 for q, p in zip(found.q, points, strict=True))
 
 
@@ -107,18 +112,20 @@ def test_the_wheels_move_with_the_base():
         moved = np.concatenate([[2.0, -1.0, 2.5], q])
         assert task.error(planar, moved) == pytest.approx(task.error(PEPPER, q), abs=1e-12)
     far = pk.ik.HandPosition("left", (3.0, 1.0, 0.6))
-    result = pk.ik.solve(planar, [far, pk.ik.CenterOfMassOverWheels(0.08)])
+    result = pk.ik.solve(planar, [far, pk.ik.CenterOfMassOverWheels(0.08)], collisions=False)
     assert result.success, result.report()
     assert tip_over_margin(planar, result.q, np.zeros(planar.n), np.zeros(planar.n)) >= 0.079
 
 
 def test_what_is_lacking_is_said():
-    result = pk.ik.solve(PEPPER, pk.ik.CenterOfMass((0.5, 0.0)))
+    result = pk.ik.solve(PEPPER, pk.ik.CenterOfMass((0.5, 0.0)), collisions=False)
     assert not result.success
     gap = math.dist(center(result.q), (0.5, 0.0))
     assert f"center of mass stops {100 * gap:.1f} cm short of (0.500, 0.000)" in result.report()
     leaning = pk.ik.solve(
-        PEPPER, [pk.ik.HandPosition("left", (0.75, 0.1, 0.5), hard=True), pk.ik.CenterOfMassOverWheels(0.08)]
+        PEPPER,
+        [pk.ik.HandPosition("left", (0.75, 0.1, 0.5), hard=True), pk.ik.CenterOfMassOverWheels(0.08)],
+        collisions=False,
     )
     lack = 0.08 - inside(leaning.q)
     assert lack > 1e-3
@@ -152,4 +159,4 @@ def test_bad_numbers_are_refused_by_name(make, words):
 
 def test_an_unknown_base_is_refused():
     with pytest.raises(UnknownNameError, match="unknown frame 'feet'"):
-        pk.ik.solve(PEPPER, pk.ik.CenterOfMassOverWheels(base_frame="feet"))
+        pk.ik.solve(PEPPER, pk.ik.CenterOfMassOverWheels(base_frame="feet"), collisions=False)

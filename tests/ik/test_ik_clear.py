@@ -9,7 +9,7 @@ import pepper_kin as pk
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.near_pairs import pairs_within
 from pepper_kin.core.inverse_kinematics.proximity import near_rows
-from pepper_kin.ik import Status
+from pepper_kin.ik import IKStatus
 from pepper_kin.ik.fast.proximity_table import proximity_block
 
 PEPPER = pk.load_pepper()
@@ -118,7 +118,7 @@ def test_the_arm_in_the_way_is_moved_away():
     q0 = PEPPER.joint_vector({"RShoulderPitch": 0.3, "RElbowRoll": 0.6, "RShoulderRoll": -0.1})
     point = pk.kinematics.frame_pose(PEPPER, q0, "r_wrist")[:3, 3]
     task = pk.ik.HandPosition("left", point)
-    assert pk.collision.in_collision(PEPPER, pk.ik.solve(PEPPER, task, q0).q)
+    assert pk.collision.in_collision(PEPPER, pk.ik.solve(PEPPER, task, q0, collisions=False).q)
     result = pk.ik.solve(PEPPER, task, q0, scene=pk.Scene())
     assert result.success
     assert not checker_for(PEPPER, pk.Scene()).in_collision(result.q)
@@ -133,13 +133,13 @@ def test_rows_of_a_batch_are_single_answers():
         PEPPER, pk.ik.HandPosition("left", points), scene=scene, margin=0.01, threads=2
     )
     np.testing.assert_array_equal(found.q, shared.q)
-    assert found.solved.mean() > 0.95
+    assert found.success.mean() > 0.95
     for row, point in enumerate(points):
         one = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point), scene=scene, margin=0.01)
         np.testing.assert_array_equal(one.q, found.q[row])
         assert one.status is found.status(row)
     assert found.result(0).in_collision is False
-    assert not checker_for(PEPPER, scene, 0.01).in_collision(found.q[found.solved]).any()
+    assert not checker_for(PEPPER, scene, 0.01).in_collision(found.q[found.success]).any()
 
 
 def test_solutions_touch_nothing_and_are_more_than_those_looked_through():
@@ -150,7 +150,7 @@ def test_solutions_touch_nothing_and_are_more_than_those_looked_through():
         q = pk.ik.solutions(PEPPER, task, scene=scene, count=64)
         assert not checker_for(PEPPER, scene).in_collision(q).any()
         assert all(task.error(PEPPER, row) <= 1e-3 for row in q)
-        plain = pk.ik.solutions(PEPPER, task, count=64)
+        plain = pk.ik.solutions(PEPPER, task, count=64, collisions=False)
         more += len(q)
         fewer += int((~checker_for(PEPPER, scene).in_collision(plain)).sum()) if len(plain) else 0
     assert more > fewer
@@ -159,7 +159,7 @@ def test_solutions_touch_nothing_and_are_more_than_those_looked_through():
 def test_the_report_names_what_is_in_the_way():
     table = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
     result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (0.4, 0.2, 0.70)), scene=table)
-    assert result.status is Status.CLOSEST_COLLISION
+    assert result.status is IKStatus.CLOSEST_COLLISION
     assert "l_wrist and table touching" in result.report()
     assert "deep on the median" in result.hint
     assert result.in_collision is False
@@ -170,14 +170,16 @@ def test_where_no_margin_is_left_the_hint_says_so():
     task = pk.ik.HandPosition("left", (0.4, 0.2, 0.80))
     assert pk.ik.solve(PEPPER, task, scene=table).success
     result = pk.ik.solve(PEPPER, task, scene=table, margin=0.2)
-    assert result.status is Status.CLOSEST_COLLISION
+    assert result.status is IKStatus.CLOSEST_COLLISION
     assert "l_wrist and table too near" in result.hint
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"margin": 0.01}, "margin: got 0.01, expected 0 where there is no scene to keep it from"),
+        ({"margin": 0.01, "collisions": False}, "margin: got 0.01, expected 0 where collisions are left out"),
+        ({"scene": pk.Scene(), "collisions": False}, "collisions: got False, expected True"),
+        ({"collisions": "no"}, "collisions: got 'no', expected True or False"),
         ({"margin": -0.01, "scene": pk.Scene()}, "margin: got -0.01"),
         ({"margin": float("nan"), "scene": pk.Scene()}, "margin: got nan"),
         ({"scene": "table"}, "scene: got 'table', expected a Scene"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.ik import Status
+from pepper_kin.ik import IKStatus
 from pepper_kin.ik.collisions import MARGIN, Collisions
 from pepper_kin.ik.solvers import SOLVERS
 
@@ -27,9 +27,9 @@ def test_reaches_over_the_table_without_touching(solver):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_target_inside_the_table_is_blocked_by_collision(solver):
     point = np.array([0.4, 0.2, 0.70])
-    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point), solver=solver).success
+    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point), solver=solver, collisions=False).success
     result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point), scene=TABLE, solver=solver, restarts=24)
-    assert result.status is Status.CLOSEST_COLLISION
+    assert result.status is IKStatus.CLOSEST_COLLISION
     assert "only in collision" in result.advice
     assert result.in_collision is False
     assert not pk.collision.in_collision(PEPPER, result.q, TABLE)
@@ -45,7 +45,7 @@ def test_empty_scene_keeps_the_robot_off_itself():
     for _ in range(8):
         point = generator.uniform((0.0, -0.25, 0.55), (0.25, 0.15, 0.9))
         task = pk.ik.HandPosition("left", point)
-        plain = pk.ik.solve(PEPPER, task)
+        plain = pk.ik.solve(PEPPER, task, collisions=False)
         clear = pk.ik.solve(PEPPER, task, scene=pk.Scene(), restarts=4)
         assert not pk.collision.in_collision(PEPPER, clear.q)
         avoided += bool(plain.success and pk.collision.in_collision(PEPPER, plain.q) and clear.success)
@@ -56,7 +56,7 @@ def test_nothing_free_is_said():
     """Walled in: whatever is returned touches, and the result does not hide it."""
     wall = pk.Scene().add_box("block", size=(2.0, 2.0, 2.0), position=(0.0, 0.0, 0.9))
     result = pk.ik.solve(PEPPER, pk.ik.LookAt((2.0, 0.5, 1.0)), scene=wall, restarts=2)
-    assert result.status is Status.CLOSEST_COLLISION
+    assert result.status is IKStatus.CLOSEST_COLLISION
     assert result.in_collision is True
     assert result.clearance < 0
     assert "it touches" in result.report()

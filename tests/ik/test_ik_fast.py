@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 
 import pepper_kin as pk
 from pepper_kin.core.inverse_kinematics.box_step import solve_box
-from pepper_kin.ik import Status
+from pepper_kin.ik import IKStatus
 from pepper_kin.ik.fast import structures_of
 from pepper_kin.ik.fast.compiled_tasks import used_joints
 from pepper_kin.ik.fast.expression import task_function
@@ -164,7 +164,7 @@ def test_agrees_with_the_other_solvers(solver):
         if k % 3 == 2:
             hand = hand * 2.5
         tasks = [pk.ik.HandPosition("left", hand)] + ([pk.ik.LookAt(gaze)] if k % 3 == 1 else [])
-        fast, other = (pk.ik.solve(PEPPER, tasks, solver=name) for name in ("fast", solver))
+        fast, other = (pk.ik.solve(PEPPER, tasks, solver=name, collisions=False) for name in ("fast", solver))
         if other.success:
             assert fast.success
         elif not fast.success:
@@ -175,7 +175,7 @@ def test_agrees_with_the_other_solvers(solver):
 @pytest.mark.parametrize("name", TASKS)
 def test_success_is_what_the_certificate_says(name):
     """The verdict comes from compiled code, the errors from the tasks."""
-    result = pk.ik.solve(PEPPER, TASKS[name])
+    result = pk.ik.solve(PEPPER, TASKS[name], collisions=False)
     assert result.success == all(error.met for error in result.errors)
     assert np.all((result.q >= LOW) & (result.q <= HIGH))
 
@@ -189,7 +189,7 @@ def test_success_is_what_the_certificate_says(name):
 def test_fuzz_limits_and_numbers(point, gaze, seed):
     q0 = np.random.default_rng(seed).uniform(LOW, HIGH)
     tasks = [pk.ik.HandPosition("right", point), pk.ik.LookAt(gaze), pk.ik.Point("left", (1, 2, 3))]
-    result = pk.ik.solve(PEPPER, tasks, q0, seed=seed % 7, restarts=3)
+    result = pk.ik.solve(PEPPER, tasks, q0, seed=seed % 7, restarts=3, collisions=False)
     assert np.all((result.q >= LOW) & (result.q <= HIGH))
     assert result.success == all(error.met for error in result.errors)
     start = sum(task.weight**2 * task.error(PEPPER, q0) ** 2 for task in tasks)
@@ -201,21 +201,23 @@ def test_random_reachable_targets_are_all_solved():
     generator = np.random.default_rng(8)
     targets = [reachable(generator) for _ in range(400)]
     hands, gazes = (np.array(x) for x in zip(*targets, strict=True))
-    assert pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", hands)).solved.all()
-    assert pk.ik.solve_batch(PEPPER, pk.ik.LookAt(gazes)).solved.all()
-    both = pk.ik.solve_batch(PEPPER, [pk.ik.HandPosition("left", hands), pk.ik.LookAt(gazes)])
-    assert both.solved.mean() > 0.99
-    alone = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", hands), restarts=0)
-    assert alone.solved.mean() > 0.94
+    assert pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", hands), collisions=False).success.all()
+    assert pk.ik.solve_batch(PEPPER, pk.ik.LookAt(gazes), collisions=False).success.all()
+    both = pk.ik.solve_batch(
+        PEPPER, [pk.ik.HandPosition("left", hands), pk.ik.LookAt(gazes)], collisions=False
+    )
+    assert both.success.mean() > 0.99
+    alone = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", hands), restarts=0, collisions=False)
+    assert alone.success.mean() > 0.94
 
 
 def test_same_arguments_same_result_and_a_copy_of_q0():
     hand, gaze = reachable(np.random.default_rng(3))
     tasks = [pk.ik.HandPosition("left", hand), pk.ik.LookAt(gaze)]
     q0 = PEPPER.neutral()
-    first = pk.ik.solve(PEPPER, tasks, q0, seed=4)
+    first = pk.ik.solve(PEPPER, tasks, q0, seed=4, collisions=False)
     q0[:] = 0
-    second = pk.ik.solve(PEPPER, tasks, seed=4)
+    second = pk.ik.solve(PEPPER, tasks, seed=4, collisions=False)
     np.testing.assert_array_equal(first.q, second.q)
     assert (first.iterations, first.restarts) == (second.iterations, second.restarts)
     assert first.certificate == second.certificate
@@ -224,16 +226,21 @@ def test_same_arguments_same_result_and_a_copy_of_q0():
 
 
 def test_statuses():
-    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (0.4, 0.25, 0.9))).status is Status.SOLVED
+    assert (
+        pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (0.4, 0.25, 0.9)), collisions=False).status
+        is IKStatus.SOLVED
+    )
     far = pk.ik.HandPosition("left", (2.0, 0.25, 0.9))
-    assert pk.ik.solve(PEPPER, far).status is Status.CLOSEST_UNREACHABLE
-    behind = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (-0.15, 0.05, 0.9)), joints="left_arm")
-    assert behind.status is Status.CLOSEST_LIMITS
-    assert pk.ik.solve(PEPPER, far, timeout=1e-9).status is Status.TIMED_OUT
+    assert pk.ik.solve(PEPPER, far, collisions=False).status is IKStatus.CLOSEST_UNREACHABLE
+    behind = pk.ik.solve(
+        PEPPER, pk.ik.HandPosition("left", (-0.15, 0.05, 0.9)), joints="left_arm", collisions=False
+    )
+    assert behind.status is IKStatus.CLOSEST_LIMITS
+    assert pk.ik.solve(PEPPER, far, timeout=1e-9, collisions=False).status is IKStatus.TIMED_OUT
     wall = pk.Scene().add_box("wall", size=(0.2, 4.0, 3.0), position=(0.45, 0.0, 1.0))
     hand = pk.ik.HandPosition("left", (0.45, 0.25, 0.9))
     blocked = pk.ik.solve(PEPPER, hand, scene=wall, restarts=2)
-    assert blocked.status is Status.CLOSEST_COLLISION
+    assert blocked.status is IKStatus.CLOSEST_COLLISION
     assert not blocked.in_collision
 
 
@@ -255,13 +262,13 @@ def test_self_collision_is_avoided():
 def test_locked_joints_keep_still():
     hand, _ = reachable(np.random.default_rng(12), 0.5)
     q0 = PEPPER.joint_vector({"HipPitch": -0.2, "HeadYaw": 0.4})
-    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", hand), q0, joints="left_arm")
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", hand), q0, joints="left_arm", collisions=False)
     moved = {PEPPER.joint_names[i] for i in np.flatnonzero(result.q != q0)}
     assert moved <= set(PEPPER.joint_group("left_arm"))
 
 
 def test_results_travel_between_processes():
-    result = pk.ik.solve(PEPPER, pk.ik.HandPose("left", transform((0.4, 0.2, 0.9))))
+    result = pk.ik.solve(PEPPER, pk.ik.HandPose("left", transform((0.4, 0.2, 0.9))), collisions=False)
     again = pickle.loads(pickle.dumps(result))
     assert again.certificate == result.certificate
     assert again.report() == result.report()
@@ -273,6 +280,6 @@ def test_a_point_in_the_camera_is_not_called_met_unless_it_is_looked_at(away):
     q = PEPPER.posture("Stand")
     origin = pk.kinematics.frame_pose(PEPPER, q, "CameraTop_frame")[:3, 3]
     task = pk.ik.LookAt(origin + np.array([0.0, away, 0.0]))
-    result = pk.ik.solve(PEPPER, task, q, solver="fast")
+    result = pk.ik.solve(PEPPER, task, q, solver="fast", collisions=False)
     assert result.success == (task.error(PEPPER, result.q) <= task.tolerance * (1 + 1e-6))
     assert result.errors[0].value == pytest.approx(task.error(PEPPER, result.q), abs=1e-12)

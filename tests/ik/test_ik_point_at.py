@@ -49,7 +49,7 @@ def distance_and_order(start, hand, point):
 def test_every_solver_lets_the_line_of_either_arm_meet_the_point(solver, hand, line):
     point = POINTS[hand]
     task = pk.ik.PointAt(hand, point, line=line)
-    result = pk.ik.solve(PEPPER, [task], joints=f"{hand}_arm", solver=solver)
+    result = pk.ik.solve(PEPPER, [task], joints=f"{hand}_arm", solver=solver, collisions=False)
     assert result.success, result.report()
     start, middle = line_of(result.q, hand, line)
     beside, beyond = distance_and_order(start, middle, point)
@@ -74,7 +74,7 @@ def test_the_forearms_line_is_the_axis_of_the_wrist_and_of_the_open_fingers():
 def test_its_tolerance_is_kept_and_reported():
     wide = pk.ik.PointAt("left", (-2.0, 0.3, 2.0), tolerance=np.radians(60))
     narrow = pk.ik.PointAt("left", (-2.0, 0.3, 2.0))
-    behind = pk.ik.solve(PEPPER, [narrow], joints=("LElbowRoll", "LElbowYaw"))
+    behind = pk.ik.solve(PEPPER, [narrow], joints=("LElbowRoll", "LElbowYaw"), collisions=False)
     assert not behind.success
     assert "the line of left forearm passes" in behind.report()
     assert "beside (-2.000, 0.300, 2.000)" in behind.report()
@@ -84,14 +84,14 @@ def test_its_tolerance_is_kept_and_reported():
 def test_a_batch_of_points_agrees_with_one_by_one():
     points = np.random.default_rng(3).uniform((0.8, 0.2, 0.2), (2.0, 1.5, 1.8), (40, 3))
     task = pk.ik.PointAt("left", points)
-    found = pk.ik.solve_batch(PEPPER, [task], joints="left_arm")
-    assert found.solved.mean() > 0.95
-    for q, point in zip(found.q[found.solved], points[found.solved], strict=True):
+    found = pk.ik.solve_batch(PEPPER, [task], joints="left_arm", collisions=False)
+    assert found.success.mean() > 0.95
+    for q, point in zip(found.q[found.success], points[found.success], strict=True):
         start, middle = line_of(q, "left", "forearm")
         beside, beyond = distance_and_order(start, middle, point)
         assert beyond
         assert beside <= np.linalg.norm(point - middle) * np.sin(task.tolerance) + 1e-9
-    one = pk.ik.solve(PEPPER, [task.at(3)], joints="left_arm")
+    one = pk.ik.solve(PEPPER, [task.at(3)], joints="left_arm", collisions=False)
     np.testing.assert_allclose(found.q[3], one.q, atol=1e-12)
 
 
@@ -125,7 +125,7 @@ def test_it_is_kept_along_a_path():
 def test_another_robots_line_by_its_frames():
     robot = pk.load_robot(TWO_LINKS)
     point = np.array([0.5, 1.5, 1.4])
-    result = pk.ik.solve(robot, [pk.ik.LineThroughPoint("lower", "tip", point)])
+    result = pk.ik.solve(robot, [pk.ik.LineThroughPoint("lower", "tip", point)], collisions=False)
     assert result.success, result.report()
     # By hand: the first joint faces the point, the second raises the lower link from (0.4, 0, 0.5) to it.
     away = np.hypot(point[0], point[1]) - 0.4
@@ -137,9 +137,9 @@ def test_what_is_no_line_is_refused():
     with pytest.raises(InvalidValueError, match="'LBicep' twice"):
         pk.ik.LineThroughPoint("LBicep", "LBicep", (1, 0, 1))
     with pytest.raises(InvalidValueError, match="LShoulder and LBicep at the same place"):
-        pk.ik.solve(PEPPER, [pk.ik.LineThroughPoint("LShoulder", "LBicep", (1, 0, 1))])
+        pk.ik.solve(PEPPER, [pk.ik.LineThroughPoint("LShoulder", "LBicep", (1, 0, 1))], collisions=False)
     with pytest.raises(UnknownNameError, match="LElbo"):
-        pk.ik.solve(PEPPER, [pk.ik.LineThroughPoint("LElbo", "l_hand", (1, 0, 1))])
+        pk.ik.solve(PEPPER, [pk.ik.LineThroughPoint("LElbo", "l_hand", (1, 0, 1))], collisions=False)
     with pytest.raises(UnknownNameError, match="middle"):
         pk.ik.PointAt("middle", (1, 0, 1))
     with pytest.raises(InvalidValueError, match="'forearm', 'arm'"):

@@ -14,7 +14,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import Status
+from pepper_kin.ik import IKStatus
 from pepper_kin.ik.fast import KINDS, structures_of
 from pepper_kin.ik.fast.compiled_tasks import PythonTasks
 from pepper_kin.kernels.compiler import LoadedCode, compile_ir
@@ -55,25 +55,27 @@ class Reach(pk.ik.Task):
 
 @pytest.mark.parametrize("solver", ["fast", "placo", "proxsuite"])
 def test_own_tasks_are_solved_by_every_solver(solver):
-    result = pk.ik.solve(PEPPER, [Reach(), pk.ik.LookAt((1.0, 0.2, 1.0))], solver=solver)
+    result = pk.ik.solve(PEPPER, [Reach(), pk.ik.LookAt((1.0, 0.2, 1.0))], solver=solver, collisions=False)
     assert result.success, result.report()
     hand = pk.kinematics.frame_pose(PEPPER, result.q, "LArm_effector")[:3, 3]
     assert math.dist(hand, POINT) <= 1e-3
 
 
 def test_own_tasks_lead_where_the_library_s_do():
-    own, ours = (pk.ik.solve(PEPPER, task) for task in (Reach(), pk.ik.HandPosition("left", POINT)))
+    own, ours = (
+        pk.ik.solve(PEPPER, task, collisions=False) for task in (Reach(), pk.ik.HandPosition("left", POINT))
+    )
     np.testing.assert_allclose(own.q, ours.q, atol=1e-9)
     assert (own.iterations, own.restarts) == (ours.iterations, ours.restarts)
-    far = pk.ik.solve(PEPPER, Reach((2.0, 0.0, 1.0)), restarts=4)
-    assert far.status is Status.CLOSEST_UNREACHABLE
+    far = pk.ik.solve(PEPPER, Reach((2.0, 0.0, 1.0)), restarts=4, collisions=False)
+    assert far.status is IKStatus.CLOSEST_UNREACHABLE
 
 
 def test_own_tasks_in_batches_solutions_and_scenes():
     starts = np.random.default_rng(0).uniform(PEPPER.lower_limits, PEPPER.upper_limits, (3, PEPPER.n))
-    found = pk.ik.solve_batch(PEPPER, Reach(), starts)
-    assert found.solved.all()
-    assert len(pk.ik.solutions(PEPPER, Reach(), starts=8)) >= 2
+    found = pk.ik.solve_batch(PEPPER, Reach(), starts, collisions=False)
+    assert found.success.all()
+    assert len(pk.ik.solutions(PEPPER, Reach(), starts=8, collisions=False)) >= 2
     scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
     result = pk.ik.solve(PEPPER, Reach(), scene=scene)
     assert result.success
@@ -89,9 +91,9 @@ def test_what_a_task_raises_is_raised():
 
     task = Faulty((2.0, 0.0, 1.0))
     with pytest.raises(LookupError, match="no such thing"):
-        pk.ik.solve(PEPPER, task)
+        pk.ik.solve(PEPPER, task, collisions=False)
     assert task.calls < 30, "the search went on"
-    assert pk.ik.solve(PEPPER, Reach()).success
+    assert pk.ik.solve(PEPPER, Reach(), collisions=False).success
 
 
 def test_a_task_that_is_not_a_number_is_refused():
@@ -100,7 +102,7 @@ def test_a_task_that_is_not_a_number_is_refused():
             return math.nan if self.calls > 5 else super().size(residual)
 
     with pytest.raises(InvalidValueError, match="residual of own reach"):
-        pk.ik.solve(PEPPER, Undefined())
+        pk.ik.solve(PEPPER, Undefined(), collisions=False)
 
 
 def test_a_class_derived_from_one_of_the_library_s_keeps_its_own_residual():
@@ -108,7 +110,7 @@ def test_a_class_derived_from_one_of_the_library_s_keeps_its_own_residual():
         def residual(self, pepper, q):
             return super().residual(pepper, q) - (0.0, 0.0, 0.1)
 
-    result = pk.ik.solve(PEPPER, Higher("LArm_effector", POINT))
+    result = pk.ik.solve(PEPPER, Higher("LArm_effector", POINT), collisions=False)
     hand = pk.kinematics.frame_pose(PEPPER, result.q, "LArm_effector")[:3, 3]
     np.testing.assert_allclose(hand, np.add(POINT, (0.0, 0.0, 0.1)), atol=1e-3)
 
@@ -122,13 +124,13 @@ def test_kinds_with_machine_code_are_named():
 @pytest.mark.parametrize("task", [Reach((2.0, 0.0, 1.0), 1e-3), pk.ik.HandPosition("left", (2.0, 0.0, 1.0))])
 def test_a_timeout_is_kept(task):
     both = [task, pk.ik.HandPosition("right", (0.1, -2.0, 1.0)), pk.ik.LookAt((-1.0, 0.0, 1.0))]
-    pk.ik.solve(PEPPER, both, restarts=0, timeout=0.2)
+    pk.ik.solve(PEPPER, both, restarts=0, timeout=0.2, collisions=False)
     begin = time.perf_counter()
-    result = pk.ik.solve(PEPPER, both, restarts=10**6, max_iterations=10**4, timeout=0.2)
+    result = pk.ik.solve(PEPPER, both, restarts=10**6, max_iterations=10**4, timeout=0.2, collisions=False)
     assert time.perf_counter() - begin < 0.6
-    assert result.status in (Status.TIMED_OUT, Status.CLOSEST_UNREACHABLE)
+    assert result.status in (IKStatus.TIMED_OUT, IKStatus.CLOSEST_UNREACHABLE)
     if isinstance(task, Reach):
-        assert result.status is Status.TIMED_OUT
+        assert result.status is IKStatus.TIMED_OUT
 
 
 def test_a_verdict_that_fails_is_raised(monkeypatch):
@@ -148,7 +150,7 @@ def test_a_verdict_that_fails_is_raised(monkeypatch):
 
 def _search_for_ever(tasks):
     while True:
-        pk.ik.solve(PEPPER, tasks, restarts=10**6, max_iterations=10**4)
+        pk.ik.solve(PEPPER, tasks, restarts=10**6, max_iterations=10**4, collisions=False)
 
 
 @pytest.mark.parametrize("own", [False, True])
@@ -159,7 +161,7 @@ def test_interrupts_are_heard(own):
     hand = Reach((2.0, 0.0, 1.0), 1e-3) if own else pk.ik.HandPosition("left", (0.1, 2.0, 1.0))
     # A tolerance that nothing meets, near a target that is reached: no descents agree, the search goes on.
     near = pk.ik.HandPosition("right", (0.35, -0.25, 0.9), tolerance=1e-300)
-    pk.ik.solve(PEPPER, [hand, near], restarts=0)
+    pk.ik.solve(PEPPER, [hand, near], restarts=0, collisions=False)
 
     def handler(number, frame):
         raise TimeoutError("alarm")
@@ -174,7 +176,7 @@ def test_interrupts_are_heard(own):
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
     assert time.perf_counter() - begin < 1.3
-    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT)).success
+    assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), collisions=False).success
 
 
 RAISE_AND_CALL = """
@@ -222,7 +224,7 @@ def test_the_same_source_runs_interpreted():
     code = (
         "import pepper_kin as pk, numpy as np\n"
         "p = pk.load_pepper()\n"
-        "r = pk.ik.solve(p, pk.ik.HandPosition('left', (0.4, 0.25, 0.9)), restarts=1)\n"
+        "r = pk.ik.solve(p, pk.ik.HandPosition('left', (0.4, 0.25, 0.9)), restarts=1, collisions=False)\n"
         "print(r.success, *r.q)"
     )
     done = subprocess.run(
@@ -231,7 +233,7 @@ def test_the_same_source_runs_interpreted():
     )  # fmt: skip
     success, *q = done.stdout.split()
     assert success == "True"
-    compiled = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), restarts=1)
+    compiled = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), restarts=1, collisions=False)
     np.testing.assert_allclose(np.array(q, dtype=float), compiled.q, atol=1e-9)
 
 
@@ -242,6 +244,6 @@ def test_a_first_answer_loads_no_compiler():
         "pk.ik.solve(p, pk.ik.HandPosition('left', (0.4, 0.25, 0.9)))\n"
         "print(sorted({'casadi', 'numba', 'scipy', 'placo'} & set(sys.modules)))"
     )
-    pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT))
+    pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), collisions=False)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

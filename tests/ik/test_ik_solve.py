@@ -31,7 +31,7 @@ def test_reachable_targets_are_reached(solver, count, gaze):
     missed = []
     for hand, point in reachable(count, 11):
         tasks = [pk.ik.HandPosition("left", hand)] + ([pk.ik.LookAt(point)] if gaze else [])
-        result = pk.ik.solve(PEPPER, tasks, solver=solver)
+        result = pk.ik.solve(PEPPER, tasks, solver=solver, collisions=False)
         assert np.all(result.q >= PEPPER.lower_limits)
         assert np.all(result.q <= PEPPER.upper_limits)
         reached = pk.kinematics.frame_pose(PEPPER, result.q, "LArm_effector")[:3, 3]
@@ -56,7 +56,7 @@ def test_reachable_targets_are_reached(solver, count, gaze):
 @settings(max_examples=15, deadline=None, derandomize=True)
 def test_never_outside_limits_never_nan(point, gaze, hand, solver):
     tasks = [pk.ik.HandPosition(hand, point), pk.ik.LookAt(gaze)]
-    result = pk.ik.solve(PEPPER, tasks, solver=solver, restarts=2, max_iterations=40)
+    result = pk.ik.solve(PEPPER, tasks, solver=solver, restarts=2, max_iterations=40, collisions=False)
     assert np.isfinite(result.q).all()
     assert np.all(result.q >= PEPPER.lower_limits)
     assert np.all(result.q <= PEPPER.upper_limits)
@@ -67,9 +67,9 @@ def test_never_outside_limits_never_nan(point, gaze, hand, solver):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_same_seed_same_answer(solver):
     tasks = [pk.ik.HandPosition("left", (-0.3, 0.3, 0.7)), pk.ik.LookAt((-0.3, 0.3, 0.7))]
-    first = pk.ik.solve(PEPPER, tasks, solver=solver, seed=5)
-    second = pk.ik.solve(PEPPER, tasks, solver=solver, seed=5)
-    other = pk.ik.solve(PEPPER, tasks, solver=solver, seed=6)
+    first = pk.ik.solve(PEPPER, tasks, solver=solver, seed=5, collisions=False)
+    second = pk.ik.solve(PEPPER, tasks, solver=solver, seed=5, collisions=False)
+    other = pk.ik.solve(PEPPER, tasks, solver=solver, seed=6, collisions=False)
     assert (first.seed, second.seed) == (5, 5)
     if solver == "proxsuite":
         # Its vector code sums in another order where memory is aligned in another way: equal to rounding.
@@ -83,7 +83,7 @@ def test_same_seed_same_answer(solver):
 def test_a_met_start_is_kept():
     q0 = PEPPER.posture("Crouch")
     hand = pk.kinematics.frame_pose(PEPPER, q0, "RArm_effector")[:3, 3]
-    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("right", hand), q0)
+    result = pk.ik.solve(PEPPER, pk.ik.HandPosition("right", hand), q0, collisions=False)
     np.testing.assert_array_equal(result.q, q0)
     assert result.iterations == 0
 
@@ -92,7 +92,7 @@ def test_near_targets_are_reached_by_small_motions():
     q0 = PEPPER.neutral()
     hand = pk.kinematics.frame_pose(PEPPER, q0, "LArm_effector")[:3, 3]
     for shift in np.vstack([0.03 * np.eye(3), -0.03 * np.eye(3)]):
-        result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", hand + shift))
+        result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", hand + shift), collisions=False)
         assert result.success
         assert np.abs(result.q - q0).max() < 0.5
     idle = [i for i, name in enumerate(PEPPER.joint_names) if name.startswith(("R", "Head"))]
@@ -106,7 +106,7 @@ def test_locked_joints_stay(solver, joints):
     locked = [i for i, name in enumerate(PEPPER.joint_names) if name not in free]
     for hand, _ in reachable(5, 3):
         tasks = [pk.ik.HandPosition("left", hand), pk.ik.LookAt(hand)]
-        result = pk.ik.solve(PEPPER, tasks, solver=solver, joints=joints, restarts=3)
+        result = pk.ik.solve(PEPPER, tasks, solver=solver, joints=joints, restarts=3, collisions=False)
         np.testing.assert_array_equal(result.q[locked], PEPPER.neutral()[locked])
 
 
@@ -114,8 +114,8 @@ def test_preference_yields_to_the_task():
     wanted = PEPPER.joint_vector({"KneePitch": 0.3})
     point = (0.4, 0.25, 0.9)
     preference = pk.ik.JointPosture(wanted, weight=0.01, tolerance=math.inf)
-    plain = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", point)])
-    led = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", point), preference])
+    plain = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", point)], collisions=False)
+    led = pk.ik.solve(PEPPER, [pk.ik.HandPosition("left", point), preference], collisions=False)
     assert plain.success
     assert led.success
     assert np.linalg.norm(led.q - wanted) < np.linalg.norm(plain.q - wanted)
@@ -125,7 +125,7 @@ def test_both_solvers_agree_on_the_closest_point():
     for target in ((1.2, 0.4, 0.9), (0.0, 0.0, 1.8), (0.3, 0.9, 0.2)):
         points = []
         for solver in SOLVERS:
-            result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), solver=solver)
+            result = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), solver=solver, collisions=False)
             points.append(pk.kinematics.frame_pose(PEPPER, result.q, "LArm_effector")[:3, 3])
         assert np.linalg.norm(points[0] - points[1]) < 5e-3
 
@@ -137,10 +137,10 @@ TASK = pk.ik.HandPosition("left", (0.4, 0.2, 0.9))
     ("call", "error", "words"),
     [
         ({"solver": "magic"}, InvalidValueError, ["solver", "'magic'", "'fast', 'placo', 'proxsuite'"]),
-        ({"q0": np.zeros(3)}, InvalidValueError, ["q0", "(3,)", "15"]),
-        ({"q0": np.zeros((2, 15))}, InvalidValueError, ["q0", "(2, 15)", "(15,)"]),
-        ({"q0": np.full(15, math.nan)}, InvalidValueError, ["q0", "nan", "KneePitch"]),
-        ({"q0": np.full(15, 0.5)}, LimitError, ["q0", "LElbowRoll = 0.5", "outside"]),
+        ({"start": np.zeros(3)}, InvalidValueError, ["start", "(3,)", "15"]),
+        ({"start": np.zeros((2, 15))}, InvalidValueError, ["start", "(2, 15)", "(15,)"]),
+        ({"start": np.full(15, math.nan)}, InvalidValueError, ["start", "nan", "KneePitch"]),
+        ({"start": np.full(15, 0.5)}, LimitError, ["start", "LElbowRoll = 0.5", "outside"]),
         ({"joints": "left_leg"}, UnknownNameError, ["joint or group 'left_leg'", "left_arm"]),
         ({"joints": ["HeadRoll"]}, UnknownNameError, ["joint or group 'HeadRoll'", "HeadYaw"]),
         ({"joints": []}, InvalidValueError, ["joints", "at least one"]),

@@ -92,7 +92,9 @@ def test_step_keeps_half_spaces(solver):
 def test_every_kind_of_robot(solver, base, hands):
     pepper = pk.load_pepper(base, hands)
     point = (0.45, 0.25, 0.85)
-    result = pk.ik.solve(pepper, [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)], solver=solver)
+    result = pk.ik.solve(
+        pepper, [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)], solver=solver, collisions=False
+    )
     assert result.success, result.report()
     hand = pk.kinematics.frame_pose(pepper, result.q, "LArm_effector")[:3, 3]
     assert np.linalg.norm(hand - point) < 1e-3
@@ -104,7 +106,9 @@ def test_fingers_driven_by_the_hand_reach_too(solver):
     wanted = pepper.joint_vector({"LHand": 0.9, "LWristYaw": 0.5, "LElbowRoll": -1.0})
     tip = pk.kinematics.frame_pose(pepper, wanted, "LFinger13_link")[:3, 3]
     joints = ("LHand", "LWristYaw", "LElbowRoll")
-    result = pk.ik.solve(pepper, [pk.ik.FramePosition("LFinger13_link", tip)], solver=solver, joints=joints)
+    result = pk.ik.solve(
+        pepper, [pk.ik.FramePosition("LFinger13_link", tip)], solver=solver, joints=joints, collisions=False
+    )
     assert result.success, result.report()
     found = pk.kinematics.frame_pose(pepper, result.q, "LFinger13_link")[:3, 3]
     assert np.linalg.norm(found - tip) < 1e-3
@@ -114,7 +118,9 @@ def test_fingers_driven_by_the_hand_reach_too(solver):
 def test_base_drives_to_a_far_target(solver):
     pepper = pk.load_pepper(base="planar")
     point = (3.0, -2.0, 0.9)
-    result = pk.ik.solve(pepper, [pk.ik.HandPosition("right", point), pk.ik.LookAt(point)], solver=solver)
+    result = pk.ik.solve(
+        pepper, [pk.ik.HandPosition("right", point), pk.ik.LookAt(point)], solver=solver, collisions=False
+    )
     assert result.success, result.report()
     assert np.hypot(*result.q[:2]) > 2.0
 
@@ -126,7 +132,7 @@ def test_pose_from_a_configuration_is_met(solver):
     for _ in range(5):
         wanted = 0.7 * generator.uniform(pepper.lower_limits, pepper.upper_limits) + 0.3 * pepper.neutral()
         pose = pk.kinematics.frame_pose(pepper, wanted, "RArm_effector")
-        result = pk.ik.solve(pepper, pk.ik.HandPose("right", pose), solver=solver)
+        result = pk.ik.solve(pepper, pk.ik.HandPose("right", pose), solver=solver, collisions=False)
         assert result.success, result.report()
         found = pk.kinematics.frame_pose(pepper, result.q, "RArm_effector")
         np.testing.assert_allclose(found, pose, atol=0.01)
@@ -143,8 +149,8 @@ def test_placo_refuses_mimic_offsets_by_name():
     tip = pk.kinematics.frame_pose(robot, [0.4], "c")
     task = pk.ik.FrameOrientation("c", tip[:3, :3])
     with pytest.raises(InvalidValueError, match="'proxsuite' for a robot whose mimic joints have an offset"):
-        pk.ik.solve(robot, task, solver="placo")
-    result = pk.ik.solve(robot, task, solver="proxsuite")
+        pk.ik.solve(robot, task, solver="placo", collisions=False)
+    result = pk.ik.solve(robot, task, solver="proxsuite", collisions=False)
     assert result.success
     assert result.q[0] == pytest.approx(0.4, abs=0.01)
 
@@ -153,10 +159,15 @@ def test_models_do_not_disturb_one_another():
     """placo's robots are kept: neither another call nor another model may leave a trace."""
     first, second = pk.load_pepper(), pk.load_pepper(base="planar")
     task = pk.ik.HandPosition("left", (0.45, 0.25, 0.85))
-    before = pk.ik.solve(first, task)
-    pk.ik.solve(second, pk.ik.LookAt((-1, 0, 1)))
-    pk.ik.solve(first, pk.ik.FramePose("RArm_effector", transform((0.2, -0.3, 0.7))), joints="right_arm")
-    after = pk.ik.solve(first, task)
+    before = pk.ik.solve(first, task, collisions=False)
+    pk.ik.solve(second, pk.ik.LookAt((-1, 0, 1)), collisions=False)
+    pk.ik.solve(
+        first,
+        pk.ik.FramePose("RArm_effector", transform((0.2, -0.3, 0.7))),
+        joints="right_arm",
+        collisions=False,
+    )
+    after = pk.ik.solve(first, task, collisions=False)
     np.testing.assert_array_equal(before.q, after.q)
     assert before.iterations == after.iterations
 
@@ -166,6 +177,6 @@ def test_a_task_that_no_joint_moves(solver):
     """Two frames of the base: nothing can be done, and that is the answer."""
     pepper = pk.load_pepper()
     task = pk.ik.RelativePosition("base_footprint", "base_link", (0.0, 0.0, 1.0))
-    result = pk.ik.solve(pepper, task, solver=solver)
-    assert result.status is pk.ik.Status.CLOSEST_UNREACHABLE
+    result = pk.ik.solve(pepper, task, solver=solver, collisions=False)
+    assert result.status is pk.ik.IKStatus.CLOSEST_UNREACHABLE
     np.testing.assert_array_equal(result.q, pepper.neutral())

@@ -48,7 +48,7 @@ def failing(check):
 
 def test_a_sound_robot_passes():
     check = check_dynamics(arm(), states=30)
-    assert check.ok
+    assert check.success
     assert check.failures == ()
     assert (check.robot, check.joints, check.states, check.seed) == ("arm", 2, 30, 0)
     assert check.frame == "lower"
@@ -68,7 +68,7 @@ def test_the_same_seed_gives_the_same_numbers():
 
 def test_pepper_with_fingers_passes_and_says_so():
     check = check_dynamics(pk.load_pepper(), states=20)
-    assert check.ok, check.report()
+    assert check.success, check.report()
     lines = check.report().splitlines()
     assert lines[0] == "Dynamics of pepper: 15 joints, 20 random states, seed 0, frame l_wrist"
     assert lines[-1] == "All within the limits (relative errors, largest over joints and states)."
@@ -80,7 +80,7 @@ def test_a_wrong_mass_in_the_symbolic_form_is_named(monkeypatch):
     true, heavy, ask = arm(), arm(1.000001), symbolic.function
     monkeypatch.setattr(symbolic, "function", lambda pepper, *args: ask(heavy, *args))
     check = check_dynamics(true, states=10)
-    assert not check.ok
+    assert not check.success
     assert all(name.endswith("(symbolic)") for name in check.failures)
     assert failing(check) == {
         "inverse dynamics", "mass matrix", "forward dynamics", "center-of-mass Jacobian",
@@ -97,7 +97,7 @@ def test_a_wrong_model_is_named_and_keeps_its_energy():
     check = check_dynamics(wrong, states=10)
     assert "inverse dynamics (single)" in check.failures
     assert 1e-4 < check.rows[0].errors["single"] < 1e-2
-    assert check.rows[-1].ok
+    assert check.rows[-1].success
 
 
 def test_torques_that_make_energy_are_named(monkeypatch):
@@ -133,16 +133,16 @@ def test_a_joint_without_mass_is_a_note():
     assert [row.quantity for row in notes] == [QUANTITIES[2], *QUANTITIES[9:]]
     assert all("no mass is moved by elbow" in row.note and not row.errors for row in notes)
     assert "d a / d q: not evaluated: the mass matrix has no inverse" in check.report()
-    assert check.ok
+    assert check.success
 
 
 def test_a_number_that_is_none_fails():
     row = DynamicsCheckRow("x", "y", 1e-9, {"single": float("nan"), "batch": 1e-10})
     assert row.failed_forms == ("single",)
     check = jobs.DynamicsCheck("r", 1, "f", 1, 0, (row,))
-    told = json.loads(json.dumps(check.as_dict(), allow_nan=False))
-    assert told["rows"][0]["errors"] == {"single": None, "batch": 1e-10}
-    assert told["failures"] == ["x (single)"]
+    summary = json.loads(json.dumps(check.as_dict(), allow_nan=False))
+    assert summary["rows"][0]["errors"] == {"single": None, "batch": 1e-10}
+    assert summary["failures"] == ["x (single)"]
 
 
 @pytest.mark.parametrize("states", [0, -1, 2.5, True, "many"])
@@ -156,9 +156,9 @@ def test_the_command_checks_a_file(run, tmp_path):
     done = run("check", "dynamics", "arm.urdf", "--states", "8", "--seed", "2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Dynamics of arm: 2 joints, 8 random states, seed 2, frame lower")
-    told = json.loads(run("check", "dynamics", "arm.urdf", "--states", "8", "--json", cwd=tmp_path).stdout)
-    assert told["ok"] is True
-    assert len(told["rows"]) == len(QUANTITIES)
+    summary = json.loads(run("check", "dynamics", "arm.urdf", "--states", "8", "--json", cwd=tmp_path).stdout)
+    assert summary["success"] is True
+    assert len(summary["rows"]) == len(QUANTITIES)
 
 
 def test_the_command_fails_where_the_check_does(run, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pepper_kin.cli import app
-from pepper_kin.jobs import PaperCheck, check_paper, write_paper_check
+from pepper_kin.jobs import PaperCheck, check_paper, save_paper_check
 from pepper_kin.jobs.paper_check import ITERATIONS, TRACKING_LIMIT
 
 
@@ -22,18 +22,18 @@ class Run(NamedTuple):
     exit_code: int
     stdout: str
     folder: Path
-    told: list[tuple[int, int]]
+    calls: list[tuple[int, int]]
     found: PaperCheck
 
 
 @pytest.fixture(scope="module")
 def run_of_command(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The job takes long: what the command makes is kept on its way, for all tests to look at."""
-    folder, told, kept = tmp_path_factory.mktemp("paper") / "validation", [], []
+    folder, calls, kept = tmp_path_factory.mktemp("paper") / "validation", [], []
 
     def kept_check(*, progress: Callable[[int, int], None], **options: object) -> PaperCheck:
         def tell(done: int, total: int) -> None:
-            told.append((done, total))
+            calls.append((done, total))
             progress(done, total)
 
         kept.append(check_paper(progress=tell, **options))
@@ -41,7 +41,7 @@ def run_of_command(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
     with mock.patch("pepper_kin.jobs.check_paper", kept_check):
         ended = CliRunner().invoke(app, ["check", "paper", "--json", "-o", str(folder)])
-    return Run(ended.exit_code, ended.stdout, folder, told, *kept)
+    return Run(ended.exit_code, ended.stdout, folder, calls, *kept)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def found(run_of_command: Run) -> PaperCheck:
 
 
 def test_every_movement_is_tracked_to_a_tenth_of_the_papers_error(found):
-    assert found.ok
+    assert found.success
     assert [m.name for m in found.movements] == ["left-arm", "right-arm", "head"]
     for movement in found.movements:
         time, commanded, measured = movement.iterations()
@@ -77,9 +77,9 @@ def test_report_holds_the_numbers_it_speaks_of(found):
 
 
 def test_files_are_whole_and_agree(found, tmp_path):
-    files = write_paper_check(found, tmp_path / "new")
+    files = save_paper_check(found, tmp_path / "new")
     numbers = json.loads(files["numbers"].read_text())
-    assert numbers["ok"] is True
+    assert numbers["success"] is True
     assert numbers["table_4"]["mean_error"] == found.limits.mean_error
     for movement in found.movements:
         rows = list(csv.DictReader(files[f"figure_{movement.name}.csv"].read_text().splitlines()))
@@ -96,5 +96,5 @@ def test_command_prints_json_and_writes_files(run_of_command):
     assert (run_of_command.folder / "figure_head.png").is_file()
 
 
-def test_progress_is_told_from_nothing_to_all(run_of_command):
-    assert run_of_command.told == [(k, 3) for k in range(4)]
+def test_progress_is_reported_from_nothing_to_all(run_of_command):
+    assert run_of_command.calls == [(k, 3) for k in range(4)]

@@ -19,7 +19,7 @@ def found() -> PhysicsCheck:
 
 
 def test_engines_agree_and_the_difference_shrinks(found):
-    assert found.ok
+    assert found.success
     assert [row.name for row in found.rows] == [
         "free swing",
         "step responses",
@@ -42,18 +42,18 @@ def test_a_heavier_hand_in_one_engine_would_be_found(monkeypatch):
 
     monkeypatch.setattr(physics_check, "_drive", heavier)
     found = check_physics(timesteps=(1e-3, 5e-4), seconds=0.3)
-    assert not found.ok
+    assert not found.success
     assert "BEYOND" in found.report()
 
 
 def test_report_and_json_tell_the_same(found):
-    text, told = found.report(), found.as_dict()
+    text, summary = found.report(), found.as_dict()
     assert found.engine.startswith("MuJoCo")
-    for row, plain in zip(found.rows, told["rows"], strict=True):
+    for row, plain in zip(found.rows, summary["rows"], strict=True):
         assert row.name in text
         assert f"{row.differences[-1]:.1e}" in text
         assert plain["differences"] == list(row.differences)
-    json.dumps(told)
+    json.dumps(summary)
 
 
 def test_order_is_the_slope():
@@ -74,5 +74,5 @@ def test_command_prints_json_and_writes_files(monkeypatch, found, tmp_path):
     monkeypatch.setattr("pepper_kin.jobs.check_physics", lambda **_: found, raising=False)
     done = CliRunner().invoke(app, ["check", "physics", "--json", "-o", str(tmp_path)])
     assert done.exit_code == 0
-    assert json.loads(done.stdout)["ok"] is True
+    assert json.loads(done.stdout)["success"] is True
     assert json.loads((tmp_path / "physics.json").read_text())["engine"] == found.engine

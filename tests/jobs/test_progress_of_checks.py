@@ -15,7 +15,7 @@ from pepper_kin.model import load_pepper
     ],
     ids=["dynamics", "physics"],
 )
-def test_progress_is_told_from_nothing_to_all(job, parts):
-    told = []
-    job(lambda done, total: told.append((done, total)))
-    assert told == [(k, parts) for k in range(parts + 1)]
+def test_progress_is_reported_from_nothing_to_all(job, parts):
+    calls = []
+    job(lambda done, total: calls.append((done, total)))
+    assert calls == [(k, parts) for k in range(parts + 1)]

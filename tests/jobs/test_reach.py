@@ -6,7 +6,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, LimitError, UnknownNameError
-from pepper_kin.jobs import demo_scene, reach, run_demo, write_outcome
+from pepper_kin.jobs import demo_scene, reach, run_demo, save_outcome
 from pepper_kin.jobs.demo import GAZE, TARGET
 from pepper_kin.jobs.result_files import summary
 
@@ -77,7 +77,7 @@ def test_figures_are_those_of_the_run(demo):
 
 def test_files(demo, tmp_path):
     pepper, outcome = demo
-    files = write_outcome(pepper, outcome, tmp_path / "new" / "folder")
+    files = save_outcome(pepper, outcome, tmp_path / "new" / "folder")
     assert sorted(path.name for path in (tmp_path / "new" / "folder").iterdir()) == [
         "columns.json", "run.csv", "summary.json", "trajectory.csv",
     ]  # fmt: skip
@@ -91,11 +91,11 @@ def test_files(demo, tmp_path):
         assert header == ["time", *(f"{j}.{x}" for x in quantities for j in pepper.joint_names)]
         assert set(header) <= set(columns)
     assert columns["HeadYaw.torque"] == {"unit": "N m", "quantity": "torque", "joint": "HeadYaw"}
-    told = json.loads(files["summary.json"].read_text())
-    assert told["success"] is True
-    assert told["certificate"]["ok"] is True
-    assert told["target_m"] == list(TARGET)
-    assert told["versions"]["pin"].startswith("3.8")
+    written = json.loads(files["summary.json"].read_text())
+    assert written["success"] is True
+    assert written["certificate"]["success"] is True
+    assert written["target_m"] == list(TARGET)
+    assert written["versions"]["pin"].startswith("3.8")
 
 
 def test_same_seed_same_motion(demo):
@@ -146,5 +146,5 @@ def test_nothing_is_left_where_writing_fails(demo, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     with pytest.raises(FileFormatError, match="cannot be made a folder"):
-        write_outcome(pepper, outcome, blocked)
+        save_outcome(pepper, outcome, blocked)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from pepper_kin.exceptions import FileFormatError, UnknownNameError
-from pepper_kin.jobs import read_motion
+from pepper_kin.files import save
+from pepper_kin.jobs import load_motion
 from pepper_kin.model import load_pepper
 from pepper_kin.motion import gesture
-from pepper_kin.trajectory import Trajectory, save
+from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import Recorder, Run, Twin
 
 
@@ -19,7 +20,7 @@ def pepper():
 @pytest.mark.parametrize("suffix", [".csv", ".npz", ".json", ".yaml", ".py"])
 def test_trajectories_of_every_format(pepper, tmp_path, suffix):
     nod = gesture(pepper, "nod")
-    found = read_motion(save(nod, tmp_path / f"nod{suffix}"), pepper)
+    found = load_motion(save(nod, tmp_path / f"nod{suffix}"), pepper)
     assert isinstance(found, Trajectory)
     # A file that holds samples ends at the last of them, at most one step short of the end.
     assert abs(found.duration - nod.duration) < 0.05
@@ -29,22 +30,22 @@ def test_trajectories_of_every_format(pepper, tmp_path, suffix):
 def test_runs_and_recordings(pepper, tmp_path):
     nod = gesture(pepper, "nod")
     run = Twin(pepper, 0.01).execute(nod)
-    found = read_motion(run.save(tmp_path / "run.csv"), pepper)
+    found = load_motion(run.save(tmp_path / "run.csv"), pepper)
     assert isinstance(found, Run)
     np.testing.assert_array_equal(found.torque, run.torque)
     Recorder(Twin(pepper, 0.01), tmp_path / "monday", seed=0).execute(nod)
-    again = read_motion(tmp_path / "monday", pepper)
+    again = load_motion(tmp_path / "monday", pepper)
     assert isinstance(again, Run)
     np.testing.assert_allclose(again.position, run.position, atol=1e-12)  # sampled chunk by chunk
     with pytest.raises(FileFormatError, match="monday: is of other joints: KneePitch"):
-        read_motion(tmp_path / "monday", load_pepper(hands="mimic"))
+        load_motion(tmp_path / "monday", load_pepper(hands="mimic"))
 
 
 def test_what_is_neither_is_refused_by_name(pepper, tmp_path):
     with pytest.raises(UnknownNameError, match=r"unknown suffix '\.txt'"):
-        read_motion(tmp_path / "a.txt", pepper)
+        load_motion(tmp_path / "a.txt", pepper)
     with pytest.raises(FileFormatError, match=r"none\.csv: cannot be read"):
-        read_motion(tmp_path / "none.csv", pepper)
+        load_motion(tmp_path / "none.csv", pepper)
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileFormatError, match="no recording here"):
-        read_motion(tmp_path / "empty", pepper)
+        load_motion(tmp_path / "empty", pepper)

@@ -68,7 +68,7 @@ def test_a_flipped_bit_is_found(place, caplog, where):
     assert "the portable code that comes with the package is damaged" in record.getMessage()
 
 
-def test_an_older_llvm_is_told(place, caplog, monkeypatch):
+def test_an_older_llvm_is_reported(place, caplog, monkeypatch):
     present = llvm.llvm_version_info[0]
     monkeypatch.setattr(portable.llvm, "llvm_version_info", (present - 1, 0, 0))
     assert ask(caplog) is None

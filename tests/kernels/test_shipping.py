@@ -56,7 +56,7 @@ def test_parts_come_back_as_they_were(place, caplog):
     assert not caplog.records
 
 
-def test_code_of_other_sources_is_not_found_and_told_once(place, caplog):
+def test_code_of_other_sources_is_not_found_and_reported_once(place, caplog):
     for _ in range(2):
         assert ask(caplog, key="c" * 64) is None
     (record,) = caplog.records
@@ -81,7 +81,7 @@ def test_another_format_is_refused(place, caplog, monkeypatch):
     assert "has format 2, not 3" in caplog.text
 
 
-def test_a_missing_file_is_told(place, caplog):
+def test_a_missing_file_is_reported(place, caplog):
     place.unlink()
     assert ask(caplog) is None
     assert "cannot be read" in caplog.text

@@ -111,7 +111,10 @@ def test_bad_q_is_named(q, message):
 
 
 def test_unknown_frame_lists_frames():
-    with pytest.raises(UnknownNameError, match=r"unknown frame 'Hand'; available: .*LArm_effector"):
+    with pytest.raises(
+        UnknownNameError,
+        match=r"unknown frame 'Hand' \(did you mean 'r_hand'\?\); available: .*LArm_effector",
+    ):
         pk.kinematics.frame_jacobian(pk.load_pepper(), np.zeros(15), "Hand")
 
 

@@ -89,18 +89,18 @@ def test_a_turning_base_makes_a_ring():
 
 
 def test_seeds_and_chunks(pepper):
-    told = []
+    calls = []
     arguments = {"joints": "left_arm", "samples": 2 * CHUNK + 10, "resolution": 0.1}
-    one = reach_map(pepper, LEFT, seed=3, progress=told.append, **arguments)
+    one = reach_map(pepper, LEFT, seed=3, progress=calls.append, **arguments)
     same = reach_map(pepper, LEFT, seed=3, **arguments)
     other = reach_map(pepper, LEFT, seed=4, **arguments)
     np.testing.assert_array_equal(one.counts, same.counts)
     np.testing.assert_array_equal(one.best, same.best)
     assert one.counts.shape != other.counts.shape or (one.counts != other.counts).any()
     assert one.counts.sum() == 2 * CHUNK + 10
-    assert told == sorted(told)
-    assert len(told) == 3
-    assert told[-1] == 1.0
+    assert calls == sorted(calls)
+    assert len(calls) == 3
+    assert calls[-1] == 1.0
 
 
 def test_a_map_survives_its_file(arm_map, tmp_path):
@@ -195,7 +195,7 @@ def test_the_picture_is_a_png(arm_map, tmp_path):
         save_reach_picture({}, path)
 
 
-def test_without_matplotlib_the_command_is_told(arm_map, tmp_path, monkeypatch):
+def test_without_matplotlib_the_command_is_named(arm_map, tmp_path, monkeypatch):
     true_import = builtins.__import__
 
     def without(name, *args):

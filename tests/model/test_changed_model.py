@@ -75,10 +75,10 @@ def test_timing_keeps_the_new_velocities_and_efforts():
         state = pk.retime(robot, path).sample(0.002)
         peak = np.abs(state.velocity[:, 5:10]).max()
         assert (peak <= 0.4 + 1e-6) == (robot is slow)
-        assert pk.retime(robot, path).check(robot).ok
-    assert not pk.retime(PEPPER, path).check(slow).ok
+        assert pk.retime(robot, path).check(robot).success
+    assert not pk.retime(PEPPER, path).check(slow).success
     weak = PEPPER.with_limits(effort={"LShoulderPitch": 0.05})
-    assert not pk.retime(PEPPER, path).check(weak).ok
+    assert not pk.retime(PEPPER, path).check(weak).success
 
 
 def test_only_what_is_named_changes_and_the_old_model_stays():

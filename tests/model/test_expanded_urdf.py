@@ -77,8 +77,8 @@ def test_model_says_what_pinocchio_says(base, hands):
         (pepper.velocity_limits, model.velocityLimit),
         (pepper.effort_limits, model.effortLimit),
     ):
-        given = np.isfinite(own_limits)
-        np.testing.assert_array_equal(own_limits[given], limits[rows][given])
+        described = np.isfinite(own_limits)
+        np.testing.assert_array_equal(own_limits[described], limits[rows][described])
     body = pinocchio.FrameType.BODY
     frames = {frame.name: place for place, frame in enumerate(model.frames) if frame.type == body}
     assert pepper.frame_names == pepper.document.links

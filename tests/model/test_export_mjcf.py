@@ -170,10 +170,10 @@ def test_disabled_pairs_are_excluded_and_others_touch():
         tuple(sorted(model.body(model.geom_bodyid[g]).name for g in contact.geom)) for contact in data.contact
     }
     assert ours == theirs
-    looks = [g for g in range(model.ngeom) if model.geom_group[g] == 2]
-    assert len(looks) > 60
-    assert all(model.geom_contype[g] == 0 and model.geom_conaffinity[g] == 0 for g in looks)
-    assert {model.geom_type[g] for g in looks} == {int(mujoco.mjtGeom.mjGEOM_MESH)}
+    visuals = [g for g in range(model.ngeom) if model.geom_group[g] == 2]
+    assert len(visuals) > 60
+    assert all(model.geom_contype[g] == 0 and model.geom_conaffinity[g] == 0 for g in visuals)
+    assert {model.geom_type[g] for g in visuals} == {int(mujoco.mjtGeom.mjGEOM_MESH)}
     capsule = model.geom("LBicep_collision_0")
     assert capsule.type[0] == int(mujoco.mjtGeom.mjGEOM_CAPSULE)
     assert all(model.geom(f"Wheel{w}_link_collision_0").contype[0] == 0 for w in ("FL", "FR", "B"))

@@ -30,12 +30,12 @@ def test_a_group_takes_a_sequence():
 
 def test_a_sequence_is_the_whole_vector():
     numbers = [0.01 * j for j in range(15)]
-    for given in (numbers, tuple(numbers), np.array(numbers)):
-        q = PEPPER.joint_vector(given)
+    for q_like in (numbers, tuple(numbers), np.array(numbers)):
+        q = PEPPER.joint_vector(q_like)
         np.testing.assert_array_equal(q, numbers)
-    given = np.array(numbers)
-    PEPPER.joint_vector(given)[0] = 7.0
-    assert given[0] == 0.0
+    q_like = np.array(numbers)
+    PEPPER.joint_vector(q_like)[0] = 7.0
+    assert q_like[0] == 0.0
 
 
 def test_limits_are_checked_where_asked_for():

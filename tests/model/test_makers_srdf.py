@@ -71,7 +71,7 @@ def test_a_chain_may_go_up_one_branch_and_down_another():
     assert groups(chain.replace('"left"', '"right"')) == {"all": ("t",)}
 
 
-def test_groups_may_be_told_after_those_that_hold_them():
+def test_groups_may_come_after_those_that_hold_them():
     text = '<group name="all"><group name="a"/></group><group name="a"><joint name="t"/></group>'
     assert groups(text) == {"all": ("t",), "a": ("t",)}
     with pytest.raises(ModelError, match="SRDF: group 'all' holds itself: all > a > all"):
@@ -88,10 +88,10 @@ def test_names_that_the_robot_lacks_are_left_out_with_a_warning():
       <passive_joint name="caster"/><end_effector name="hand" parent_link="palm" group="fingers"/>
       <group_state name="away" group="arm"><joint name="w" value="1"/></group_state>
       <disable_collisions link1="trunk" link2="sole"/><enable_collisions link1="left" link2="nose"/>"""
-    with pytest.warns(ModelWarning) as told:
+    with pytest.warns(ModelWarning) as raised:
         assert groups(text) == {"arm": ("r", "t")}
     assert "no joint 'q', 'w', 'caster'; no link 'nose', 'sole', 'palm'; no group 'hand', 'fingers'" in str(
-        told[0].message
+        raised[0].message
     )
 
 

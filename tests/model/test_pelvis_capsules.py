@@ -8,7 +8,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.model.shapes import rotation_rpy
-from pepper_kin.urdf.looks.measurements import link_shape
+from pepper_kin.urdf.visuals.measurements import link_shape
 
 DATA = Path(__file__).parents[1] / "data"
 FITS = json.loads((DATA / "pelvis_fits.json").read_text())

@@ -94,7 +94,9 @@ def test_plans_move_only_them():
 
 
 def test_a_place_for_the_base_moves_only_them():
-    result = pk.ik.place_base(PEPPER, [pk.ik.HandPosition("right", (1.2, 0.3, 0.9))], joints=MIXED)
+    result = pk.base_placement.place_base(
+        PEPPER, [pk.ik.HandPosition("right", (1.2, 0.3, 0.9))], joints=MIXED
+    )
     assert result.success, result.report()
     q = result.placements[0].q[0][-15:]
     np.testing.assert_array_equal(q[STILL], PEPPER.neutral()[STILL])

@@ -6,7 +6,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.urdf.looks.stl import corners_from_bytes
+from pepper_kin.urdf.visuals.stl import corners_from_bytes
 
 
 def vertices_of(shape):
@@ -42,8 +42,8 @@ DRUM = "hip_drum"
 """A part of the hip that turns inside the pelvis: the shapes of both stand for it."""
 
 
-def looks_by_body(pepper):
-    """Vertices of our looks by the link whose collision shapes stand for them; fingers count to the wrist."""
+def visuals_by_body(pepper):
+    """Vertices of our visual meshes by the link of their collision shapes; fingers count to the wrist."""
     q = pepper.neutral()
     bodies = {}
     for shape in pepper.visual_shapes:
@@ -60,10 +60,10 @@ def looks_by_body(pepper):
 
 
 @pytest.mark.parametrize("kind", ["spheres", "shapes"])
-def test_collision_sets_contain_the_looks(kind):
+def test_collision_sets_contain_the_visual_meshes(kind):
     """To what the measured surface sticks out itself (at most 6.7 mm), and our lofts beyond it (3 mm)."""
     pepper = pk.load_pepper()
-    for body, points in looks_by_body(pepper).items():
+    for body, points in visuals_by_body(pepper).items():
         own = pepper.collision_spheres if kind == "spheres" else pepper.collision_shapes
         gaps = np.min([outside_shape(points, s) for s in own if s.link == body], axis=0)
         assert gaps.max() < 0.0097, (body, gaps.max())
@@ -103,7 +103,7 @@ def test_moving_fingers_stay_inside_their_sphere():
             assert outside_spheres(local[None], [s for s in sphere if s.link == wrist])[0] < 0
 
 
-def test_vendor_meshes_replace_the_looks_of_their_links(tmp_path):
+def test_vendor_meshes_replace_the_visual_meshes_of_their_links(tmp_path):
     own = next(s for s in pk.load_pepper().visual_shapes if s.link == "Head").geometry.path
     folder = tmp_path / "vendor" / "meshes"
     folder.mkdir(parents=True)

@@ -74,19 +74,19 @@ def test_curves_follow_one_another(pepper, start):
     )
 
 
-def test_a_direction_is_approached_and_its_error_told(pepper, start):
-    wish = np.array([1.0, 0.0, 0.3])
+def test_a_direction_is_approached_and_its_error_reported(pepper, start):
+    direction_task = np.array([1.0, 0.0, 0.3])
     line = Line((0.03, 0.0, 0.06), relative=True)
-    with_wish = cartesian_path(pepper, start, "left", line, direction=wish)
+    with_direction = cartesian_path(pepper, start, "left", line, direction=direction_task)
     without = cartesian_path(pepper, start, "left", line)
 
     def errors(path):
         x = pk.kinematics.frame_pose(pepper, path, HAND)[:, :3, 0]
-        return np.arccos(np.clip(x @ wish / np.linalg.norm(wish), -1, 1))
+        return np.arccos(np.clip(x @ direction_task / np.linalg.norm(direction_task), -1, 1))
 
-    assert with_wish.success
-    assert with_wish.direction_error == pytest.approx(errors(with_wish.path).max(), abs=1e-6)
-    assert errors(with_wish.path)[-1] < errors(without.path)[-1] - 0.02
+    assert with_direction.success
+    assert with_direction.direction_error == pytest.approx(errors(with_direction.path).max(), abs=1e-6)
+    assert errors(with_direction.path)[-1] < errors(without.path)[-1] - 0.02
     assert np.isnan(without.direction_error)
 
 
@@ -114,7 +114,7 @@ def test_stops_before_the_wall_and_names_it(pepper, start):
     assert 0.0 < found.fraction < 0.5
 
 
-def test_a_start_in_a_box_is_told(pepper, start):
+def test_a_start_in_a_box_is_reported(pepper, start):
     scene = pk.Scene().add_sphere("ball", 0.05, hand_of(pepper, start))
     found = cartesian_path(pepper, start, "left", Line((0.0, 0.0, 0.05), relative=True), scene)
     assert found.status is CartesianStatus.START_INVALID
@@ -140,10 +140,10 @@ def test_a_start_in_a_box_is_told(pepper, start):
     ],
 )
 def test_misuse_is_named(pepper, start, error, change, word):
-    given = {"start": start, "hand": "left", "curves": Line((0.0, 0.0, 0.05), relative=True)} | change
-    positional = (given.pop("start"), given.pop("hand"), given.pop("curves"))
+    arguments = {"start": start, "hand": "left", "curves": Line((0.0, 0.0, 0.05), relative=True)} | change
+    positional = (arguments.pop("start"), arguments.pop("hand"), arguments.pop("curves"))
     with pytest.raises(error, match=word):
-        cartesian_path(pepper, *positional, **given)
+        cartesian_path(pepper, *positional, **arguments)
 
 
 def test_curves_refuse_what_is_none():

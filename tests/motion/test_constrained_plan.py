@@ -20,16 +20,16 @@ def level(degrees):
 @pytest.fixture(scope="module")
 def beside_the_post(pepper):
     tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level(1)]
-    found = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"), scene=POST, joints="left_arm")
+    found = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"), scene=POST, joints="left_arm")
     assert found.success
     return found.q
 
 
 def dense(pepper, plan, count=40):
     spline = as_cubic_path(pepper, plan.path)
-    pieces = np.repeat(np.arange(len(spline.breaks) - 1), count)
+    segments = np.repeat(np.arange(len(spline.breaks) - 1), count)
     within = np.tile(np.linspace(0.0, 1.0, count), len(spline.breaks) - 1)
-    return spline.at(pieces, within * np.diff(spline.breaks)[pieces])
+    return spline.at(segments, within * np.diff(spline.breaks)[segments])
 
 
 def tilts(pepper, q):
@@ -67,7 +67,7 @@ def test_two_hands_keep_a_box_between_them(pepper):
     center = np.array([0.28, 0.0, 0.75])
     half = np.array([0.0, 0.12, 0.0])
     hands = [pk.ik.HandPosition("left", center + half), pk.ik.HandPosition("right", center - half)]
-    found = pk.ik.solve(pepper, hands, q0=pepper.posture("Stand"), scene=pk.Scene(), joints="both_arms")
+    found = pk.ik.solve(pepper, hands, start=pepper.posture("Stand"), scene=pk.Scene(), joints="both_arms")
     assert found.success
 
     def between(q):
@@ -92,7 +92,7 @@ def test_gaze_and_height_are_kept_at_once(pepper):
     gaze = pk.ik.LookAt(POINT, tolerance=np.radians(3))
     height = FrameInPlane("LArm_effector", (0, 0, 0.85), tolerance=0.002)
     tasks = [pk.ik.HandPosition("left", (0.28, 0.30, 0.85)), pk.ik.LookAt(POINT)]
-    found = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"), scene=POST)
+    found = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"), scene=POST)
     goal = [pk.ik.HandPosition("left", (0.30, 0.05, 0.85))]
     plan = plan_constrained(pepper, found.q, goal, POST, [gaze, height])
     assert plan.success
@@ -108,11 +108,11 @@ def test_gaze_and_height_are_kept_at_once(pepper):
 
 def test_plan_takes_the_constraints_and_hands_over(pepper, beside_the_post):
     goal = [pk.ik.HandPosition("left", [0.30, 0.05, 0.85])]
-    given = dict(joints="left_arm", seed=2, timeout=60.0)
-    plan = pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], **given)
+    arguments = dict(joints="left_arm", seed=2, timeout=60.0)
+    plan = pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], **arguments)
     assert plan.planner == "cbirrt"
     assert tilts(pepper, dense(pepper, plan)).max() <= np.radians(5)
-    same = plan_constrained(pepper, beside_the_post, goal, POST, [level(5)], **given)
+    same = plan_constrained(pepper, beside_the_post, goal, POST, [level(5)], **arguments)
     np.testing.assert_array_equal(plan.path, same.path)
     with pytest.raises(InvalidValueError, match="planner: got 'aorrtc', expected 'rrt_connect'"):
         pk.plan(pepper, beside_the_post, goal, POST, constraints=[level(5)], planner="aorrtc")
@@ -122,7 +122,7 @@ def test_plan_takes_the_constraints_and_hands_over(pepper, beside_the_post):
 
 def test_the_same_seed_gives_the_same_plan(pepper, beside_the_post):
     goal = pk.ik.solve(
-        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], q0=beside_the_post,
+        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], start=beside_the_post,
         scene=POST, joints="left_arm", seed=1,
     ).q  # fmt: skip
     plans = [
@@ -151,7 +151,7 @@ def test_ends_off_a_constraint_are_named_with_what_is_missing(pepper, beside_the
 def test_a_goal_in_an_obstacle_and_one_out_of_reach(pepper, beside_the_post):
     wall = pk.Scene().add_box("block", size=(0.2, 0.2, 0.2), position=(0.30, 0.05, 0.85))
     goal = pk.ik.solve(
-        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], q0=beside_the_post,
+        pepper, [pk.ik.HandPosition("left", (0.30, 0.05, 0.85)), level(1)], start=beside_the_post,
         joints="left_arm",
     ).q  # fmt: skip
     plan = plan_constrained(pepper, beside_the_post, goal, wall, [level(5)])

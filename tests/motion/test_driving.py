@@ -41,7 +41,7 @@ def assert_drives(robot, plan, scene, forward_only=False):
     """The timed motion keeps all limits and touches nothing; the base rolls without slipping sideways."""
     trajectory = pk.retime(robot, plan)
     certificate = trajectory.check(robot, scene=scene)
-    assert certificate.ok, certificate.report()
+    assert certificate.success, certificate.report()
     state = trajectory.sample(0.002)
     yaw, (vx, vy, turning) = state.position[:, 2], state.velocity[:, :3].T
     forward = vx * np.cos(yaw) + vy * np.sin(yaw)
@@ -67,7 +67,7 @@ def test_drives_around_walls(cart, seed):
     full_turns = (plan.goal - there(cart)) / (2 * np.pi)
     np.testing.assert_allclose(full_turns, [0, 0, np.round(full_turns[2]), 0], atol=1e-15)
     np.testing.assert_array_equal(plan.path[:, 3], 0.0)  # the body is held
-    assert validate(cart, plan, SCENE).valid
+    assert validate(cart, plan, SCENE).success
     assert_drives(cart, plan, SCENE)
 
 

@@ -74,19 +74,19 @@ def test_a_thin_pin_between_coarse_steps_is_found(checks):
     middle = spline.at(np.array([1]), np.diff(spline.breaks)[1:2] / 2)[0]
     tip = frame_pose(PEPPER, middle, "LArm_effector")[:3, 3]
     free = Checks(PEPPER, pk.Scene())
-    pieces = np.array(spline.breaks), np.array(spline.coefficients)
-    assert of_left_arm(free).is_clear(*pieces, REACH, (0.0, 0.0))
+    segments = np.array(spline.breaks), np.array(spline.coefficients)
+    assert of_left_arm(free).is_clear(*segments, REACH, (0.0, 0.0))
     pinned = Checks(PEPPER, pk.Scene().add_sphere("pin", 5e-4, tip))
-    assert not of_left_arm(pinned).is_clear(*pieces, REACH, (0.0, 0.0))
+    assert not of_left_arm(pinned).is_clear(*segments, REACH, (0.0, 0.0))
 
 
 def test_no_point_of_the_hand_moves_farther_than_a_step_between_stations():
     spline = next(splines(1))
-    pieces = np.array(spline.breaks), np.array(spline.coefficients, order="C")
-    parts = cut(*pieces, REACH, 0.008)
-    piece, begin, width = parts
+    segments = np.array(spline.breaks), np.array(spline.coefficients, order="C")
+    parts = cut(*segments, REACH, 0.008)
+    segment, begin, width = parts
     assert width.sum() == pytest.approx(spline.breaks[-1])
-    ends = [spline.at(piece, begin + share * width) for share in (0.0, 0.5, 1.0)]
+    ends = [spline.at(segment, begin + share * width) for share in (0.0, 0.5, 1.0)]
     np.testing.assert_allclose(ends[0][1:], ends[2][:-1], atol=1e-9)
     for frame in ("LArm_effector", "l_gripper"):
         a, b, c = (frame_pose(PEPPER, q, frame)[:, :3, 3] for q in ends)
@@ -94,17 +94,17 @@ def test_no_point_of_the_hand_moves_farther_than_a_step_between_stations():
         assert np.linalg.norm(b - a, axis=1).max() <= 0.004
 
 
-@pytest.mark.parametrize("pieces", [4, 6, 13])
-def test_rounded_waypoints_are_those_of_scipys_b_spline(pieces):
+@pytest.mark.parametrize("segments", [4, 6, 13])
+def test_rounded_waypoints_are_those_of_scipys_b_spline(segments):
     rng = np.random.default_rng(1)
     points = rng.normal(size=(5, 3))
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    breaks = np.linspace(0, lengths[-1], pieces + 1)
+    breaks = np.linspace(0, lengths[-1], segments + 1)
     knots = np.concatenate([breaks[:1].repeat(3), breaks, breaks[-1:].repeat(3)])
-    greville = np.array([knots[i + 1 : i + 4].mean() for i in range(pieces + 3)])
+    greville = np.array([knots[i + 1 : i + 4].mean() for i in range(segments + 3)])
     control = np.stack([np.interp(greville, lengths, column) for column in points.T], axis=1)
     expected = BSpline(knots, control, 3)(breaks)
-    np.testing.assert_allclose(rounded_waypoints(Path(points), pieces), expected, atol=1e-12)
+    np.testing.assert_allclose(rounded_waypoints(Path(points), segments), expected, atol=1e-12)
 
 
 def test_goals_meet_their_tasks_differ_and_are_clear(checks):

@@ -22,7 +22,7 @@ def test_every_gesture_is_certified(pepper, name):
     for variant in VARIANTS:
         found = gesture(pepper, name, **variant)
         certificate = found.check(pepper, body if variant.get("tempo") == 4.0 else None)
-        assert certificate.ok, f"{name} {variant}: {certificate.report()}"
+        assert certificate.success, f"{name} {variant}: {certificate.report()}"
         position = found.sample(0.02).position
         assert not pk.collision.in_collision(pepper, position, body).any()
         np.testing.assert_allclose(found.start, pepper.posture("Stand"), atol=1e-12)
@@ -88,7 +88,7 @@ def test_robots_with_hands_and_a_moving_base_gesture_too():
         other = pk.load_pepper(**options)
         found = gesture(other, "wave")
         assert found.joint_names == other.joint_names
-        assert found.check(other).ok
+        assert found.check(other).success
 
 
 def test_names_and_meanings():

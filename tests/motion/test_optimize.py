@@ -37,7 +37,7 @@ def test_motion_is_shorter_or_smoother_and_its_certificate_is_green(over_the_tab
     certificate = found.trajectory.check(pepper, TABLE)
     for part in PARTS:
         check = getattr(certificate, part)
-        assert check.ok, check.sentence()
+        assert check.success, check.sentence()
     assert found.clearance == pytest.approx(certificate.clearance.value, abs=1e-3)
 
 
@@ -45,9 +45,9 @@ def test_accelerations_are_continuous_and_vanish_at_the_ends(over_the_table):
     _, _, found = over_the_table
     motion = found.trajectory
     steps = np.diff(motion.knots)
-    pieces = np.arange(steps.size)
-    ends = motion.at_pieces(pieces, steps).acceleration
-    starts = motion.at_pieces(pieces, 0 * steps).acceleration
+    segments = np.arange(steps.size)
+    ends = motion.at_segments(segments, steps).acceleration
+    starts = motion.at_segments(segments, 0 * steps).acceleration
     np.testing.assert_allclose(ends[:-1], starts[1:], atol=1e-7)
     np.testing.assert_allclose([starts[0], ends[-1]], 0.0, atol=1e-7)
 
@@ -61,7 +61,7 @@ def test_more_intervals_are_tried_where_few_come_too_near_between_samples(over_t
     assert len(found.trajectory.knots) > 5
     certificate = found.trajectory.check(pepper, TABLE)
     for part in PARTS:
-        assert getattr(certificate, part).ok, getattr(certificate, part).sentence()
+        assert getattr(certificate, part).success, getattr(certificate, part).sentence()
 
 
 def test_figures_are_those_of_the_trajectories(over_the_table):
@@ -92,10 +92,10 @@ def test_same_input_same_motion(over_the_table):
 
 def test_more_weight_on_jerk_is_smoother_and_longer(over_the_table):
     pepper, plan, found = over_the_table
-    soft = optimize(pepper, plan, TABLE, cost=Cost(jerk=3e-3))
-    assert soft.success, soft.message
-    assert soft.figures.jerk < 0.8 * found.figures.jerk
-    assert soft.figures.duration > found.figures.duration
+    soft_cost = optimize(pepper, plan, TABLE, cost=Cost(jerk=3e-3))
+    assert soft_cost.success, soft_cost.message
+    assert soft_cost.figures.jerk < 0.8 * found.figures.jerk
+    assert soft_cost.figures.duration > found.figures.duration
 
 
 def test_wanted_duration_is_met_with_less_effort(over_the_table):
@@ -140,9 +140,9 @@ def test_balance_is_kept_where_asked(over_the_table):
     found = optimize(pepper, plan, TABLE, balance=0.005, max_iterations=80)
     assert found.success, found.message
     check = found.trajectory.check(pepper, TABLE)
-    assert check.balance.ok, check.balance.sentence()
+    assert check.balance.success, check.balance.sentence()
     assert check.balance.value >= 0.005 - 1e-3
-    assert check.clearance.ok
+    assert check.clearance.success
 
 
 def test_joints_that_stand_still_in_the_path_stay_still():
@@ -163,7 +163,7 @@ def test_straight_line_through_an_obstacle_is_never_returned_as_improved():
     assert pk.collision.in_collision(pepper, dense, TABLE).any()
     found = optimize(pepper, straight, TABLE)
     if found.success:
-        assert found.trajectory.check(pepper, TABLE).clearance.ok
+        assert found.trajectory.check(pepper, TABLE).clearance.success
     else:
         assert found.trajectory is found.before
         assert found.report()
@@ -183,7 +183,7 @@ def test_straight_line_that_grazes_an_obstacle_is_repaired():
     assert pk.collision.in_collision(pepper, straight, scene).any()
     found = optimize(pepper, ends, scene)
     assert found.success, found.message
-    assert not found.before.check(pepper, scene).clearance.ok
+    assert not found.before.check(pepper, scene).clearance.success
     at_start = float(pk.collision.clearance(pepper, start, scene))  # the other wrist is near the pelvis
     assert found.trajectory.check(pepper, scene).clearance.value >= min(0.005, 0.9 * at_start) > 0
 
@@ -236,15 +236,15 @@ def test_what_cannot_be_kept_is_named(over_the_table):
     assert "It breaks the jerk limit of" in weak.message
 
 
-def test_limits_of_jerk_hold_at_every_instant(over_the_table):
+def test_limits_of_jerk_hold_at_every_time(over_the_table):
     pepper, plan, found = over_the_table
     limited = optimize(pepper, plan, TABLE, jerk="moderate", cost=Cost(jerk=1e-6))
     assert limited.success, limited.message
     certificate = limited.trajectory.check(pepper, TABLE, jerk="moderate")
     for part in ("jerk", "acceleration_continuity", "acceleration", "torque", "clearance"):
-        assert getattr(certificate, part).ok, getattr(certificate, part).sentence()
+        assert getattr(certificate, part).success, getattr(certificate, part).sentence()
     free = found.trajectory.check(pepper, TABLE, jerk="moderate")
-    assert not free.jerk.ok
+    assert not free.jerk.success
     retimed = pk.retime(pepper, plan, jerk="moderate")
     assert limited.trajectory.duration < 1.02 * retimed.duration
 
@@ -264,7 +264,7 @@ def test_other_starts_go_round_what_the_straight_line_hits():
     one = optimize(pepper, ends, scene)
     many = optimize(pepper, ends, scene, starts=12)
     assert many.success, many.message
-    assert many.trajectory.check(pepper, scene).clearance.ok
+    assert many.trajectory.check(pepper, scene).clearance.success
     np.testing.assert_allclose(many.trajectory.end, goal, atol=1e-9)
     assert not one.success or many.descent.cost <= one.descent.cost
     again = optimize(pepper, ends, scene, starts=12)
@@ -285,4 +285,4 @@ def test_a_robot_without_bodies_is_optimized():
     found = optimize(robot, [[0.0], [1.0]], cost=Cost(jerk=1e-3))
     assert found.success, found.report()
     assert found.clearance == pytest.approx(0.09)
-    assert found.trajectory.check(robot).ok
+    assert found.trajectory.check(robot).success

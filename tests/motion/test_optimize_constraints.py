@@ -20,7 +20,7 @@ def level(degrees):
 def tray():
     """A plan that carries a tray round a post, level to five degrees."""
     tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level(1)]
-    start = pk.ik.solve(PEPPER, tasks, q0=PEPPER.posture("Stand"), scene=POST, joints="left_arm").q
+    start = pk.ik.solve(PEPPER, tasks, start=PEPPER.posture("Stand"), scene=POST, joints="left_arm").q
     goal = [pk.ik.HandPosition("left", (0.30, 0.05, 0.85))]
     plan = pk.plan(PEPPER, start, goal, POST, joints="left_arm", constraints=[level(5)], timeout=30.0)
     assert plan.success, plan.message
@@ -40,7 +40,7 @@ def test_a_tray_stays_level_in_a_motion_that_is_cheaper(tray):
     assert worst_tilt(found.trajectory) <= 5.0
     assert np.degrees(found.constraint_errors[0]) == pytest.approx(worst_tilt(found.trajectory), abs=0.02)
     assert found.figures.cost(found.cost) < found.figures_before.cost(found.cost)
-    assert found.trajectory.check(PEPPER, POST).clearance.ok
+    assert found.trajectory.check(PEPPER, POST).clearance.success
     free = optimize(PEPPER, tray, POST)
     assert free.constraint_errors == ()
     assert worst_tilt(free.trajectory) > 5.0  # without the constraint the tray tips
@@ -54,7 +54,7 @@ def test_a_hand_stays_at_a_height_and_the_gaze_on_a_point():
         pk.ik.solve(
             PEPPER,
             [pk.ik.HandPosition("left", hand), pk.ik.LookAt(point)],
-            q0=PEPPER.posture("Stand"),
+            start=PEPPER.posture("Stand"),
             scene=POST,
         ).q
         for hand in ((0.28, 0.30, 0.85), (0.30, 0.05, 0.85))

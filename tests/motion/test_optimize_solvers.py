@@ -38,4 +38,4 @@ def test_the_certificate_is_green(solved, solver):
     certificate = solved[solver].trajectory.check(PEPPER, TABLE)
     for part in ("position", "velocity", "acceleration", "torque", "velocity_continuity", "clearance"):
         check = getattr(certificate, part)
-        assert check.ok, check.sentence()
+        assert check.success, check.sentence()

@@ -24,26 +24,26 @@ HIGH = PEPPER.joint_vector({"LShoulderPitch": 0.2, "LShoulderRoll": 0.2, "LElbow
 REACH = np.array(motion_bounds(PEPPER))
 
 
-def room():
+def path_problem_of_table():
     return path_problem(Checks(PEPPER, TABLE), LOW, HIGH[None], ARM, 0.01, COARSE)
 
 
 @pytest.mark.parametrize("nodes", [4096, 16])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_path_is_that_of_the_planner_alone_also_where_room_runs_out(monkeypatch, nodes, seed):
+def test_the_path_is_that_of_the_planner_alone_also_where_arrays_run_full(monkeypatch, nodes, seed):
     monkeypatch.setattr(pipeline, "_NODES", nodes)
     monkeypatch.setattr(tree_growth, "_FIRST_CAPACITY", nodes)
     monkeypatch.setattr(tree_growth, "_left", type(tree_growth._left)())
     monkeypatch.setattr(pipeline, "_local", type(pipeline._local)())
-    alone = planners.rrt_connect(room().problem, seed=seed)
-    found, way = Pipeline(room(), seed, 5.0).searched(False)
+    alone = planners.rrt_connect(path_problem_of_table().problem, seed=seed)
+    found, way = Pipeline(path_problem_of_table(), seed, 5.0).searched(False)
     np.testing.assert_array_equal(found.path.points, alone.path.points)
     assert (found.iterations, found.states_checked) == (alone.iterations, alone.states_checked)
     np.testing.assert_array_equal(way.points[[0, -1]], [LOW, HIGH])
     coal = CollisionChecker(PEPPER, TABLE)
-    pieces = np.arange(len(way.curve.breaks) - 1)
+    segments = np.arange(len(way.curve.breaks) - 1)
     for share in np.linspace(0.0, 1.0, 30):
-        assert not coal.in_collision(way.curve.at(pieces, share * np.diff(way.curve.breaks))).any()
+        assert not coal.in_collision(way.curve.at(segments, share * np.diff(way.curve.breaks))).any()
 
 
 def test_another_goal_ends_the_path_where_that_is_shorter():
@@ -75,8 +75,8 @@ def test_what_is_asked_of_coal_is_answered_as_machine_code_does():
     coal.compiled = coal.quick = False
     verdicts = []
     for curve in splines(6):
-        given = curve.breaks, curve.coefficients, REACH, (0.005, 0.001)
-        clear = [Examiner(each, HIGH, ARM).is_clear(*given) for each in (checks, coal)]
+        arguments = curve.breaks, curve.coefficients, REACH, (0.005, 0.001)
+        clear = [Examiner(each, HIGH, ARM).is_clear(*arguments) for each in (checks, coal)]
         assert clear[0] == clear[1]
         verdicts.append(clear[0])
     assert 0 < sum(verdicts) < 6

@@ -31,9 +31,9 @@ def spline_states(pepper, path, count=2000):
     """States along the spline that `retime` draws, by an evaluation of its own."""
     spline = as_cubic_path(pepper, path)
     s = np.linspace(spline.breaks[0], spline.breaks[-1], count)
-    piece = np.clip(np.searchsorted(spline.breaks, s, side="right") - 1, 0, len(spline.breaks) - 2)
-    local = s - spline.breaks[piece]
-    return sum(spline.coefficients[piece, p] * local[:, None] ** p for p in range(4))
+    segment = np.clip(np.searchsorted(spline.breaks, s, side="right") - 1, 0, len(spline.breaks) - 2)
+    local = s - spline.breaks[segment]
+    return sum(spline.coefficients[segment, p] * local[:, None] ** p for p in range(4))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -96,14 +96,14 @@ def test_goal_in_collision():
     assert "Pelvis and torso" in found.report()
 
 
-def test_goal_too_heavy_names_joint_and_torque():
+def test_goal_torque_limit_names_joint_and_torque():
     pepper = pk.load_pepper()
     bow = {"KneePitch": -0.5, "HipPitch": -1.0, "LShoulderPitch": 0.0, "RShoulderPitch": 0.0}
     goal = pepper.joint_vector(bow)
     torque = pk.dynamics.gravity_torque(pepper, goal)[0]
     assert abs(torque) > pepper.effort_limits[0]
     found = pk.plan(pepper, pepper.posture("Stand"), goal)
-    assert found.status is PlanStatus.GOAL_TOO_HEAVY
+    assert found.status is PlanStatus.GOAL_TORQUE_LIMIT
     assert f"{abs(torque):.2f} N m at KneePitch" in found.message
 
 

@@ -23,10 +23,10 @@ def poses(pepper, q, frame=EFFECTOR):
 
 def dense(curve, count=200):
     """Return states in the middle of short pieces of a curve, their derivatives and the pieces' spans."""
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), count)
-    spans = np.diff(curve.breaks)[pieces]
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), count)
+    spans = np.diff(curve.breaks)[segments]
     local = np.tile((np.arange(count) + 0.5) / count, len(curve.breaks) - 1) * spans
-    return curve.at(pieces, local), curve.at(pieces, local, 1), spans / count
+    return curve.at(segments, local), curve.at(segments, local, 1), spans / count
 
 
 def mean_height(pepper, plan):
@@ -43,7 +43,7 @@ def low_hand(pepper, **options):
 @pytest.fixture(scope="module")
 def over_the_table(pepper):
     tasks = [pk.ik.HandPosition("left", (0.25, 0.35, 0.8))]
-    found = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"), scene=TABLE, joints="left_arm")
+    found = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"), scene=TABLE, joints="left_arm")
     assert found.success
     return found.q
 
@@ -125,7 +125,7 @@ def test_costs_beside_constraints(pepper, over_the_table):
     tilt = np.radians(10)
     level = pk.ik.AxisAlignment(EFFECTOR, UP, axis=UP, tolerance=tilt)
     tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level]
-    start = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"), scene=TABLE, joints="left_arm").q
+    start = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"), scene=TABLE, joints="left_arm").q
     goal = [pk.ik.HandPosition("left", (0.30, 0.05, 0.85))]
     options = {"joints": "whole_body", "constraints": [level], "timeout": 20}
     free = pk.plan(pepper, start, goal, TABLE, **options)

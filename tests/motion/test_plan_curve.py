@@ -29,8 +29,8 @@ def distance(curve, q):
     """Return the least distance of a configuration from a curve: where the difference is normal to it."""
 
     def at(s, derivative=0):
-        piece = min(max(int(np.searchsorted(curve.breaks, s, side="right")) - 1, 0), len(curve.breaks) - 2)
-        return curve.at(piece, s - curve.breaks[piece], derivative)
+        segment = min(max(int(np.searchsorted(curve.breaks, s, side="right")) - 1, 0), len(curve.breaks) - 2)
+        return curve.at(segment, s - curve.breaks[segment], derivative)
 
     grid = np.linspace(curve.breaks[0], curve.breaks[-1], 400)
     nearest = int(np.argmin([np.linalg.norm(at(s) - q) for s in grid]))
@@ -72,9 +72,9 @@ def test_curve_and_way_points_say_the_same(pepper, plan):
 
 def test_the_curve_keeps_its_distance_everywhere(pepper, scene, plan):
     curve = plan.curve
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), 201)
-    local = np.tile(np.arange(201) / 200, len(curve.breaks) - 1) * np.diff(curve.breaks)[pieces]
-    clearance = pk.collision.CollisionChecker(pepper, scene).clearance(curve.at(pieces, local))
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), 201)
+    local = np.tile(np.arange(201) / 200, len(curve.breaks) - 1) * np.diff(curve.breaks)[segments]
+    clearance = pk.collision.CollisionChecker(pepper, scene).clearance(curve.at(segments, local))
     assert clearance.min() > 0
     assert clearance.min() <= plan.clearance + 1e-9
 

@@ -24,15 +24,15 @@ def height(pepper, **options):
 
 
 def dense(curve, count=40):
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), count)
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), count)
     within = np.tile(np.linspace(0.0, 1.0, count), len(curve.breaks) - 1)
-    return curve.at(pieces, within * np.diff(curve.breaks)[pieces])
+    return curve.at(segments, within * np.diff(curve.breaks)[segments])
 
 
 @pytest.fixture(scope="module")
 def beside_the_post(pepper):
     tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85))]
-    found = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"), scene=POST, joints="left_arm")
+    found = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"), scene=POST, joints="left_arm")
     assert found.success
     return found.q
 
@@ -121,12 +121,12 @@ def test_a_start_off_an_expression_is_said(pepper, beside_the_post):
 def test_ik_meets_expressions_beside_tasks(pepper):
     kept = height(pepper, lower=0.9, upper=0.95)
     tasks = [kept, pk.ik.Point("left", (1.0, 0.3, 0.9)), pk.ik.LookAt((1.0, 0.0, 1.0))]
-    found = pk.ik.solve(pepper, tasks, q0=pepper.posture("Stand"))
+    found = pk.ik.solve(pepper, tasks, start=pepper.posture("Stand"))
     assert found.success
     assert 0.899 <= hand_height(pepper, found.q) <= 0.951
     assert "height of the hand" in found.report()
     for solver in ("placo", "proxsuite"):
-        assert pk.ik.solve(pepper, [kept], q0=pepper.posture("Stand"), solver=solver).success
+        assert pk.ik.solve(pepper, [kept], start=pepper.posture("Stand"), solver=solver).success
 
 
 def test_optimization_keeps_expressions(pepper, beside_the_post):

@@ -21,9 +21,9 @@ def hand(point):
 
 
 def dense(curve, count=40):
-    pieces = np.repeat(np.arange(len(curve.breaks) - 1), count)
+    segments = np.repeat(np.arange(len(curve.breaks) - 1), count)
     within = np.tile(np.linspace(0.0, 1.0, count), len(curve.breaks) - 1)
-    return curve.at(pieces, within * np.diff(curve.breaks)[pieces])
+    return curve.at(segments, within * np.diff(curve.breaks)[segments])
 
 
 def tilts(pepper, q):
@@ -86,7 +86,7 @@ def test_the_leg_that_fails_is_named(pepper):
 
 def test_a_fixed_goal_that_the_next_leg_forbids_is_said(pepper):
     start = pepper.posture("Stand")
-    tipped = pk.ik.solve(pepper, hand(LEFT), q0=start, scene=POST, joints="left_arm").q
+    tipped = pk.ik.solve(pepper, hand(LEFT), start=start, scene=POST, joints="left_arm").q
     found = plan_legs(pepper, start, [Leg(tipped), Leg(hand(RIGHT), [level()])], POST, joints="left_arm")
     assert found.status is PlanStatus.START_OFF_CONSTRAINT
     assert len(found.plans) == 2

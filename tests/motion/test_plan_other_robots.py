@@ -138,12 +138,12 @@ def test_the_improving_planner_shortens_what_the_first_path_was(case):
     assert first.success
     best = planners.aorrtc(problem, first.path, seed=1, timeout=1.0)
     assert best.cost < 0.98 * first.cost
-    assert planners.certify(problem, best.path).valid
+    assert planners.certify(problem, best.path).success
 
 
 def test_a_roadmap_answers_there_and_back(case):
-    room = problem_of(case)
-    problem, embed = room.problem, room.embed
+    case_problem = problem_of(case)
+    problem, embed = case_problem.problem, case_problem.embed
     roadmap = planners.Roadmap(problem)
     there = roadmap.solve(problem.start, problem.goals, timeout=20.0)
     back = roadmap.solve(problem.goals[0], problem.start[None], timeout=20.0)

@@ -45,7 +45,7 @@ def test_the_motion_is_better_than_the_retimed_plan_and_its_certificate_is_green
     assert after.cost(Cost()) < before.cost(Cost())
     certificate = made.trajectory.check(pepper, TABLE)
     for part in PARTS:
-        assert getattr(certificate, part).ok, getattr(certificate, part).sentence()
+        assert getattr(certificate, part).success, getattr(certificate, part).sentence()
     assert f"{made.trajectory.duration:.3f} s" in made.report()
     assert "check()" in made.report()
 
@@ -109,13 +109,13 @@ def test_payloads_are_optimized_too_and_their_certificate_is_green(pepper):
     made = pk.plan(pepper, pepper.posture("Stand"), goal, TABLE, smooth=True, **carried)
     assert made.optimized.status is OptimizedStatus.IMPROVED, made.message
     certificate = made.trajectory.check(pepper, TABLE, **carried)
-    assert all(certificate.checks[part].ok for part in PARTS), certificate.report()
+    assert all(certificate.checks[part].success for part in PARTS), certificate.report()
     # The same motion without regard to the load asks too much of the joints, by another Newton-Euler.
     loaded, alone = (optimize(pepper, made.path, TABLE, **held) for held in (carried, {}))
     assert loaded.success
     assert alone.success
-    assert loaded.trajectory.check(pepper, TABLE, **carried).torque.ok
-    assert not alone.trajectory.check(pepper, TABLE, **carried).torque.ok
+    assert loaded.trajectory.check(pepper, TABLE, **carried).torque.success
+    assert not alone.trajectory.check(pepper, TABLE, **carried).torque.success
     assert loaded.figures.effort != figures_of(pepper, loaded.trajectory).effort
 
 

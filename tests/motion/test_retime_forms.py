@@ -32,7 +32,7 @@ def test_every_plan_is_timed_along_exactly_its_curve(name):
     plan = PLANS[name]()
     assert plan.success, plan.report()
     trajectory = pk.retime(PEPPER, plan)
-    assert trajectory.check(PEPPER).ok
+    assert trajectory.check(PEPPER).success
     # SciPy's own reading of the curve, dense: every position of the motion is on it.
     curve = PPoly(np.moveaxis(plan.curve.coefficients, 0, 1)[::-1], plan.curve.breaks)
     s = np.linspace(plan.curve.breaks[0], plan.curve.breaks[-1], 20_001)

@@ -107,7 +107,7 @@ def test_shortest_motion_approaches_full_acceleration_and_braking(intervals, exc
     assert best < found.duration < best * (1 + excess)
 
 
-def test_limits_hold_at_every_instant():
+def test_limits_hold_at_every_time():
     spline = RestSpline([0.0, 0.0], [1.0, 2.0], 16)
     bounds = Bounds(np.array([-0.1, -0.1]), np.array([1.1, 2.05]), 0.9 * ONE, 1.5 * ONE)
     found = descend(Objective(spline, bounds, Weights(1.0, 1e-6, ONE)), straight(spline), 20.0)
@@ -224,7 +224,7 @@ def test_matrix_agrees_with_finite_differences_of_the_gradient():
         assert np.all(np.abs(numeric[column + width :]) < 1e-6)
 
 
-def test_jerk_limits_hold_at_every_instant():
+def test_jerk_limits_hold_at_every_time():
     """From rest to rest with jerk bounded alone, a way of d takes (32 d / j)^(1/3)."""
     spline = RestSpline([0.0, 0.0], [1.0, 0.0], 32)
     bounds = Bounds(-FREE, FREE, FREE, FREE, 2.0 * ONE)

@@ -41,7 +41,7 @@ def test_goals_are_drawn_until_one_is_reached(wall, oracle_of) -> None:  # type:
         assert result.goal_index >= 3
         assert np.array_equal(result.path.points[-1], drawn[result.goal_index])
         assert wall.path_free(result.path.points)
-        assert certify(problem, result.path).valid
+        assert certify(problem, result.path).success
 
 
 def test_later_goals_count_too(closed_wall, oracle_of) -> None:  # type: ignore[no-untyped-def]

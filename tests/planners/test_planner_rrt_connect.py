@@ -49,7 +49,7 @@ def test_plane_worlds(name: str, request: pytest.FixtureRequest, machine_code) -
         assert result.status is Status.SOLVED
         assert world.path_free(result.path.points)
         assert np.all(np.diff(result.path.arc_lengths) > 0.0)  # no way-point twice, not even where trees meet
-        assert certify(problem, result.path).valid
+        assert certify(problem, result.path).success
         assert result.cost == result.path.length
         assert result.goal_index == 0
 
@@ -151,7 +151,7 @@ def test_edges_that_are_not_checked_would_be_caught(wall) -> None:  # type: igno
     for result in (rrt_connect(problem), Roadmap(problem).solve()):
         assert result.success
         assert not wall.path_free(result.path.points)
-        assert not certify(problem, result.path).valid
+        assert not certify(problem, result.path).success
 
 
 @pytest.mark.parametrize("timeout", [0.05, 0.3])
@@ -178,7 +178,7 @@ def test_whole_chain_to_a_smooth_curve(seed: int, maze, machine_code) -> None:  
     short = shortcut(wide, rrt_connect(wide, seed=seed, timeout=60.0).path, seed=seed, timeout=60.0)
     curve = smooth(half, short)
     assert np.all(maze.free(curve.sample(resolution / 50)))
-    assert certify(half, curve).valid
+    assert certify(half, curve).success
 
 
 def test_global_random_state_plays_no_part(wall) -> None:  # type: ignore[no-untyped-def]
@@ -236,7 +236,7 @@ def test_path_without_edge_checks_would_be_caught(wall, monkeypatch) -> None:  #
     assert result.success
     assert not wall.path_free(result.path.points)
     certificate = certify(problem, result.path)
-    assert not certificate.valid
+    assert not certificate.success
     assert not wall.padded(0.007)(certificate.first_invalid[None, :])[0]
 
 
@@ -326,7 +326,7 @@ for points in (path.points, short.points, better.points, found.points, curve):
 
 
 @pytest.mark.parametrize(("shut", "side"), [("start", Status.START_SHUT_IN), ("goal", Status.GOAL_SHUT_IN)])
-def test_an_end_in_a_small_room_is_named(shut: str, side: Status, toy) -> None:  # type: ignore[no-untyped-def]
+def test_an_enclosed_end_is_named(shut: str, side: Status, toy) -> None:  # type: ignore[no-untyped-def]
     """A small room around one end: its tree is small, and its walls are what is met."""
     room = np.array([0.2, 0.3])
     low = [[0.13, 0.23], [0.25, 0.23], [0.13, 0.23], [0.13, 0.35]]

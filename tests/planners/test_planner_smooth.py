@@ -104,7 +104,7 @@ def test_planned_paths_stay_free_between_the_checked_states(
         assert result.path is not None
         curve = smooth(nearer, shortcut(problem, result.path, seed=seed, timeout=60.0))
         assert np.all(world.free(curve.sample(resolution / 50)))
-        assert certify(nearer, curve).valid
+        assert certify(nearer, curve).success
         assert curve.breaks.size < 400
 
 
@@ -131,7 +131,7 @@ def test_knots_are_refined_at_a_tight_corner_only(room: float) -> None:
     assert room > 0.05 or widths[corner] < 20 * room
 
 
-def test_without_room_the_corner_is_named() -> None:
+def test_without_space_the_corner_is_named() -> None:
     problem, path = tight_corner(1e-9)
     with pytest.raises(
         InfeasibleError, match=r"no smooth path: the path has no room to turn near \[0\.9"

@@ -48,8 +48,8 @@ def test_small_balls_appear_where_they_are_projected(pepper, name, lens):
 def test_projection_by_hand_and_by_rays(pepper):
     q, camera = pepper.posture("Crouch"), Camera(pepper, "camera_top")
     point = ahead(pepper, q, camera, 0.2, -0.1, 2.0)
-    given = camera_intrinsics("camera_top")
-    expected = [given.fx * 0.1 + given.cx, -given.fy * 0.05 + given.cy, 2.0]
+    intrinsics = camera_intrinsics("camera_top")
+    expected = [intrinsics.fx * 0.1 + intrinsics.cx, -intrinsics.fy * 0.05 + intrinsics.cy, 2.0]
     np.testing.assert_allclose(camera.project(q, point[None])[0], expected, atol=1e-9)
     behind = camera.project(q, ahead(pepper, q, camera, 0, 0, -1)[None])[0]
     assert np.isnan(behind[:2]).all()
@@ -57,12 +57,12 @@ def test_projection_by_hand_and_by_rays(pepper):
 
 
 def test_the_lens_is_inverted_at_every_pixel():
-    given = camera_intrinsics("camera_bottom", "VGA")
-    rays = given.rays(lens=True)
-    x, y = given.distorted(rays[..., 0], rays[..., 1])
-    v, u = np.mgrid[: given.height, : given.width]
-    np.testing.assert_allclose(given.fx * x + given.cx, u, atol=1e-6)
-    np.testing.assert_allclose(given.fy * y + given.cy, v, atol=1e-6)
+    intrinsics = camera_intrinsics("camera_bottom", "VGA")
+    rays = intrinsics.rays(lens=True)
+    x, y = intrinsics.distorted(rays[..., 0], rays[..., 1])
+    v, u = np.mgrid[: intrinsics.height, : intrinsics.width]
+    np.testing.assert_allclose(intrinsics.fx * x + intrinsics.cx, u, atol=1e-6)
+    np.testing.assert_allclose(intrinsics.fy * y + intrinsics.cy, v, atol=1e-6)
 
 
 def test_depth_of_the_floor_is_that_of_the_plane(pepper):
@@ -86,8 +86,8 @@ def test_the_hand_in_front_of_the_eyes_is_seen_where_it_is(pepper):
     assert 0 < v < 240
     near = np.hypot(columns - u, rows - v) < 40
     assert near.sum() > 100
-    seen = camera.depth(q)[rows[near], columns[near]]
-    assert np.abs(seen - z).min() < 0.08
+    measured = camera.depth(q)[rows[near], columns[near]]
+    assert np.abs(measured - z).min() < 0.08
     assert not np.isfinite(camera.depth(pepper.joint_vector({"HeadPitch": -0.7}))).any()
 
 
@@ -128,8 +128,8 @@ def test_misuse_is_named(pepper):
         Camera(pepper, "webcam")
     with pytest.raises(UnknownNameError, match="QQVGA"):
         Camera(pepper, "camera_top", "4K")
-    with pytest.raises(InvalidValueError, match="looks"):
-        Camera(pepper, looks="x-ray")
+    with pytest.raises(InvalidValueError, match="geometry_type"):
+        Camera(pepper, geometry_type="x-ray")
     small = Camera(pepper, intrinsics=Intrinsics(4, 3, 2.0, 2.0, 1.5, 1.0))
     assert small.depth(pepper.posture("Stand")).shape == (3, 4)
     with pytest.raises(InvalidValueError, match="q"):

@@ -86,7 +86,7 @@ def test_normals_are_the_slope_of_the_distance(name):
         origins, directions = origins[outside], directions[outside]
     hits = RayCaster([geometry], pose[None]).cast(origins, directions)
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    seen = 0
+    agreeing = 0
     for way, origin, far, normal in zip(unit, origins, hits.distance, hits.normal, strict=True):
         if not np.isfinite(far):
             assert (normal == 0).all()
@@ -95,8 +95,8 @@ def test_normals_are_the_slope_of_the_distance(name):
         assert normal @ way <= 1e-12
         step = 1e-3
         if abs(distance_by_coal(geometry, pose, origin + far * way + step * normal) - step) < 2e-5:
-            seen += 1  # at edges seen from inside, or under another ball, the slope is another one
-    assert seen >= 0.7 * np.isfinite(hits.distance).sum() > 0
+            agreeing += 1  # at edges seen from inside, or under another ball, the slope is another one
+    assert agreeing >= 0.7 * np.isfinite(hits.distance).sum() > 0
 
 
 def test_closed_forms():

@@ -1,4 +1,4 @@
-"""What each sensor says, against closed forms and finite differences; the suite's clock and its seeds."""
+"""Readings of each sensor, against closed forms and finite differences; the suite's clock and its seeds."""
 
 import zlib
 from dataclasses import replace
@@ -330,9 +330,9 @@ def test_cameras_read_only_if_named(pepper):
     assert depth.value.shape == (240, 320)
     assert color.value.dtype == np.uint8
     assert color.value.shape == (240, 320, 3)
-    seen = (depth.truth > 1.2) & (depth.truth < 1.6)
-    deviation = (0.0012 + 0.0019 * (depth.truth[seen] - 0.4) ** 2).mean()
-    assert depth.error[seen].std() == pytest.approx(deviation, rel=0.1)
+    in_range = (depth.truth > 1.2) & (depth.truth < 1.6)
+    deviation = (0.0012 + 0.0019 * (depth.truth[in_range] - 0.4) ** 2).mean()
+    assert depth.error[in_range].std() == pytest.approx(deviation, rel=0.1)
     assert (color.value.astype(float) - color.truth).std() == pytest.approx(2.0, rel=0.1)
     assert (depth.value[depth.truth < 0.39] == -np.inf).all()
 
@@ -401,7 +401,7 @@ def test_states_observed_are_recorded_and_begin_anew_with_the_clock(pepper):
 def test_a_moving_world_is_looked_at_where_it_is(pepper):
     bumper = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "BumperB_frame")[:3, 3]
 
-    class Room:
+    class StubWorld:
         place = 2.0
         force = np.zeros(3)
 
@@ -412,13 +412,13 @@ def test_a_moving_world_is_looked_at_where_it_is(pepper):
         def contacts(self):
             return [SimpleNamespace(names=("Tibia", "ball"), point=bumper, force=self.force)]
 
-    room = Room()
-    suite = SensorSuite(pepper, sensors=["laser_front", "bumper_back"], world=room, noise=False)
+    world = StubWorld()
+    suite = SensorSuite(pepper, sensors=["laser_front", "bumper_back"], world=world, noise=False)
     suite.observe(state(pepper, 0.0))
-    room.place, room.force = 1.5, np.array([1.0, 0, 0])
+    world.place, world.force = 1.5, np.array([1.0, 0, 0])
     suite.observe(state(pepper, 0.1))
     series = suite.recorded()
     np.testing.assert_allclose(series["laser_front"].value[:, 7], [2.0 - 0.0562, 1.5 - 0.0562])
     assert series["bumper_back"].value.tolist() == [False, True]
     with pytest.raises(InvalidValueError, match="both"):
-        SensorSuite(pepper, scene=pk.Scene(), world=room)
+        SensorSuite(pepper, scene=pk.Scene(), world=world)

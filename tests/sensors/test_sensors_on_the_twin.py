@@ -18,7 +18,7 @@ def test_readings_of_a_run_are_of_its_states(pepper):
     twin = Twin(pepper, sensors=suite)
     goal = pepper.joint_vector({"HipRoll": 0.15, "HeadYaw": 0.4})
     trajectory = pk.retime(pepper, [pepper.posture("Stand"), goal], solver="toppra")
-    run = twin.execute(trajectory, settle=0.2)
+    run = twin.execute(trajectory, hold_time=0.2)
     assert set(run.readings) == set(NAMES)
     for name in ("joint_encoders", "joint_torques"):
         series = run.readings[name]

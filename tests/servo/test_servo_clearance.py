@@ -6,7 +6,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.core.braking import brake_path, ticks_to_rest
 from pepper_kin.servo.clearance_guard import ClearanceGuard
-from pepper_kin.servo.lever_arms import lever_arms
+from pepper_kin.servo.motion_bounds import frame_motion_bounds
 
 PEPPER = pk.load_pepper()
 STAND = PEPPER.posture("Stand")
@@ -18,7 +18,7 @@ WALL = pk.Scene().add_box("wall", size=(0.04, 1.0, 1.0), position=(0.42, 0.2, 0.
 
 @pytest.mark.parametrize("speed", [0.2, 1.0])
 def test_hand_stops_before_a_wall(speed):
-    servo = pk.ik.Servo(PEPPER, READY, scene=WALL, clearance=0.02)
+    servo = pk.servo.Servo(PEPPER, READY, scene=WALL, margin=0.02)
     states = []
     for _ in range(200):
         servo.set_twist("left", (speed, 0.0, 0.0))
@@ -35,7 +35,7 @@ def test_hand_stops_before_a_wall(speed):
 
 def test_target_inside_an_obstacle_is_approached_and_not_reached():
     scene = pk.Scene().add_sphere("ball", 0.08, (0.38, 0.20, 0.95))
-    servo = pk.ik.Servo(PEPPER, READY, scene=scene, timeout=20.0)
+    servo = pk.servo.Servo(PEPPER, READY, scene=scene, command_timeout=20.0)
     servo.set_target(pk.ik.HandPosition("left", (0.38, 0.20, 0.95)))
     states = [servo.step() for _ in range(500)]
     path = np.array([state.q for state in states])
@@ -48,7 +48,7 @@ def test_random_targets_in_a_scene_never_touch():
     scene = pk.Scene().add_box("table", size=(0.4, 0.9, 0.03), position=(0.47, 0.05, 0.72))
     scene = scene.add_sphere("ball", 0.08, (0.35, 0.2, 1.0))
     generator = np.random.default_rng(0)
-    servo = pk.ik.Servo(PEPPER, STAND, scene=scene)
+    servo = pk.servo.Servo(PEPPER, STAND, scene=scene)
     path = []
     for tick in range(400):
         if tick % 25 == 0:
@@ -64,7 +64,7 @@ def test_random_targets_in_a_scene_never_touch():
 
 def test_scene_may_move():
     """An obstacle that comes up is noticed at once; a robot that it touches may still go away."""
-    servo = pk.ik.Servo(PEPPER, READY, scene=pk.Scene())
+    servo = pk.servo.Servo(PEPPER, READY, scene=pk.Scene())
     hand = pk.kinematics.frame_pose(PEPPER, READY, "LArm_effector")[:3, 3]
     for _ in range(20):
         servo.set_twist("left", (0.2, 0.0, 0.0))
@@ -108,11 +108,11 @@ def test_what_is_shown_to_stop_clear_does():
 
 
 def test_lever_arms_bound_all_motion():
-    generator, levers = np.random.default_rng(2), lever_arms(PEPPER)
+    generator, motion_bounds = np.random.default_rng(2), frame_motion_bounds(PEPPER)
     for _ in range(20):
         q, change = generator.uniform(-0.5, 0.5, 15), generator.normal(size=15) * 0.05
         before, after = (_shape_points(x) for x in (q, q + change))
-        assert np.linalg.norm(after - before, axis=1).max() <= levers @ np.abs(change) + 1e-12
+        assert np.linalg.norm(after - before, axis=1).max() <= motion_bounds @ np.abs(change) + 1e-12
 
 
 def _shape_points(q):
@@ -124,7 +124,7 @@ def test_balance_is_kept_where_it_would_be_lost():
     """Hard swings of the trunk: with balance the zero-moment point stays on the wheels."""
     margins = []
     for balance in (None, 0.02):
-        servo = pk.ik.Servo(PEPPER, STAND, balance=balance)
+        servo = pk.servo.Servo(PEPPER, STAND, balance=balance, collisions=False)
         path = [STAND, STAND]
         for tick in range(300):
             sign = 1 if (tick // 30) % 2 else -1
@@ -143,7 +143,7 @@ def test_a_row_that_braking_breaks_gives_way_and_is_named():
     v = np.zeros(15)
     v[PEPPER.joint_index("HipPitch")] = 2.5
     task = pk.ik.JointPosture([0.8], joints=["HipPitch"])
-    step = pk.ik.differential_step(PEPPER, STAND, v, 0.01, task, balance=0.08)
-    assert step.gave_way == ("balance",)
-    calm = pk.ik.differential_step(PEPPER, STAND, 0 * v, 0.01, task, balance=0.08)
-    assert calm.gave_way == ()
+    step = pk.servo.differential_step(PEPPER, STAND, v, 0.01, task, balance=0.08, collisions=False)
+    assert step.relaxed == ("balance",)
+    calm = pk.servo.differential_step(PEPPER, STAND, 0 * v, 0.01, task, balance=0.08, collisions=False)
+    assert calm.relaxed == ()

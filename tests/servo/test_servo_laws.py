@@ -54,7 +54,7 @@ def random_commands(servo, generator, ticks):
 @pytest.mark.parametrize("rate", [20.0, 100.0, 400.0])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_limits_hold_at_every_tick_whatever_is_commanded(rate, seed):
-    servo = pk.ik.Servo(PEPPER, STAND, rate)
+    servo = pk.servo.Servo(PEPPER, STAND, rate, collisions=False)
     path = random_commands(servo, np.random.default_rng(seed), 600)
     assert_limits_hold(PEPPER, path, 1 / rate)
     used = np.abs(np.diff(path, 2, axis=0)) * rate**2 / PEPPER.acceleration_limits
@@ -65,7 +65,7 @@ def test_limits_hold_from_random_postures_and_with_a_share_of_them():
     generator = np.random.default_rng(3)
     for _ in range(3):
         start = generator.uniform(PEPPER.lower_limits, PEPPER.upper_limits)
-        servo = pk.ik.Servo(PEPPER, start, speed=0.5, urgency=0.4)
+        servo = pk.servo.Servo(PEPPER, start, speed=0.5, acceleration_scale=0.4, collisions=False)
         path = random_commands(servo, generator, 200)
         assert_limits_hold(PEPPER, path, 0.01)
         assert np.all(np.abs(np.diff(path, axis=0)) * 100 <= 0.5 * PEPPER.velocity_limits)
@@ -75,13 +75,13 @@ def test_limits_hold_from_random_postures_and_with_a_share_of_them():
 @pytest.mark.parametrize("kind", [{"base": "planar", "hands": "mimic"}])
 def test_limits_hold_with_a_moving_base_and_coupled_hands(kind):
     pepper = pk.load_pepper(**kind)
-    servo = pk.ik.Servo(pepper, pepper.neutral())
+    servo = pk.servo.Servo(pepper, pepper.neutral(), collisions=False)
     path = random_commands(servo, np.random.default_rng(4), 300)
     assert_limits_hold(pepper, path, 0.01)
 
 
 def test_limits_hold_with_self_collision_and_balance():
-    servo = pk.ik.Servo(PEPPER, STAND, scene=pk.Scene(), balance=0.02)
+    servo = pk.servo.Servo(PEPPER, STAND, scene=pk.Scene(), balance=0.02)
     path = random_commands(servo, np.random.default_rng(5), 250)
     assert_limits_hold(PEPPER, path, 0.01)
     assert not pk.collision.in_collision(PEPPER, path).any()
@@ -89,7 +89,7 @@ def test_limits_hold_with_self_collision_and_balance():
 
 def test_starts_at_a_limit():
     start = PEPPER.upper_limits.copy()
-    servo = pk.ik.Servo(PEPPER, start)
+    servo = pk.servo.Servo(PEPPER, start, collisions=False)
     path = random_commands(servo, np.random.default_rng(6), 100)
     assert_limits_hold(PEPPER, path, 0.01)
 
@@ -97,7 +97,7 @@ def test_starts_at_a_limit():
 def test_same_commands_give_the_same_numbers():
     scene = pk.Scene().add_box("table", size=(0.4, 0.8, 0.03), position=(0.47, 0.05, 0.715))
     paths = [
-        random_commands(pk.ik.Servo(PEPPER, STAND, scene=scene), np.random.default_rng(7), 80)
+        random_commands(pk.servo.Servo(PEPPER, STAND, scene=scene), np.random.default_rng(7), 80)
         for _ in range(2)
     ]
     assert np.array_equal(*paths)
@@ -105,28 +105,28 @@ def test_same_commands_give_the_same_numbers():
 
 def test_comes_to_rest_in_the_time_that_the_limits_allow():
     """After the timeout every joint brakes with all it has: max |v| / a, rounded up to whole ticks."""
-    servo = pk.ik.Servo(PEPPER, STAND, timeout=0.1)
+    servo = pk.servo.Servo(PEPPER, STAND, command_timeout=0.1, collisions=False)
     servo.set_target([pk.ik.HandPosition("left", (0.3, 0.5, 1.3)), pk.ik.LookAt((1.0, 1.0, 1.0))])
     states = [servo.step() for _ in range(10)]
-    assert states[-1].status is not pk.ik.ServoStatus.STOPPING
+    assert states[-1].status is not pk.servo.ServoStatus.STOPPING
     speed = np.abs(states[-1].v)
     expected = int(np.ceil((speed / (PEPPER.acceleration_limits * 0.01)).max() - 1e-6))
     assert expected >= 5
     states = [servo.step() for _ in range(expected + 2)]
-    moving = [state.status is pk.ik.ServoStatus.STOPPING for state in states]
+    moving = [state.status is pk.servo.ServoStatus.STOPPING for state in states]
     assert moving == [True] * (expected - 1) + [False] * 3
-    assert states[-1].status is pk.ik.ServoStatus.RESTING
+    assert states[-1].status is pk.servo.ServoStatus.RESTING
     assert not states[-1].v.any()
     assert "waits for a command" in states[-1].report()
 
 
 def test_a_command_counts_for_as_long_as_the_timeout():
-    servo = pk.ik.Servo(PEPPER, STAND, timeout=0.05)
+    servo = pk.servo.Servo(PEPPER, STAND, command_timeout=0.05, collisions=False)
     servo.set_twist("left", (0.0, 0.0, 0.1))
     statuses = [servo.step().status for _ in range(7)]
-    counted = [s not in (pk.ik.ServoStatus.STOPPING, pk.ik.ServoStatus.RESTING) for s in statuses]
+    counted = [s not in (pk.servo.ServoStatus.STOPPING, pk.servo.ServoStatus.RESTING) for s in statuses]
     assert counted == [True] * 5 + [False] * 2
-    forever = pk.ik.Servo(PEPPER, STAND, timeout=float("inf"))
+    forever = pk.servo.Servo(PEPPER, STAND, command_timeout=float("inf"), collisions=False)
     forever.set_twist("left", (0.0, 0.0, 0.01))
     assert [forever.step() for _ in range(300)][-1].v.any()
 
@@ -196,13 +196,13 @@ TWO_LINKS = """<robot name="two_links">
 def test_serves_a_robot_without_acceleration_limits_bounds_or_shapes():
     robot = pk.load_robot(TWO_LINKS)
     assert np.isinf(robot.acceleration_limits).all()
-    servo = pk.ik.Servo(robot, [0.3, 0.5], scene=pk.Scene(), timeout=10.0)
+    servo = pk.servo.Servo(robot, [0.3, 0.5], scene=pk.Scene(), command_timeout=10.0)
     target = pk.kinematics.frame_pose(robot, np.array([4.0, 1.0]), "lower")[:3, 3]
     servo.set_target(pk.ik.FramePosition("lower", target))
     path = np.array([servo.step().q for _ in range(400)])
     assert_limits_hold(robot, path, 0.01)
-    assert servo.step().status is pk.ik.ServoStatus.ARRIVED
+    assert servo.step().status is pk.servo.ServoStatus.ARRIVED
     servo.stop()
     assert not servo.step().v.any()
     with pytest.raises(pk.exceptions.UnknownNameError, match="unknown frame 'base_footprint'"):
-        pk.ik.Servo(robot, [0.3, 0.5], balance=0.02)
+        pk.servo.Servo(robot, [0.3, 0.5], balance=0.02, collisions=False)

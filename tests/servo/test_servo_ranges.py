@@ -17,7 +17,7 @@ def postures(count, seed):
     return np.random.default_rng(seed).uniform(PEPPER.lower_limits, PEPPER.upper_limits, (count, PEPPER.n))
 
 
-def test_ways_that_enter_a_range_are_told_and_no_others():
+def test_ways_that_enter_a_range_are_reported_and_no_others():
     ranges, met = RangeRows(PEPPER), {True: 0, False: 0}
     starts, ends = postures(1500, 0), postures(1500, 1)
     for q, end, share in zip(starts, ends, np.linspace(0.02, 1.0, 1500), strict=True):
@@ -26,8 +26,8 @@ def test_ways_that_enter_a_range_are_told_and_no_others():
         entered = [t for t in TABLES if t.violated(path).any() and not t.violated(q)]
         assert (found is not None) == bool(entered)
         if found is not None:
-            told = [((t.first, t.second), f"clearance of {t.links[0]} and {t.links[1]}") for t in entered]
-            assert found in told
+            expected = [((t.first, t.second), f"clearance of {t.links[0]} and {t.links[1]}") for t in entered]
+            assert found in expected
         met[bool(entered)] += 1
     assert min(met.values()) > 100
 

@@ -22,7 +22,7 @@ def circle(time, radius=0.06, period=4.0):
 
 @pytest.mark.parametrize("scene", [None, pk.Scene()])
 def test_follows_a_circle_while_looking_at_the_hand(scene):
-    servo = pk.ik.Servo(PEPPER, STAND, scene=scene)
+    servo = pk.servo.Servo(PEPPER, STAND, scene=scene)
     hand_errors, gaze_errors = [], []
     for _ in range(700):
         target = circle(servo.time)
@@ -32,17 +32,17 @@ def test_follows_a_circle_while_looking_at_the_hand(scene):
         gaze_errors.append(pk.ik.LookAt(circle(state.time)).error(PEPPER, state.q))
     assert max(hand_errors[300:]) < 0.1e-3
     assert max(gaze_errors[300:]) < 0.5e-3
-    assert state.status is pk.ik.ServoStatus.ARRIVED
+    assert state.status is pk.servo.ServoStatus.ARRIVED
 
 
 def test_both_hands_and_gaze_at_once_come_to_rest_at_their_targets():
-    servo = pk.ik.Servo(PEPPER, STAND, timeout=10.0)
+    servo = pk.servo.Servo(PEPPER, STAND, command_timeout=10.0, collisions=False)
     left, right = np.array([0.30, 0.25, 0.95]), np.array([0.25, -0.30, 0.85])
     servo.set_target(
         [pk.ik.HandPosition("left", left), pk.ik.HandPosition("right", right), pk.ik.LookAt((1.0, 0.3, 1.0))]
     )
     states = [servo.step() for _ in range(900)]
-    assert states[300].status is states[-1].status is pk.ik.ServoStatus.ARRIVED
+    assert states[300].status is states[-1].status is pk.servo.ServoStatus.ARRIVED
     assert max(states[-1].errors) < 2e-4
     # What freedom is left is used to drift back towards the first posture, ever more slowly.
     assert np.abs(states[-1].v).max() < 3e-2 < np.abs(states[300].v).max()
@@ -53,15 +53,17 @@ def test_both_hands_and_gaze_at_once_come_to_rest_at_their_targets():
 
 
 def test_out_of_reach_it_comes_near_and_rests_there():
-    servo = pk.ik.Servo(PEPPER, STAND, timeout=60.0)
+    servo = pk.servo.Servo(PEPPER, STAND, command_timeout=60.0, collisions=False)
     target = np.array([1.2, 0.3, 1.0])
     servo.set_target(pk.ik.HandPosition("left", target))
     states = [servo.step() for _ in range(1500)]
-    closest = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", target), q0=STAND, solver="proxsuite")
+    closest = pk.ik.solve(
+        PEPPER, pk.ik.HandPosition("left", target), start=STAND, solver="proxsuite", collisions=False
+    )
     assert states[-1].errors[0] < closest.errors[0].value + 0.03
     late = np.array([state.v for state in states[-200:]])
     assert np.abs(late).max() < 0.1
-    assert states[-1].status is pk.ik.ServoStatus.LIMITED
+    assert states[-1].status is pk.servo.ServoStatus.LIMITED
     assert states[-1].limited_by
 
 
@@ -69,7 +71,7 @@ def test_twist_is_followed_in_world_and_hand_axes():
     start = PEPPER.joint_vector({"LShoulderPitch": 0.6, "LElbowRoll": -1.0, "LShoulderRoll": 0.3})
     rotation = pk.kinematics.frame_pose(PEPPER, start, "LArm_effector")[:3, :3]
     for axes, turn in (("world", np.eye(3)), ("hand", rotation)):
-        servo = pk.ik.Servo(PEPPER, start)
+        servo = pk.servo.Servo(PEPPER, start, collisions=False)
         velocity = np.array([0.02, -0.03, 0.05])
         states = []
         for _ in range(40):
@@ -83,7 +85,7 @@ def test_twist_is_followed_in_world_and_hand_axes():
 
 def test_angular_twist_turns_the_hand():
     start = PEPPER.joint_vector({"LShoulderPitch": 0.6, "LElbowRoll": -1.0, "LShoulderRoll": 0.3})
-    servo = pk.ik.Servo(PEPPER, start)
+    servo = pk.servo.Servo(PEPPER, start, collisions=False)
     for _ in range(30):
         servo.set_twist("left", (0, 0, 0), (0.0, 0.0, 0.2))
         before = servo.q
@@ -101,7 +103,7 @@ def test_an_outstretched_arm_slows_down_and_keeps_still_in_the_lost_direction():
     across = np.cross(along, (0.0, 0.0, 1.0))
     scales, speeds = [], []
     for direction in (along, across):
-        servo = pk.ik.Servo(PEPPER, straight, locked=locked)
+        servo = pk.servo.Servo(PEPPER, straight, locked=locked, collisions=False)
         for _ in range(15):
             servo.set_twist("left", 0.1 * direction)
             state = servo.step()
@@ -113,7 +115,7 @@ def test_an_outstretched_arm_slows_down_and_keeps_still_in_the_lost_direction():
 
 
 def servo_words(start, locked, direction):
-    servo = pk.ik.Servo(PEPPER, start, locked=locked)
+    servo = pk.servo.Servo(PEPPER, start, locked=locked, collisions=False)
     servo.set_twist("left", 0.1 * direction)
     return servo.step().report()
 
@@ -122,7 +124,7 @@ def test_slowing_grows_as_the_arm_stretches():
     scales = []
     for bend in (-1.2, -0.6, -0.3, -0.1, -0.02):
         start = PEPPER.joint_vector({"LShoulderPitch": 0.2, "LElbowRoll": bend, "LShoulderRoll": 0.2})
-        servo = pk.ik.Servo(PEPPER, start, locked=("torso", "head", "right_arm"))
+        servo = pk.servo.Servo(PEPPER, start, locked=("torso", "head", "right_arm"), collisions=False)
         arm = [PEPPER.joint_index(name) for name in PEPPER.joint_group("left_arm")]
         jacobian = pk.kinematics.frame_jacobian(PEPPER, start, "LArm_effector")[:3, arm]
         servo.set_twist("left", 0.1 * np.linalg.svd(jacobian)[0][:, 2])
@@ -133,7 +135,7 @@ def test_slowing_grows_as_the_arm_stretches():
 
 
 def test_locked_joints_keep_still():
-    servo = pk.ik.Servo(PEPPER, STAND, locked=("torso", "LWristYaw"))
+    servo = pk.servo.Servo(PEPPER, STAND, locked=("torso", "LWristYaw"), collisions=False)
     for _ in range(100):
         servo.set_target(pk.ik.HandPosition("left", (0.3, 0.3, 1.0)))
         state = servo.step()
@@ -143,7 +145,7 @@ def test_locked_joints_keep_still():
 
 
 def test_states_are_frozen_values():
-    servo = pk.ik.Servo(PEPPER, STAND)
+    servo = pk.servo.Servo(PEPPER, STAND, collisions=False)
     servo.set_twist("left", (0.0, 0.0, 0.1))
     first = servo.step()
     kept = first.q.copy()
@@ -158,14 +160,14 @@ def test_states_are_frozen_values():
 
 def test_differential_step_does_what_the_servo_does():
     task = pk.ik.HandPosition("left", (0.3, 0.2, 0.9))
-    servo = pk.ik.Servo(PEPPER, STAND)
+    servo = pk.servo.Servo(PEPPER, STAND, collisions=False)
     servo.set_target(task)
-    step = pk.ik.differential_step(PEPPER, STAND, np.zeros(15), 0.01, task)
+    step = pk.servo.differential_step(PEPPER, STAND, np.zeros(15), 0.01, task, collisions=False)
     state = servo.step()
     assert step.v == pytest.approx(state.v, abs=1e-12)
     assert step.q == pytest.approx(STAND + 0.01 * step.v)
     assert not step.blocked
-    ahead = pk.ik.differential_step(PEPPER, step.q, step.v, 0.01, task)
+    ahead = pk.servo.differential_step(PEPPER, step.q, step.v, 0.01, task, collisions=False)
     before, after = task.error(PEPPER, STAND), task.error(PEPPER, ahead.q)
     assert after < before
 
@@ -179,15 +181,15 @@ def test_differential_step_brakes_before_a_limit():
     travel = 0.01 * sum(np.arange(5.0 - loss, 0.0, -loss))
     q[i] = PEPPER.upper_limits[i] - travel - 1e-6
     target = pk.ik.JointPosture([3.0], joints=["HeadYaw"])
-    step = pk.ik.differential_step(PEPPER, q, v, 0.01, target)
+    step = pk.servo.differential_step(PEPPER, q, v, 0.01, target, collisions=False)
     assert step.v[i] == pytest.approx(5.0 - loss, abs=1e-4)
     for _ in range(40):
-        step = pk.ik.differential_step(PEPPER, step.q, step.v, 0.01, target)
+        step = pk.servo.differential_step(PEPPER, step.q, step.v, 0.01, target, collisions=False)
         assert step.q[i] <= PEPPER.upper_limits[i]
     assert step.q[i] == pytest.approx(PEPPER.upper_limits[i], abs=1e-3)
     q[i] += 0.1
     with pytest.raises(LimitError, match="v: HeadYaw = 5"):
-        pk.ik.differential_step(PEPPER, q, v, 0.01, target)
+        pk.servo.differential_step(PEPPER, q, v, 0.01, target, collisions=False)
 
 
 @pytest.mark.parametrize(
@@ -195,13 +197,13 @@ def test_differential_step_brakes_before_a_limit():
     [
         ({"rate": 0}, "rate: got 0, expected a finite number above 0"),
         ({"rate": float("nan")}, "rate"),
-        ({"timeout": -1}, "timeout: got -1"),
+        ({"command_timeout": -1}, "command_timeout: got -1"),
         ({"gain": 0}, "gain: got 0"),
-        ({"clearance": 0}, "clearance: got 0"),
+        ({"margin": 0}, "margin: got 0"),
         ({"approach": -2}, "approach: got -2"),
         ({"singularity": 0}, "singularity: got 0"),
         ({"speed": 1.5}, "speed: got 1.5, expected a share above 0 and up to 1"),
-        ({"urgency": 0}, "urgency: got 0"),
+        ({"acceleration_scale": 0}, "acceleration_scale: got 0"),
         ({"balance": float("nan")}, "balance"),
         ({"scene": "table"}, "scene: got 'table'"),
         ({"locked": "whole_body"}, "locked: got every joint"),
@@ -209,19 +211,19 @@ def test_differential_step_brakes_before_a_limit():
 )
 def test_numbers_that_are_not_allowed_are_refused_by_name(arguments, words):
     with pytest.raises(InvalidValueError, match=words.replace("(", r"\(")):
-        pk.ik.Servo(PEPPER, STAND, **arguments)
+        pk.servo.Servo(PEPPER, STAND, **arguments)
 
 
 def test_misuse_is_refused_by_name():
     beyond = STAND.copy()
     beyond[3] = 3.0
-    with pytest.raises(LimitError, match=r"q0: HeadYaw = 3 rad is outside"):
-        pk.ik.Servo(PEPPER, beyond)
+    with pytest.raises(LimitError, match=r"start: HeadYaw = 3 rad is outside"):
+        pk.servo.Servo(PEPPER, beyond, collisions=False)
     with pytest.raises(InvalidValueError, match="q0: got nan at joint HeadYaw"):
-        pk.ik.Servo(PEPPER, np.where(np.arange(15) == 3, np.nan, STAND))
+        pk.servo.Servo(PEPPER, np.where(np.arange(15) == 3, np.nan, STAND), collisions=False)
     with pytest.raises(UnknownNameError, match="unknown joint or group 'Tail'"):
-        pk.ik.Servo(PEPPER, STAND, locked=["Tail"])
-    servo = pk.ik.Servo(PEPPER, STAND)
+        pk.servo.Servo(PEPPER, STAND, locked=["Tail"], collisions=False)
+    servo = pk.servo.Servo(PEPPER, STAND, collisions=False)
     with pytest.raises(UnknownNameError, match="unknown frame 'tail'"):
         servo.set_target(pk.ik.FramePosition("tail", (0, 0, 1)))
     with pytest.raises(InvalidValueError, match="target of left hand: got nan"):
@@ -235,6 +237,8 @@ def test_misuse_is_refused_by_name():
     with pytest.raises(InvalidValueError, match="axes: got 'tool', expected one of 'world', 'hand'"):
         servo.set_twist("left", (0, 0, 0), axes="tool")
     with pytest.raises(InvalidValueError, match=r"q0: got shape \(2, 15\)"):
-        pk.ik.Servo(PEPPER, [STAND, STAND])
+        pk.servo.Servo(PEPPER, [STAND, STAND], collisions=False)
     with pytest.raises(InvalidValueError, match="dt: got 0"):
-        pk.ik.differential_step(PEPPER, STAND, np.zeros(15), 0, pk.ik.HandPosition("left", (0, 0, 1)))
+        pk.servo.differential_step(
+            PEPPER, STAND, np.zeros(15), 0, pk.ik.HandPosition("left", (0, 0, 1)), collisions=False
+        )

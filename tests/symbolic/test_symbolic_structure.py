@@ -136,7 +136,10 @@ def test_misuse_is_named():
     with pytest.raises(UnknownNameError, match=r"unknown quantity 'rnea'; available: .*inverse_dynamics"):
         symbolic.function(pepper, "rnea")
     for build in (symbolic.frame_pose, symbolic.frame_jacobian, symbolic.inverse_dynamics):
-        with pytest.raises(UnknownNameError, match=r"unknown frame 'Hand'; available: .*LArm_effector"):
+        with pytest.raises(
+            UnknownNameError,
+            match=r"unknown frame 'Hand' \(did you mean 'r_hand'\?\); available: .*LArm_effector",
+        ):
             build(pepper, "Hand")
     with pytest.raises(InvalidValueError, match=r"frames: got .* expected at least one name"):
         symbolic.frame_poses(pepper, [])

@@ -16,8 +16,8 @@ def changed(trajectory, coefficients):
 
 
 def test_retimed_trajectory_passes(pepper, trajectory):
-    found = trajectory.check(pepper)
-    assert found.ok, found.report()
+    found = trajectory.check(pepper, collisions=False)
+    assert found.success, found.report()
     assert found.failures == ()
     assert "passes every check" in found.report()
     assert "clearance: not examined" in found.report()
@@ -26,7 +26,7 @@ def test_retimed_trajectory_passes(pepper, trajectory):
 
 
 def test_margins_agree_with_samples(pepper, trajectory):
-    found = check(pepper, trajectory)
+    found = check(pepper, trajectory, collisions=False)
     at = trajectory.sample(0.001)
     j = pepper.joint_index("LShoulderPitch")
     assert found.velocity.margin[j] == pytest.approx(
@@ -45,13 +45,13 @@ def test_margins_agree_with_samples(pepper, trajectory):
 def test_a_faster_one_fails(pepper, factor, failures):
     q = pepper.posture("Stand")
     goal = q - 2.0 * (np.arange(pepper.n) == pepper.joint_index("LShoulderPitch"))
-    assert pk.retime(pepper, [q, goal]).scaled(factor).check(pepper).failures == failures
+    assert pk.retime(pepper, [q, goal]).scaled(factor).check(pepper, collisions=False).failures == failures
 
 
-def test_excess_is_named_with_joint_and_time(pepper, trajectory):
+def test_a_violation_is_named_with_joint_and_time(pepper, trajectory):
     coefficients = np.array(trajectory.coefficients)
     coefficients[:, 0, pepper.joint_index("HeadPitch")] += 1.0
-    found = changed(trajectory, coefficients).check(pepper)
+    found = changed(trajectory, coefficients).check(pepper, collisions=False)
     assert found.failures == ("position",)
     assert found.position.joint_names[found.position.worst] == "HeadPitch"
     assert "position: HeadPitch reaches" in found.report()
@@ -64,20 +64,20 @@ def test_jumps_are_found(pepper, trajectory):
     half = trajectory.breaks.size // 2
     coefficients = np.array(trajectory.coefficients)
     coefficients[half:, 0, 3] += 0.01
-    found = changed(trajectory, coefficients).check(pepper)
+    found = changed(trajectory, coefficients).check(pepper, collisions=False)
     assert found.failures == ("position_continuity",)
     assert found.position_continuity.value == pytest.approx(0.01)
     assert found.position_continuity.time == trajectory.breaks[half]
     assert "(HeadYaw)" in found.position_continuity.sentence()
     coefficients = np.array(trajectory.coefficients)
     coefficients[-1, 1, 4] += 0.02
-    assert "velocity_continuity" in changed(trajectory, coefficients).check(pepper).failures
+    assert "velocity_continuity" in changed(trajectory, coefficients).check(pepper, collisions=False).failures
 
 
 def test_torque_is_examined_where_retiming_left_it_out(pepper):
     q = pepper.posture("Stand")
     bent = pepper.joint_vector({"KneePitch": -0.5, "HipPitch": -1.03})
-    found = pk.retime(pepper, [q, bent], torque=False).check(pepper)
+    found = pk.retime(pepper, [q, bent], torque=False).check(pepper, collisions=False)
     assert "torque" in found.failures
     assert found.torque.joint_names[found.torque.worst] == "KneePitch"
 
@@ -109,7 +109,7 @@ def test_balance_follows_a_moved_base(pepper):
 
 def test_tipping_is_found(pepper):
     lean = pepper.joint_vector({"KneePitch": 0.5, "HipPitch": 0.2})  # far backward
-    found = pk.retime(pepper, [lean, lean + 0.01], torque=False).check(pepper)
+    found = pk.retime(pepper, [lean, lean + 0.01], torque=False).check(pepper, collisions=False)
     assert "balance" in found.failures
     assert "VIOLATED" in found.balance.sentence()
 
@@ -129,12 +129,12 @@ def test_other_robots_have_no_wheels_to_stand_on(pepper, trajectory):
       <joint name="J" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
     </robot>"""
     robot = pk.load_robot(text)
-    found = Trajectory(("J",), [0, 1], [[[0.0], [1.0]]]).check(robot)
-    assert found.ok
+    found = Trajectory(("J",), [0, 1], [[[0.0], [1.0]]]).check(robot, collisions=False)
+    assert found.success
     assert found.balance is None
     assert "velocity: no joint has a limit" in found.report()
     with pytest.raises(InvalidValueError, match=r"joints of the trajectory: got KneePitch, .* expected J"):
-        trajectory.check(robot)
+        trajectory.check(robot, collisions=False)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -152,7 +152,7 @@ def test_clearance_is_that_of_every_millisecond(pepper, seed):
     here = int(np.argmin(np.abs(at.time - found.time)))
     assert distance[here] == pytest.approx(distance.min(), abs=2e-6)
     assert found.value == pytest.approx(distance.min(), abs=2e-6)
-    assert found.ok == (not touching.any())
+    assert found.success == (not touching.any())
 
 
 def test_neighbors_that_touch_fail_without_a_distance(pepper):
@@ -166,7 +166,7 @@ def test_neighbors_that_touch_fail_without_a_distance(pepper):
     assert hit.any()
     motion = pk.retime(pepper, [pepper.posture("Stand"), q[np.argmax(hit)]], torque=False)
     found = motion.check(pepper, pk.Scene()).clearance
-    assert not found.ok
+    assert not found.success
     assert found.value == -1e-9
     assert "two neighboring links touch, by their joint ranges" in found.sentence()
     at = motion.sample(0.001)
@@ -179,11 +179,11 @@ def test_the_check_shares_no_code_with_the_core(pepper, monkeypatch):
 
     q = pepper.posture("Stand")
     trajectory = pk.retime(pepper, [q, 0.8 * q], jerk="brisk")
-    before = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0})
+    before = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0}, collisions=False)
 
     def refuse(self, *arguments):
         assert not self.__module__.startswith("pepper_kin.core"), self
 
     monkeypatch.setattr(CompiledFunction, "__call__", refuse)
-    after = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0})
+    after = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0}, collisions=False)
     assert after.report() == before.report()

@@ -51,7 +51,7 @@ def test_without_a_robot_the_columns_have_names():
         pk.Trajectory.from_positions([0, 1], [[0.0], [1.0]])
 
 
-def test_a_step_overshoots_and_is_told_with_joint_time_and_amount():
+def test_a_step_overshoots_and_is_reported_with_joint_time_and_amount():
     q = np.tile(STAND, (6, 1))
     q[:, 3] = [0.0, 0.0, 0.05, 1.0, 1.0, 1.0]
     times = np.arange(6.0)
@@ -78,7 +78,7 @@ def test_a_step_overshoots_and_is_told_with_joint_time_and_amount():
     np.testing.assert_array_equal(calm([0.0, 5.0]).velocity, np.zeros((2, 15)))
 
 
-def test_leaving_the_limits_is_told():
+def test_leaving_the_limits_is_reported():
     top = float(PEPPER.upper_limits[3])
     q = np.tile(STAND, (4, 1))
     q[:, 3] = [0.0, top + 0.1, top - 0.1, 0.0]
@@ -139,7 +139,7 @@ def test_key_frames_are_passed_and_never_left():
         assert between.min() >= min(between[0], between[-1]) - 1e-12
         assert between.max() <= max(between[0], between[-1]) + 1e-12
     np.testing.assert_allclose(found([0.0, 2.0]).velocity, 0.0, atol=1e-12)
-    velocity = [found.at_pieces(k, s).velocity for k, s in ((0, np.diff(found.breaks)[0]), (1, 0.0))]
+    velocity = [found.at_segments(k, s).velocity for k, s in ((0, np.diff(found.breaks)[0]), (1, 0.0))]
     np.testing.assert_allclose(velocity[0], velocity[1], atol=1e-9)
 
 
@@ -148,7 +148,7 @@ def test_key_frames_may_be_pairs_and_begin_elsewhere():
     found = pk.Trajectory.from_keyframes(pairs, PEPPER, start="Crouch")
     assert found.duration == 2.0
     np.testing.assert_allclose(np.delete(found(1.3).position, 3), np.delete(PEPPER.posture("Crouch"), 3))
-    assert found.check(PEPPER).ok
+    assert found.check(PEPPER, collisions=False).success
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_pictures_are_written(pepper, trajectory, tmp_path, suffix, head):
 
 
 def test_what_is_drawn_is_the_trajectory(pepper, trajectory):
-    figure = plot(trajectory, pepper, title="reach")
+    figure = plot(pepper, trajectory, title="reach")
     axes = {a.get_title() or a.get_title(loc="left"): a for a in figure.axes}
     assert {"position", "velocity", "acceleration", "torque", "phase plane"} <= set(axes)
     assert figure.get_suptitle() == "reach"
@@ -74,13 +74,13 @@ def test_what_is_drawn_is_the_trajectory(pepper, trajectory):
     assert any("of -7.34;" in word for word in words)
 
 
-def test_an_excess_is_inside_the_picture(pepper, trajectory):
+def test_a_violation_is_inside_the_picture(pepper, trajectory):
     fast = Trajectory(
         trajectory.joint_names,
         trajectory.breaks / 3,
         trajectory.coefficients * 3.0 ** np.arange(trajectory.coefficients.shape[1])[:, None],
     )
-    figure = plot(fast, pepper)
+    figure = plot(pepper, fast)
     velocity = next(a for a in figure.axes if a.get_title() == "velocity")
     most = max(np.abs(line.get_ydata()).max() for line in velocity.lines)
     assert most > 1.5
@@ -88,13 +88,13 @@ def test_an_excess_is_inside_the_picture(pepper, trajectory):
 
 
 def test_joints_may_be_chosen(pepper, trajectory):
-    figure = plot(trajectory, pepper, joints=["HeadYaw"])
+    figure = plot(pepper, trajectory, joints=["HeadYaw"])
     assert figure.get_suptitle().startswith("1 joints in")
-    assert plot(trajectory, pepper, joints=["HeadYaw", "left_arm"]).get_suptitle().startswith("6 joints in")
+    assert plot(pepper, trajectory, joints=["HeadYaw", "left_arm"]).get_suptitle().startswith("6 joints in")
     with pytest.raises(UnknownNameError, match="unknown joint or group 'Tail'"):
-        plot(trajectory, pepper, joints=["Tail"])
+        plot(pepper, trajectory, joints=["Tail"])
     with pytest.raises(InvalidValueError, match="joints: got"):
-        plot(trajectory, pepper, joints=[])
+        plot(pepper, trajectory, joints=[])
 
 
 def test_wrong_requests(pepper, trajectory, tmp_path):
@@ -103,9 +103,9 @@ def test_wrong_requests(pepper, trajectory, tmp_path):
     with pytest.raises(FileFormatError, match="cannot be written"):
         trajectory.plot(pepper, tmp_path / "no" / "a.png")
     with pytest.raises(InvalidValueError, match="joints of the trajectory"):
-        plot(Trajectory(("A",), [0, 1], [[[0.0], [1.0]]]), pepper)
+        plot(pepper, Trajectory(("A",), [0, 1], [[[0.0], [1.0]]]))
     with pytest.raises(InvalidValueError, match="trajectory: got one that does not move"):
-        plot(Trajectory(pepper.joint_names, [0, 1], [[pepper.posture("Stand")]]), pepper)
+        plot(pepper, Trajectory(pepper.joint_names, [0, 1], [[pepper.posture("Stand")]]))
     for points in (1, 2.5, True):
         with pytest.raises(InvalidValueError, match="points: got"):
             phase_plane(pepper, trajectory, points)
@@ -115,4 +115,4 @@ def test_without_matplotlib_it_says_how_to_install_it(pepper, trajectory, monkey
     for name in ("matplotlib", "matplotlib.figure", "matplotlib.backends.backend_agg"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingDependencyError, match=r"pip install \"pepper_kin\[plot\]\""):
-        plot(trajectory, pepper)
+        plot(pepper, trajectory)

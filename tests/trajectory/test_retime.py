@@ -95,8 +95,8 @@ def test_limits_hold_at_every_millisecond(pepper, seed):
     assert np.all(np.abs(torque) <= pepper.effort_limits * (1 + 1e-8))
     assert np.abs(at.velocity[[0, -1]]).max() < 1e-9
     step = np.diff(trajectory.knots)
-    ends = trajectory.at_pieces(np.arange(step.size - 1), step[:-1])
-    starts = trajectory.at_pieces(np.arange(1, step.size), 0.0)
+    ends = trajectory.at_segments(np.arange(step.size - 1), step[:-1])
+    starts = trajectory.at_segments(np.arange(1, step.size), 0.0)
     np.testing.assert_allclose(ends.position, starts.position, atol=1e-10)
     np.testing.assert_allclose(ends.velocity, starts.velocity, atol=1e-8)
 
@@ -132,8 +132,8 @@ def test_duration_agrees_with_toppra_used_directly(pepper, seed):
             inverse_dynamics, both, np.zeros(pepper.n), discretization_scheme=DiscretizationType.Interpolation
         ),
     ]
-    pieces = [np.linspace(a, b, 60) for a, b in itertools.pairwise(breaks)]
-    grid = np.unique(np.concatenate(pieces))
+    segments = [np.linspace(a, b, 60) for a, b in itertools.pairwise(breaks)]
+    grid = np.unique(np.concatenate(segments))
     grid[-1] = breaks[-1]
     solver = toppra.algorithm.TOPPRA(
         constraints,
@@ -143,16 +143,16 @@ def test_duration_agrees_with_toppra_used_directly(pepper, seed):
         solver_wrapper="seidel",
     )
     theirs = solver.compute_trajectory().duration
-    assert retime(pepper, curve, gridpoints=60 * len(pieces)).duration == pytest.approx(theirs, rel=2e-3)
+    assert retime(pepper, curve, gridpoints=60 * len(segments)).duration == pytest.approx(theirs, rel=2e-3)
 
 
 def test_positions_lie_on_the_path(pepper):
     curve = as_cubic_path(pepper, random_waypoints(pepper, 7))
     trajectory = retime(pepper, curve)
     q = trajectory(np.linspace(0, trajectory.duration, 50)).position
-    pieces = np.arange(curve.breaks.size - 1).repeat(2000)
+    segments = np.arange(curve.breaks.size - 1).repeat(2000)
     local = (np.diff(curve.breaks)[:, None] * np.linspace(0, 1, 2000)).ravel()
-    dense = curve.at(pieces, local)
+    dense = curve.at(segments, local)
     speed = np.linalg.norm(np.diff(dense, axis=0), axis=1).max()
     nearest = [np.linalg.norm(dense - point, axis=1).min() for point in q]
     assert max(nearest) <= speed / 2 + 1e-12
@@ -188,7 +188,7 @@ def test_waypoints_on_the_limits_do_not_overshoot(pepper):
     trajectory = retime(pepper, [low, high, low, low + 0.2 * (np.arange(pepper.n) == 4), high])
     position = trajectory.sample(0.001).position[:, joint]
     assert position.min() >= pepper.lower_limits[joint] - 1e-9
-    assert trajectory.check(pepper).acceleration.ok
+    assert trajectory.check(pepper, collisions=False).acceleration.success
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -203,13 +203,16 @@ def test_joints_with_way_points_on_their_limits_are_monotone_and_smooth(pepper, 
     curve = as_cubic_path(pepper, points)
     h = np.diff(curve.breaks)
     assert h.size == 3 * (len(points) - 1)
-    pieces = np.arange(h.size)
-    np.testing.assert_allclose(curve.at(pieces[::3], 0 * h[::3]), points[:-1], atol=1e-12)
-    np.testing.assert_allclose(curve.at(pieces[-1:], h[-1:]), points[-1:], atol=1e-9)
+    segments = np.arange(h.size)
+    np.testing.assert_allclose(curve.at(segments[::3], 0 * h[::3]), points[:-1], atol=1e-12)
+    np.testing.assert_allclose(curve.at(segments[-1:], h[-1:]), points[-1:], atol=1e-9)
     for derivative in range(3):
-        ends, starts = curve.at(pieces[:-1], h[:-1], derivative), curve.at(pieces[1:], 0 * h[1:], derivative)
+        ends, starts = (
+            curve.at(segments[:-1], h[:-1], derivative),
+            curve.at(segments[1:], 0 * h[1:], derivative),
+        )
         np.testing.assert_allclose(ends, starts, atol=1e-9)
-    speed = curve.at(pieces[:, None], np.linspace(0, 1, 30) * h[:, None], 1)[..., joint].reshape(-1, 90)
+    speed = curve.at(segments[:, None], np.linspace(0, 1, 30) * h[:, None], 1)[..., joint].reshape(-1, 90)
     way = np.sign(np.diff(points[:, joint]))[:, None]
     assert np.all(speed * way >= -1e-12)
     assert np.all(speed[way[:, 0] == 0] == 0)
@@ -354,9 +357,9 @@ def test_missing_acceleration_limits_are_named_and_can_be_given():
 
 def test_given_acceleration_limits_scale_the_limits_of_jerk():
     robot, path = pk.load_robot(TWO_JOINTS), [[0.0, 0.0], [1.0, 0.0]]
-    given = retime(robot, path, acceleration_limits=5.0, jerk="moderate")
+    limited = retime(robot, path, acceleration_limits=5.0, jerk="moderate")
     known = retime(one_joint(), [[0.0], [1.0]], jerk="moderate")
-    assert given.duration == pytest.approx(known.duration, rel=1e-6)
+    assert limited.duration == pytest.approx(known.duration, rel=1e-6)
     with pytest.raises(pk.exceptions.UnknownNameError, match="unknown joint 'L'; available: J, K"):
         retime(robot, path, acceleration_limits={"L": 1.0})
     with pytest.raises(InvalidValueError, match=r"acceleration_limits of J: got -1\.0"):
@@ -397,7 +400,7 @@ def test_smooth_paths_of_the_planners_are_followed_exactly(pepper):
     )
     curve = planners.smooth(box, planners.Path(points))
     trajectory = retime(pepper, curve)
-    assert trajectory.check(pepper).acceleration.ok
+    assert trajectory.check(pepper, collisions=False).acceleration.success
     np.testing.assert_allclose(trajectory.start, curve.start, atol=1e-12)
     np.testing.assert_allclose(trajectory.end, curve.goal, atol=1e-9)
     dense = curve.sample(curve.length / 20_000)
@@ -418,6 +421,6 @@ def test_the_motion_stops_at_kinks():
         state = trajectory(when)
         assert state.position[0] == pytest.approx(where, abs=1e-9)
         assert state.velocity[0] == pytest.approx(0.0, abs=1e-6)
-    assert trajectory.check(robot).ok
+    assert trajectory.check(robot, collisions=False).success
     smooth = retime(robot, CubicPath(np.arange(4.0), edges), jerk="moderate")
-    assert smooth.check(robot, jerk="moderate").ok
+    assert smooth.check(robot, jerk="moderate", collisions=False).success

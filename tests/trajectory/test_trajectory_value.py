@@ -10,22 +10,22 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.trajectory import Samples, Trajectory
 
 
-def random_trajectory(seed, pieces=4, order=5, n=3):
+def random_trajectory(seed, segments=4, order=5, n=3):
     rng = np.random.default_rng(seed)
-    breaks = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 1.0, pieces))])
+    breaks = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 1.0, segments))])
     names = tuple(f"J{i}" for i in range(n))
-    return Trajectory(names, breaks, rng.normal(size=(pieces, order, n)))
+    return Trajectory(names, breaks, rng.normal(size=(segments, order, n)))
 
 
 @given(
     seed=st.integers(0, 10_000),
-    pieces=st.integers(1, 6),
+    segments=st.integers(1, 6),
     order=st.integers(1, 8),
     shares=st.lists(st.floats(0, 1), min_size=1, max_size=8),
 )
 @settings(max_examples=60, deadline=None)
-def test_evaluation_agrees_with_scipy(seed, pieces, order, shares):
-    trajectory = random_trajectory(seed, pieces, order)
+def test_evaluation_agrees_with_scipy(seed, segments, order, shares):
+    trajectory = random_trajectory(seed, segments, order)
     oracle = PPoly(np.moveaxis(trajectory.coefficients[:, ::-1], 1, 0), trajectory.breaks)
     t = np.array(shares) * trajectory.duration
     for ours, derivative in zip(trajectory(t), range(3), strict=True):
@@ -40,10 +40,10 @@ def test_batch_axes_are_kept():
     np.testing.assert_array_equal(trajectory(t.reshape(2, 3)).position[1, 2], trajectory(t[5]).position)
 
 
-def test_both_sides_of_a_knot_can_be_told_apart():
+def test_both_sides_of_a_knot_can_be_distinguished():
     trajectory = Trajectory(("a",), [0, 1, 3], np.array([[[0.0], [1.0]], [[1.0], [-2.0]]]))
     assert trajectory(1.0).velocity == -2.0
-    assert trajectory.at_pieces(0, 1.0).velocity == 1.0
+    assert trajectory.at_segments(0, 1.0).velocity == 1.0
     assert trajectory.end == -3.0
     assert trajectory.start == 0.0
     np.testing.assert_array_equal(trajectory.knots, [0, 1, 3])
@@ -62,7 +62,7 @@ def test_samples_end_exactly_at_the_duration(dt):
 
 
 def test_samples_return_through_a_quintic():
-    trajectory = random_trajectory(3, pieces=1, order=6)
+    trajectory = random_trajectory(3, segments=1, order=6)
     samples = trajectory.sample(0.05)
     again = samples.to_trajectory()
     assert again.is_close(trajectory, 1e-6)  # a quintic is met exactly, up to the conditioning of 1/h^5

@@ -245,7 +245,7 @@ def test_what_is_wrong_is_refused(pepper, trajectory):
             "every: got 0, expected an integer of at least 1",
         ),
         (lambda: batch.follow(np.tile(q, (2, 1)), threads=0), "threads: got 0"),
-        (lambda: batch.execute(trajectory, -1), "settle: got -1"),
+        (lambda: batch.execute(trajectory, -1), "hold_time: got -1"),
     ]:
         with pytest.raises(InvalidValueError, match=message):
             call()

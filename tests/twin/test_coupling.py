@@ -1,4 +1,4 @@
-"""The linear equation that a world sees, a world that adds nothing, a world that stops."""
+"""The linear equation that a world gets, a world that adds nothing, a world that stops."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_the_linear_equation_has_the_step_as_its_solution(kind, wild):
     slopes."""
     actuators = actuator_parameters(PEPPER, kind)
     integrator = Integrator(PEPPER, H, actuators)
-    settled = 0
+    clipped = 0
     for q, v, command, load in states(2, wild):
         mass_hat, force = integrator.linearized(q, v, *command, load)
         _, w, torque = integrator.step(q, v, *command, load)
@@ -41,8 +41,8 @@ def test_the_linear_equation_has_the_step_as_its_solution(kind, wild):
         if kind == "servo" and not wild:
             due = H * (H * actuators.stiffness + actuators.damping)
             np.testing.assert_allclose(np.diag(slopes), due, rtol=1e-9)
-        settled += np.any(np.abs(torque) >= actuators.torque_limit * (1 - 1e-12))
-    assert bool(settled) == wild  # motors were clipped, or none was
+        clipped += np.any(np.abs(torque) >= actuators.torque_limit * (1 - 1e-12))
+    assert bool(clipped) == wild  # motors were clipped, or none was
 
 
 class Nothing:
@@ -64,7 +64,7 @@ def test_a_world_that_adds_nothing_changes_no_bit():
 
 
 def overflowing():
-    """A world with room for 256 points in which 65 boxes, of four points each, land at once."""
+    """A world with arrays for 256 points in which 65 boxes, of four points each, land at once."""
     world = World(PEPPER, pk.Scene().add_box("deck", (4, 4, 0.1), (3, 0, 0.95)))
     for k in range(65):
         world.add_box(f"box {k}", (0.1, 0.1, 0.1), 1.0, (1.5 + 0.2 * (k % 13), 0.2 * (k // 13), 1.06))
@@ -79,7 +79,7 @@ def test_a_run_stops_where_its_world_does_and_keeps_what_went_before(tmp_path):
     # From 10 mm it falls to where 2 mm and one more step are left.
     assert 0.002 < 0.010 - 9.81 * (good * H) ** 2 / 2 < 0.004
     assert not run.success
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert run.message.startswith(f"twin stopped at step {good + 1} ({(good + 1) * H:.6g} s): world stopped")
     assert "more than 256 points" in run.message
     alone = Twin(PEPPER).follow(target[:good])
@@ -99,7 +99,7 @@ def test_a_run_stops_where_its_world_does_and_keeps_what_went_before(tmp_path):
 def test_a_trajectory_stops_likewise():
     trajectory = pk.retime(PEPPER, [PEPPER.posture("Stand"), PEPPER.joint_vector({"HeadYaw": 0.5})])
     run = Twin(PEPPER, world=overflowing(), substeps=2).execute(trajectory)
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert "more than 256 points" in run.message
     assert 30 < len(run) < 50
 
@@ -112,6 +112,6 @@ def test_a_robot_that_diverges_among_things_is_blamed_itself():
     load[6:, PEPPER.joint_index("HeadYaw")] = 1e300
     with np.errstate(all="ignore"):
         run = twin.follow(np.tile(PEPPER.neutral(), (10, 1)), load=load)
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert len(run) == 7
     assert run.message.startswith("twin stopped at step 7 (0.007 s): HeadYaw")

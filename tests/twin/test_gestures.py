@@ -70,15 +70,15 @@ def test_replay_passes_the_key_frames_within_all_limits(report, pepper):
     assert report.key_times[-1] == report.trajectory.duration
     assert np.all(np.diff(report.key_times) > 0)
     found = report.trajectory.check(pepper, pk.Scene())
-    assert found.ok, found.report()
+    assert found.success, found.report()
     np.testing.assert_allclose(report.measured, report.run.position_at(report.key_times)[:, places])
 
 
 def test_what_lies_outside_the_limits_is_stated_apart(report):
-    outside = np.argwhere(report.limit_excess > 1e-9)
+    outside = np.argwhere(report.limit_violation > 1e-9)
     expected = [] if report.gesture.name == "head" else [[0, 1], [0, 3]]
     assert outside.tolist() == expected
-    np.testing.assert_allclose(report.limit_excess[tuple(outside.T)], 0.00872665, atol=1e-8)
+    np.testing.assert_allclose(report.limit_violation[tuple(outside.T)], 0.00872665, atol=1e-8)
     text = report.report()
     for _, joint in outside:
         name = report.gesture.joint_names[joint]

@@ -1,4 +1,4 @@
-"""What others have a say in: pushes, a world, sensors."""
+"""Hooks of the twin: pushes, a world, sensors."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,14 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.twin import Integrator, Twin, actuator_parameters
 
 
-class Wall:
-    """Holds one joint with a spring, and writes down what it was told."""
+class SpringWorld:
+    """Holds one joint with a spring, and records its arguments."""
 
     def __init__(self, joint, stiffness=0.0, rest=0.0):
-        self.joint, self.stiffness, self.rest, self.seen = joint, stiffness, rest, []
+        self.joint, self.stiffness, self.rest, self.calls = joint, stiffness, rest, []
 
     def advance(self, q, v, mass_hat, force, h):
-        self.seen.append((q, v, mass_hat, force, h))
+        self.calls.append((q, v, mass_hat, force, h))
         return -self.stiffness * (q[self.joint] - self.rest) * (np.arange(q.size) == self.joint)
 
 
@@ -29,16 +29,16 @@ class Diary:
 
 @pytest.mark.parametrize("substeps", [1, 3])
 def test_linear_equation_given_to_the_world_is_the_step(pepper, substeps):
-    wall = Wall(3)
+    wall = SpringWorld(3)
     twin = Twin(pepper, world=wall, substeps=substeps)
     alone = Twin(pepper, substeps=substeps)
     target = pepper.posture("Stand") + 0.3  # saturates some
     for _ in range(5):
-        before = len(wall.seen)
+        before = len(wall.calls)
         state = twin.step(target)
-        assert len(wall.seen) == before + substeps
-        v = wall.seen[before][1]
-        for _, _, mass_hat, force, h in wall.seen[before:]:
+        assert len(wall.calls) == before + substeps
+        v = wall.calls[before][1]
+        for _, _, mass_hat, force, h in wall.calls[before:]:
             np.testing.assert_allclose(mass_hat, mass_hat.T, atol=1e-12)
             assert np.linalg.eigvalsh(mass_hat).min() > 0
             assert h == pytest.approx(1e-3 / substeps)
@@ -51,7 +51,7 @@ def test_load_of_the_world_is_felt(pepper):
     params = actuator_parameters(pepper)
     j = pepper.joint_index("HeadYaw")
     rest = pepper.posture("Stand")
-    twin = Twin(pepper, world=Wall(j, 1000.0, rest[j]))
+    twin = Twin(pepper, world=SpringWorld(j, 1000.0, rest[j]))
     target = rest + 0.002 * (np.arange(15) == j)
     for _ in range(600):
         state = twin.step(target)

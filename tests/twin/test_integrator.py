@@ -29,7 +29,7 @@ def servo(robot, stiffness=0.0, damping=0.0, torque_limit=np.inf):
     return actuator_parameters(robot).changed(stiffness=stiffness, damping=damping, torque_limit=torque_limit)
 
 
-def roll(integrator, q, v, steps, q_ref=None, v_ref=None, forward=None, load=None):
+def simulate(integrator, q, v, steps, q_ref=None, v_ref=None, forward=None, load=None):
     n = len(q)
     q_ref, v_ref = (np.zeros(n) if x is None else x for x in (q_ref, v_ref))
     forward = np.zeros(n) if forward is None else forward
@@ -54,7 +54,7 @@ def test_order_of_a_servo_under_gravity_is_one(ratio):
     steps = np.array([1e-3, 5e-4, 2.5e-4, 1.25e-4])
     errors = []
     for h in steps:
-        q, v, _ = roll(
+        q, v, _ = simulate(
             Integrator(robot, h, servo(robot, kp, kd)), np.array([0.3]), ZERO, round(0.4 / h), q_ref
         )
         errors.append(np.hypot(q[-1, 0] - exact[0], v[-1, 0] - exact[1]))
@@ -65,13 +65,15 @@ def test_order_of_a_servo_under_gravity_is_one(ratio):
 def test_order_for_the_whole_body_is_one():
     pepper = pk.load_pepper()
     q = pepper.posture("Stand")
-    soft = actuator_parameters(pepper)
-    soft = soft.changed(stiffness=soft.stiffness / 20, damping=soft.damping / 4, torque_limit=np.inf)
+    compliant = actuator_parameters(pepper)
+    compliant = compliant.changed(
+        stiffness=compliant.stiffness / 20, damping=compliant.damping / 4, torque_limit=np.inf
+    )
     target = q + 0.1 * (-1.0) ** np.arange(pepper.n) * (np.arange(pepper.n) != 3)
     target = np.clip(target, pepper.lower_limits + 0.1, pepper.upper_limits - 0.1)
 
     def end(h):
-        return roll(Integrator(pepper, h, soft), q, np.zeros(15), round(0.064 / h), target)[0][-1]
+        return simulate(Integrator(pepper, h, compliant), q, np.zeros(15), round(0.064 / h), target)[0][-1]
 
     best = 2 * end(2.5e-5) - end(5e-5)  # Richardson
     steps = np.array([8e-4, 4e-4, 2e-4])
@@ -86,7 +88,7 @@ def test_step_response_of_one_joint_is_the_closed_form(ratio):
     omega = np.sqrt(kp / inertia)
     h = 1e-5
     integrator = Integrator(robot, h, servo(robot, kp, 2 * ratio * omega * inertia))
-    q, _, _ = roll(integrator, ZERO, ZERO, 6000, np.array([1.0]))
+    q, _, _ = simulate(integrator, ZERO, ZERO, 6000, np.array([1.0]))
     t = h * np.arange(1, 6001)
     root = np.sqrt(complex(ratio**2 - 1))
     if ratio == 1.0:
@@ -122,7 +124,7 @@ def test_body_swinging_freely_keeps_its_energy():
     level = pk.dynamics.potential_energy(pepper, start)
     spread = []
     for h in (1e-3, 2.5e-4):
-        q, v, _ = roll(Integrator(pepper, h, limp), start, np.zeros(15), round(0.1 / h))
+        q, v, _ = simulate(Integrator(pepper, h, limp), start, np.zeros(15), round(0.1 / h))
         energy = pk.dynamics.kinetic_energy(pepper, q, v) + pk.dynamics.potential_energy(pepper, q)
         assert np.all(q > pepper.lower_limits)
         assert np.all(q < pepper.upper_limits)
@@ -138,7 +140,7 @@ def test_at_rest_it_rests(h):
     q = pepper.posture("Stand")
     integrator = Integrator(pepper, h, actuator_parameters(pepper))
     held = pk.dynamics.gravity_torque(pepper, q)
-    positions, velocities, torques = roll(integrator, q, np.zeros(15), 200, q, forward=held)
+    positions, velocities, torques = simulate(integrator, q, np.zeros(15), 200, q, forward=held)
     assert np.abs(positions - q).max() < 1e-12
     assert np.abs(velocities).max() < 1e-10
     np.testing.assert_allclose(torques[-1], held, atol=1e-9)
@@ -151,7 +153,7 @@ def test_stiff_servos_are_stable_at_every_timestep(h):
     target = start + 0.02 * (-1.0) ** np.arange(15)
     integrator = Integrator(pepper, h, actuator_parameters(pepper))
     held = pk.dynamics.gravity_torque(pepper, target)
-    q, v, _ = roll(integrator, start, np.zeros(15), round(1.5 / h), target, forward=held)
+    q, v, _ = simulate(integrator, start, np.zeros(15), round(1.5 / h), target, forward=held)
     assert np.abs(q - start).max() < 0.1
     np.testing.assert_allclose(q[-1], target, atol=1e-4)
     assert np.abs(v[-1]).max() < 1e-3
@@ -226,7 +228,9 @@ def test_any_mix_of_clipped_servos_and_stops_is_solved(seed):
 
 def test_saturated_joint_accelerates_uniformly():
     robot = pendulum(axis="0 0 1")
-    q, v, tau = roll(Integrator(robot, 1e-3, servo(robot, 1e4, 0.0, 0.5)), ZERO, ZERO, 100, np.array([9.0]))
+    q, v, tau = simulate(
+        Integrator(robot, 1e-3, servo(robot, 1e4, 0.0, 0.5)), ZERO, ZERO, 100, np.array([9.0])
+    )
     np.testing.assert_allclose(tau, 0.5)
     np.testing.assert_allclose(v[:, 0], 0.5 / 0.01 * 1e-3 * np.arange(1, 101), rtol=1e-9)
     np.testing.assert_allclose(q[-1], 0.5 * 50 * 0.1**2, rtol=0.02)
@@ -236,15 +240,15 @@ def test_saturated_joint_accelerates_uniformly():
 def test_joint_stop_holds_and_swallows_the_impact(h):
     robot = pendulum(axis="0 0 1", upper=0.5)
     integrator = Integrator(robot, h, servo(robot))
-    q, v, _ = roll(integrator, ZERO, np.array([10.0]), round(0.3 / h))
+    q, v, _ = simulate(integrator, ZERO, np.array([10.0]), round(0.3 / h))
     assert q.max() < 0.5 + 1e-3
     assert q.max() > 0.49
     assert v[-1, 0] <= 1e-6
     assert v.min() > -0.5  # hardly any rebound
-    push, _, tau = roll(integrator, q[-1], v[-1], round(0.3 / h), load=np.array([5.0]))
+    push, _, tau = simulate(integrator, q[-1], v[-1], round(0.3 / h), load=np.array([5.0]))
     assert push[-1, 0] == pytest.approx(0.5, abs=1e-3)
     assert np.all(tau == 0.0)
-    away, _, _ = roll(integrator, push[-1], ZERO, 3, load=np.array([-5.0]))
+    away, _, _ = simulate(integrator, push[-1], ZERO, 3, load=np.array([-5.0]))
     np.testing.assert_allclose(np.diff(away[:, 0], 2), -5.0 / 0.01 * h**2, rtol=0.05)  # nothing sticks
 
 
@@ -282,7 +286,7 @@ def test_the_shared_model_is_not_changed():
     before = np.array(pepper.pinocchio_model.armature)
     tau = pk.dynamics.forward_dynamics(pepper, pepper.posture("Stand"), np.zeros(15), np.zeros(15))
     integrator = Integrator(pepper, 1e-3, actuator_parameters(pepper))
-    roll(integrator, pepper.posture("Stand"), np.zeros(15), 3)
+    simulate(integrator, pepper.posture("Stand"), np.zeros(15), 3)
     np.testing.assert_array_equal(pepper.pinocchio_model.armature, before)
     again = pk.dynamics.forward_dynamics(pepper, pepper.posture("Stand"), np.zeros(15), np.zeros(15))
     np.testing.assert_array_equal(tau, again)

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.twin import Recorder, read_recording
+from pepper_kin.twin import Recorder, load_recording
 from pepper_kin.twin.packing import (
     pack,
     pack_moved,
@@ -162,7 +162,7 @@ def test_a_killed_process_leaves_whole_seconds_that_are_taken_up_again(tmp_path)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
 
-    found = read_recording(folder)
+    found = load_recording(folder)
     assert found.chunks >= 2
     assert len(found.run()) == 500 * found.chunks + 1
     steps = np.arange(1, 500 * (found.chunks + 1) + 1)[:, None] * 0.002
@@ -178,13 +178,13 @@ def test_execute_goes_on_with_its_trajectory_after_a_resume(tmp_path):
     path = [PEPPER.neutral(), PEPPER.joint_vector({"HeadYaw": 0.9})]
     trajectory = pk.retime(PEPPER, path, solver="toppra")
     one = Recorder(twin(), tmp_path / "whole", chunk=0.1)
-    one.execute(trajectory, settle=0.2)
-    Recorder(twin(), tmp_path / "parts", chunk=0.1).execute(trajectory, settle=0.2)
+    one.execute(trajectory, hold_time=0.2)
+    Recorder(twin(), tmp_path / "parts", chunk=0.1).execute(trajectory, hold_time=0.2)
     chunks = sorted((tmp_path / "parts").glob("0*.npz"))
     for late in chunks[3:]:
         late.unlink()
     two = Recorder.resume(twin(), tmp_path / "parts")
-    two.execute(trajectory, settle=0.2)
+    two.execute(trajectory, hold_time=0.2)
     first, second = one.recording.run(), two.recording.run()
     assert np.array_equal(first.position, second.position)
     for name in first.readings:
@@ -198,7 +198,7 @@ def test_files_for_other_programs(tmp_path):
     with np.load(found.save(tmp_path / "r.npz")) as data:
         assert np.array_equal(data["position"], run.position)
         assert np.array_equal(data["reading.joint_encoders.value"], run.readings["joint_encoders"].value)
-    table = pk.twin.read_run(found.save(tmp_path / "r.csv"), PEPPER)
+    table = pk.twin.load_run(found.save(tmp_path / "r.csv"), PEPPER)
     assert table.position == pytest.approx(run.position, abs=1e-12)
 
     from mcap_ros2.reader import read_ros2_messages
@@ -214,10 +214,10 @@ def test_files_for_other_programs(tmp_path):
 
 def test_what_is_no_recording_is_named(tmp_path):
     with pytest.raises(FileFormatError, match="no recording here"):
-        read_recording(tmp_path)
+        load_recording(tmp_path)
     (tmp_path / "recording.json").write_text("{}")
-    with pytest.raises(FileFormatError, match="the header lacks robot"):
-        read_recording(tmp_path)
+    with pytest.raises(FileFormatError, match="the header lacks format, robot"):
+        load_recording(tmp_path)
     recorder = Recorder(twin(sensors=False), tmp_path / "r")
     with pytest.raises(FileFormatError, match="holds a recording already"):
         Recorder(twin(sensors=False), tmp_path / "r")
@@ -226,7 +226,7 @@ def test_what_is_no_recording_is_named(tmp_path):
     recorder.follow(wave(0.1))
     chunk = tmp_path / "r" / "000000.npz"
     chunk.write_bytes(chunk.read_bytes()[:-200])
-    with pytest.raises(FileFormatError, match=r"000000\.npz.*not a chunk"):
+    with pytest.raises(FileFormatError, match=r"000000\.npz.*not a complete"):
         recorder.recording.run()
 
 
@@ -249,7 +249,7 @@ def test_a_run_that_stops_at_once_is_recorded_with_its_reason(tmp_path):
     run = recorder.follow(np.tile(PEPPER.neutral(), (300, 1)))
     assert not run.success
     found = recorder.recording.run()
-    assert found.status == "stopped"
+    assert found.status.value == "stopped"
     assert found.message == run.message
     assert len(found) == len(run)
     recorder.recording.replay(twin(sensors=False, actuators=wild))

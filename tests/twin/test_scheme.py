@@ -55,12 +55,14 @@ def test_two_pendulums_swing_for_a_minute_without_drift(chain, start):
 
 def test_substeps_converge_with_order_one(pepper):
     """The same references, ever finer sub-steps; against Richardson's limit."""
-    soft = actuator_parameters(pepper)
-    soft = soft.changed(stiffness=soft.stiffness / 20, damping=soft.damping / 4, torque_limit=np.inf)
+    compliant = actuator_parameters(pepper)
+    compliant = compliant.changed(
+        stiffness=compliant.stiffness / 20, damping=compliant.damping / 4, torque_limit=np.inf
+    )
     target = np.tile(pepper.posture("Stand") + 0.05 * (-1.0) ** np.arange(15), (8, 1))
 
     def end(substeps):
-        twin = Twin(pepper, 8e-3, actuators=soft, substeps=substeps)
+        twin = Twin(pepper, 8e-3, actuators=compliant, substeps=substeps)
         return twin.follow(target).position[-1]
 
     best = 2 * end(320) - end(160)
@@ -89,8 +91,8 @@ def test_gains_that_explode_stop_the_run_and_keep_the_log(pepper):
     calm, far = np.tile(pepper.posture("Stand"), (30, 1)), np.tile(pepper.posture("Stand"), (30, 1))
     far[20:, 3] += 2.0e2
     run = twin.follow(far)
-    assert run.status == "stopped"
-    assert "twin stopped at step 21 (0.021 s): HeadYaw: its actuator wants a torque of inf" in run.message
+    assert run.status.value == "stopped"
+    assert "twin stopped at step 21 (0.021 s): HeadYaw: its actuator demands a torque of inf" in run.message
     assert len(run) == 21
     assert np.isfinite(run.position).all()
     assert twin.state.time == pytest.approx(0.020)

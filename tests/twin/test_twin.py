@@ -8,7 +8,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, LimitError
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.twin import DivergedError, Run, Twin, actuator_parameters, read_run
+from pepper_kin.twin import DivergedError, Run, Twin, actuator_parameters, load_run
 
 
 @pytest.fixture(scope="module")
@@ -19,12 +19,12 @@ def trajectory(pepper):
 
 @pytest.fixture(scope="module")
 def run(pepper, trajectory):
-    return Twin(pepper).execute(trajectory, settle=0.3)
+    return Twin(pepper).execute(trajectory, hold_time=0.3)
 
 
 def test_default_twin_tracks_well(run, trajectory):
     assert run.success
-    assert run.status == "completed"
+    assert run.status.value == "completed"
     assert run.max_error.max() < 0.005
     assert run.rms_error.max() < 0.002
     assert np.abs(run.tracking_error[-1]).max() < 1e-4
@@ -117,8 +117,8 @@ def test_bad_values_are_refused(pepper, trajectory):
         (lambda: twin.step(q, load=np.full(15, np.inf)), "load: got"),
         (lambda: twin.step(np.tile(q, (2, 1))), r"position: got shape \(2, 15\), expected shape \(15,\)"),
         (lambda: twin.reset(q * np.nan), "q: got nan"),
-        (lambda: twin.execute(trajectory, settle=-1), "settle: got -1"),
-        (lambda: twin.execute(trajectory, settle=np.nan), "settle: got nan"),
+        (lambda: twin.execute(trajectory, hold_time=-1), "hold_time: got -1"),
+        (lambda: twin.execute(trajectory, hold_time=np.nan), "hold_time: got nan"),
         (lambda: Twin(pepper, feedforward="magic"), "feedforward: got 'magic', expected one of 'none'"),
         (lambda: Twin(pepper, -0.001), "timestep: got -0.001"),
         (lambda: Twin(pepper, 0.0), "timestep: got 0.0"),
@@ -155,7 +155,7 @@ def test_divergence_stops_the_run_and_keeps_the_log():
     assert caught.value.joint in robot.joint_names
     still = Trajectory(robot.joint_names, [0.0, 1.0], np.zeros((1, 1, 2)))
     run = twin.execute(still)
-    assert run.status == "stopped"
+    assert run.status.value == "stopped"
     assert not run.success
     assert "step 1 (0.001 s)" in run.message
     assert len(run) == 1
@@ -209,21 +209,21 @@ def test_run_file_round_trip(pepper, run, tmp_path):
     assert "KneePitch.reference" in header
     columns = json.loads((tmp_path / "columns.json").read_text())
     assert columns["KneePitch.torque"] == {"unit": "N m", "quantity": "torque", "joint": "KneePitch"}
-    again = read_run(path, pepper)
+    again = load_run(path, pepper)
     for name in ("time", "position", "velocity", "torque", "reference_position", "reference_velocity"):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
     with pytest.raises(FileFormatError, match=r"is missing|unknown column"):
-        read_run(path, pk.load_pepper(hands="mimic"))
+        load_run(path, pk.load_pepper(hands="mimic"))
 
 
 def test_runs_repeat_exactly(pepper, trajectory, run):
-    again = Twin(pepper).execute(trajectory, settle=0.3)
+    again = Twin(pepper).execute(trajectory, hold_time=0.3)
     np.testing.assert_array_equal(again.position, run.position)
     np.testing.assert_array_equal(again.torque, run.torque)
 
 
 @pytest.mark.parametrize("h", [0.0005, 0.005, 0.02])
 def test_other_timesteps_follow_too(pepper, trajectory, h):
-    run = Twin(pepper, h).execute(trajectory, settle=0.5)
+    run = Twin(pepper, h).execute(trajectory, hold_time=0.5)
     assert run.success
     assert np.abs(run.tracking_error[-1]).max() < 1e-3

@@ -14,13 +14,13 @@ from pepper_kin.exceptions import (
     MissingDependencyError,
     UnknownNameError,
 )
-from pepper_kin.viewer import find_chromium, screenshot, write_motion_page
+from pepper_kin.viewer import find_chromium, save_motion_page, screenshot
 
 
 @pytest.fixture
 def page(machine, tmp_path):
-    return write_motion_page(
-        tmp_path / "motion.html", machine.drawables, machine.links, machine.times, machine.poses, title="x"
+    return save_motion_page(
+        machine.drawables, machine.links, machine.times, machine.poses, tmp_path / "motion.html", title="x"
     )
 
 

@@ -67,12 +67,12 @@ def test_text_can_be_read_in_both_schemes(browser, until, pepper, tmp_path, sche
 
 def test_a_picture_is_the_same_whatever_the_scheme(browser, until, pepper, tmp_path):
     url = Viewer(pepper).save_html(tmp_path / "a.html").as_uri() + "#panel=0"
-    seen = []
+    pictures = []
     for scheme in ("light", "dark"):
         page = browser.new_page(viewport={"width": 320, "height": 240}, color_scheme=scheme)
         page.goto(url)
         until(page, "window.pepperKin !== undefined")
         page.wait_for_timeout(500)
-        seen.append(pixels(page))
+        pictures.append(pixels(page))
         page.close()
-    np.testing.assert_array_equal(*seen)
+    np.testing.assert_array_equal(*pictures)

@@ -8,7 +8,7 @@ from PIL import Image
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.viewer import Camera, JointMotion, Viewer
+from pepper_kin.viewer import JointMotion, Viewer, Viewpoint
 from pepper_kin.viewer.camera import view_options
 from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.planning import show_motion
@@ -21,7 +21,7 @@ SEEN = """([x, y, z]) => {
 }"""
 
 
-def is_seen(page, point):
+def in_picture(page, point):
     return np.abs(page.evaluate(SEEN, list(map(float, point)))).max() <= 1
 
 
@@ -42,13 +42,13 @@ def drive(planar):
 
 def test_a_camera_of_ones_own_is_an_option_of_the_page():
     assert view_options("side") == {"view": "side"}
-    assert view_options(Camera((1, 2, 3), (0.5, 0, 0.125))) == {"camera": "1,2,3,0.5,0,0.125"}
+    assert view_options(Viewpoint((1, 2, 3), (0.5, 0, 0.125))) == {"camera": "1,2,3,0.5,0,0.125"}
     with pytest.raises(UnknownNameError, match="unknown camera view 'below'; available: three-quarter"):
         view_options("below")
     with pytest.raises(InvalidValueError, match="position of the camera: got nan"):
-        Camera((np.nan, 0, 0), (0, 0, 0))
+        Viewpoint((np.nan, 0, 0), (0, 0, 0))
     with pytest.raises(InvalidValueError, match=r"target of the camera: .* at least 0\.05 m from its"):
-        Camera((1, 0, 0), (1, 0, 0.01))
+        Viewpoint((1, 0, 0), (1, 0, 0.01))
 
 
 @pytest.mark.browser
@@ -57,7 +57,7 @@ def test_a_picture_has_the_cameras_target_in_its_middle(pepper, chromium_path, t
     viewer = Viewer(pepper).add_scene(
         pk.Scene().add("ball", pk.model.Sphere(0.05), (0.2, 1.5, 1.3), color=(1, 0, 0, 1))
     )
-    camera = Camera((0.2 + 0.6, 1.5 + 0.8, 1.3), (0.2, 1.5, 1.3))
+    camera = Viewpoint((0.2 + 0.6, 1.5 + 0.8, 1.3), (0.2, 1.5, 1.3))
     path = viewer.save_image(tmp_path / "ball.png", size=(600, 400), view=camera)
     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
     rows, columns = np.nonzero((pixels[..., 0] > 90) & (pixels[..., 0] > 2.5 * pixels[..., 1]))
@@ -76,10 +76,10 @@ def test_a_recording_frames_its_targets_and_the_whole_way_of_the_base(
         page = browser.new_page(viewport={"width": width, "height": height})
         page.goto(path.as_uri())
         until(page, "window.pepperKin !== undefined")
-        assert is_seen(page, target)
+        assert in_picture(page, target)
         for q in drive.positions[::8]:
             for link in ("base_footprint", "Head", "l_wrist", "r_wrist"):
-                assert is_seen(page, pk.kinematics.frame_pose(planar, q, link)[:3, 3])
+                assert in_picture(page, pk.kinematics.frame_pose(planar, q, link)[:3, 3])
         page.evaluate("pepperKin.seek(4)")
         x, _, z = page.evaluate(
             "pepperKin.viewer.scene_tree.find(['Stage', 'key', '<object>']).object.target.position.toArray()"
@@ -95,7 +95,7 @@ def test_the_live_page_steps_back_for_targets_and_long_ways(open_live, until, pl
         server.call(lambda session: session.set_follow(False))
         page = open_live(server.url)
         target = [1.0, -2.5, 1.2]
-        assert not is_seen(page, target)
+        assert not in_picture(page, target)
         server.call(lambda session: session.move_target("right hand", np.array(target)))
         until(page, f"({SEEN})({target}).every((x) => Math.abs(x) <= 1)")
         server.call(lambda session: session.release())
@@ -103,8 +103,8 @@ def test_the_live_page_steps_back_for_targets_and_long_ways(open_live, until, pl
         server.call(lambda session: session.load(shown, play=False))
         until(page, f"({SEEN})([0, 4, 1]).every((x) => Math.abs(x) <= 1)")
         for q in drive.positions[::8]:
-            assert is_seen(page, pk.kinematics.frame_pose(planar, q, "Head")[:3, 3])
-            assert is_seen(page, pk.kinematics.frame_pose(planar, q, "base_footprint")[:3, 3])
+            assert in_picture(page, pk.kinematics.frame_pose(planar, q, "Head")[:3, 3])
+            assert in_picture(page, pk.kinematics.frame_pose(planar, q, "base_footprint")[:3, 3])
     finally:
         server.close()
 
@@ -137,6 +137,6 @@ def test_a_camera_that_a_visitor_has_turned_stays_and_is_found_again(open_live, 
         np.testing.assert_allclose(page.evaluate(where), own, atol=2e-3)
         page.click("[data-view=front]")
         until(page, "location.hash === '#view=front'")
-        assert is_seen(page, [1.0, -2.5, 1.2])
+        assert in_picture(page, [1.0, -2.5, 1.2])
     finally:
         server.close()

@@ -36,7 +36,7 @@ def session(pepper):
     return Session(pepper, lambda command: None, Nobody())
 
 
-def test_contact_is_told_of_the_bodies_that_touch(session, pepper):
+def test_contact_names_the_bodies_that_touch(session, pepper):
     q = pepper.joint_vector(HAND_ON_CHEST)
     session.set_joints(q)
     session.tick(0.1)
@@ -58,7 +58,7 @@ def test_contact_is_told_of_the_bodies_that_touch(session, pepper):
     assert session.document["alerts"][0]["text"].startswith("The left hand touches ball/1")
 
 
-def test_a_posture_that_cannot_be_held_is_told_with_joint_and_share(session, pepper):
+def test_a_posture_that_cannot_be_held_is_reported_with_joint_and_share(session, pepper):
     q = pepper.joint_vector({"HipPitch": -1.0, "LShoulderPitch": 0.0, "RShoulderPitch": 0.0})
     torque = pk.dynamics.newton_euler(pepper, q, REST, REST)
     share = (np.abs(torque) / pepper.effort_limits)[pepper.joint_index("HipPitch")]
@@ -73,7 +73,7 @@ def test_a_posture_that_cannot_be_held_is_told_with_joint_and_share(session, pep
     assert share <= float(said[1]) / 100 < share + 0.1
 
 
-def test_movement_beyond_torque_and_balance_is_told_and_stays_to_be_read(pepper):
+def test_movement_beyond_torque_and_balance_is_reported_and_stays_to_be_read(pepper):
     alerts, q = Alerts(pepper), pepper.posture("Stand")
     a = np.zeros(pepper.n)
     a[pepper.joint_index("HipPitch")] = 40.0
@@ -129,7 +129,7 @@ def test_contact_is_red_on_the_links_with_a_sentence(open_live, until, pepper):
     red = """() => {
         const { scene } = pepperKin.parts;
         const reds = [];
-        pepperKin.viewer.scene_tree.find(['robot', 'looks', 'links']).object.children.forEach((body) => {
+        pepperKin.viewer.scene_tree.find(['robot', 'visual', 'links']).object.children.forEach((body) => {
             body.traverse(({ material }) => {
                 if (material && material.color.r > 0.5 && material.color.g < 0.4) reds.push(body.name);
             });

@@ -117,17 +117,17 @@ def test_keys_move_a_slider_and_postures_are_taken(open_live, until, server, pep
 
 def test_layers_are_switched_for_everybody(open_live, until, server):
     page, other = open_live(server.url), open_live(server.url)
-    with_looks = picture(page)
-    page.click("#show-looks")
+    with_visual = picture(page)
+    page.click("#show-visual")
     page.click("#show-capsules")
     page.click("#show-zero_moment_point")
-    until(other, "!pepperKin.values.show.looks && pepperKin.values.show.capsules")
-    assert not other.is_checked("#show-looks")
+    until(other, "!pepperKin.values.show.visual && pepperKin.values.show.capsules")
+    assert not other.is_checked("#show-visual")
     picture(other)
     visible = "(layer) => pepperKin.viewer.scene_tree.find(['robot', layer]).object.visible"
-    for name, on in {"looks": False, "capsules": True, "zero_moment_point": True, "spheres": False}.items():
+    for name, on in {"visual": False, "capsules": True, "zero_moment_point": True, "spheres": False}.items():
         assert other.evaluate(visible, name) is on
-    assert (np.abs(picture(page) - with_looks).max(axis=2) > 40).sum() > 2000
+    assert (np.abs(picture(page) - with_visual).max(axis=2) > 40).sum() > 2000
 
 
 def test_the_points_of_balance_are_where_dynamics_puts_them(open_live, until, server, pepper):
@@ -346,12 +346,12 @@ def test_a_killed_server_comes_back_and_the_page_with_it(open_live, until):
 def test_the_viewer_shows_plays_and_hears_from_python(open_live, until, pepper, waving):
     scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
     heard = []
-    with Viewer(pepper, looks="collision", port=0).add_scene(scene) as viewer:
+    with Viewer(pepper, geometry_type="collision", port=0).add_scene(scene) as viewer:
         assert viewer.url is None
         url = viewer.show(waving.positions[-1])
         page = open_live(url)
         until(page, at(waving.positions[-1]))
-        assert page.evaluate("pepperKin.values.show.capsules && !pepperKin.values.show.looks")
+        assert page.evaluate("pepperKin.values.show.capsules && !pepperKin.values.show.visual")
         assert page.evaluate("pepperKin.values.obstacles[0].name") == "table"
         assert viewer.play(waving) == viewer.url == url
         until(page, "pepperKin.values.play !== null && pepperKin.values.play.time === 2")

@@ -36,7 +36,11 @@ def test_a_command_is_read_with_its_fields():
         ('{"do": "joint", "name": "HeadYaw", "value": 1e999}', InvalidValueError, "value: got inf"),
         ('{"do": "joint", "name": "HeadYaw", "value": true}', InvalidValueError, "value: got True"),
         ('{"do": "joint", "name": 3, "value": 0}', InvalidValueError, "name: got 3, expected a name"),
-        ('{"do": "show", "layer": "looks", "on": 1}', InvalidValueError, "on: got 1, expected true or false"),
+        (
+            '{"do": "show", "layer": "visual", "on": 1}',
+            InvalidValueError,
+            "on: got 1, expected true or false",
+        ),
         ('{"do": "target", "name": "gaze", "position": [1, 2]}', InvalidValueError, "position: got shape"),
         ('{"do": "target", "name": "gaze", "position": [1, 2, 99]}', InvalidValueError, "within 10 m"),
         ('{"do": "plan", "fast": true}', InvalidValueError, "command 'plan': got a field 'fast'"),

@@ -14,7 +14,7 @@ from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameErro
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer import JointMotion
 from pepper_kin.viewer.server.document import Document
-from pepper_kin.viewer.server.layers import INERTIA, LOOKS, layers_of
+from pepper_kin.viewer.server.layers import INERTIA, VISUAL, layers_of
 from pepper_kin.viewer.server.planning import show_motion
 from pepper_kin.viewer.server.playback import Playback
 from pepper_kin.viewer.server.session import Session
@@ -84,7 +84,7 @@ def test_what_is_wrong_is_refused_and_changes_nothing(session, pepper):
         session.set_joint("HeadYaw", 9.0)
     with pytest.raises(UnknownNameError, match="unknown joint 'Tail'"):
         session.set_joint("Tail", 0.0)
-    with pytest.raises(UnknownNameError, match="unknown layer 'soul'; available: looks, capsules"):
+    with pytest.raises(UnknownNameError, match="unknown layer 'soul'; available: visual, capsules"):
         session.show("soul", True)
     with pytest.raises(
         UnknownNameError, match="unknown target 'foot'; available: left hand, right hand, gaze"
@@ -176,10 +176,10 @@ def test_inertia_ellipsoids_have_the_mass_distribution_of_their_links(pepper):
         np.testing.assert_allclose(drawable.transform_shape_to_link[:3, 3], inertia.lever, atol=1e-9)
 
 
-def test_merged_looks_fill_the_room_of_their_parts(pepper):
+def test_merged_visuals_fill_the_bounds_of_their_parts(pepper):
     from pepper_kin.viewer.surface import read_surface
 
-    drawn = layers_of(pepper, Targets(pepper))[LOOKS]
+    drawn = layers_of(pepper, Targets(pepper))[VISUAL]
     q = pepper.posture("Stand")
 
     def corners(link, vertices, pose):
@@ -258,10 +258,10 @@ def test_time_passes_only_while_something_moves(session, pepper):
 def test_a_document_tells_what_changed_since():
     document = Document()
     document.set("a", 1)
-    seen = document.count
+    revision = document.count
     document.set("b", [2])
     document.set("a", 1)
-    assert document.changes_since(seen) == {"b": [2]}
+    assert document.changes_since(revision) == {"b": [2]}
     assert document.changes_since(-1) == {"a": 1, "b": [2]}
     assert document.changes_since(document.count) == {}
 

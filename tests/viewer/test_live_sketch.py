@@ -12,7 +12,7 @@ from PIL import Image
 import pepper_kin as pk
 from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.coarsening import coarsened
-from pepper_kin.viewer.server.layers import INERTIA, LOOKS, SPHERES, layers_of
+from pepper_kin.viewer.server.layers import INERTIA, SPHERES, VISUAL, layers_of
 from pepper_kin.viewer.server.sketches import sketches_of
 from pepper_kin.viewer.server.targets import Targets
 
@@ -64,15 +64,15 @@ def picture_of(page):
     return np.asarray(image.convert("RGB")).astype(int)
 
 
-def test_sketches_have_few_triangles_and_fill_the_same_room(pepper, layers):
+def test_sketches_have_few_triangles_and_fill_the_same_bounds(pepper, layers):
     sketches = sketches_of(pepper, layers)
-    for layer, share in ((LOOKS, 0.1), (SPHERES, 0.5)):
+    for layer, share in ((VISUAL, 0.1), (SPHERES, 0.5)):
         fine = sum(len(d.geometry.faces) for d in layers[layer])
         assert sum(len(d.geometry.faces) for d in sketches[layer]) < share * fine
-    for link in {d.link for d in layers[LOOKS]}:
-        np.testing.assert_allclose(box_of(sketches[LOOKS], link), box_of(layers[LOOKS], link), atol=0.005)
-    fine = {(d.link, d.color): solid_of(d.geometry) for d in layers[LOOKS]}
-    for coarse in sketches[LOOKS]:
+    for link in {d.link for d in layers[VISUAL]}:
+        np.testing.assert_allclose(box_of(sketches[VISUAL], link), box_of(layers[VISUAL], link), atol=0.005)
+    fine = {(d.link, d.color): solid_of(d.geometry) for d in layers[VISUAL]}
+    for coarse in sketches[VISUAL]:
         for corner in coarse.geometry.vertices.astype(float):
             place = coal.Transform3s(np.eye(3), corner)
             found = coal.DistanceResult()
@@ -104,7 +104,7 @@ def test_coarsened_corners_stay_where_planes_meet(layers):
         for end in (0.003, 0.997)
     ]
     faces = np.concatenate([quads + k * len(u) for k in range(6)])
-    box = replace(layers[LOOKS][0], geometry=Surface(np.concatenate(sides), faces))
+    box = replace(layers[VISUAL][0], geometry=Surface(np.concatenate(sides), faces))
     (coarse,) = coarsened((box,), 100)
     assert len(coarse.geometry.faces) <= 100
     corners = np.array([[x, y, z] for x in (0.003, 0.997) for y in (0.003, 0.997) for z in (0.003, 0.997)])
@@ -165,7 +165,7 @@ def test_a_sketch_covers_what_moves_and_no_more(open_live, until, server, pepper
 
 
 @pytest.mark.browser
-def test_the_sketch_looks_like_the_fine_picture(open_live, until, server, pepper):
+def test_the_sketch_resembles_the_fine_picture(open_live, until, server, pepper):
     server.call(lambda session: session.add_obstacle("box", np.array([0.5, 0.3, 0.9])))
     page = open_live(server.url)
     until(page, "pepperKin.values.obstacles.length === 1")

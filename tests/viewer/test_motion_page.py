@@ -9,19 +9,19 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation, Slerp
 
-from pepper_kin.viewer import marker, write_motion_page
+from pepper_kin.viewer import marker, save_motion_page
 
 pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
 def motion_page(machine, tmp_path):
-    return write_motion_page(
-        tmp_path / "motion.html",
+    return save_motion_page(
         machine.drawables,
         machine.links,
         machine.times,
         machine.poses,
+        tmp_path / "motion.html",
         title="Machine <b>",
         series={"height [m]": np.linspace(1, 2, 5), "bar torque [N m]": np.linspace(-6.0, 9.0, 5)},
         limits={"bar torque [N m]": 10.0},

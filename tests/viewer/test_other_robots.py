@@ -11,8 +11,10 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.collision.mesh_file import read_mesh
 from pepper_kin.model import Mesh
+from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.server import ViewerServer
-from pepper_kin.viewer.server.layers import LOOKS, layers_of
+from pepper_kin.viewer.server.layers import VISUAL, layers_of
+from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.server.sketches import TRIANGLES, sketches_of
 from pepper_kin.viewer.server.targets import Targets
 
@@ -22,15 +24,15 @@ ROBOTS = SHARE / "example-robot-data" / "robots"
 
 @pytest.fixture(scope="module")
 def panda():
-    """An arm whose looks are COLLADA files."""
+    """An arm whose visual meshes are COLLADA files."""
     urdf = ROBOTS / "panda_description" / "urdf" / "panda.urdf"
     return pk.load_robot(urdf, package_dirs=[SHARE, ROBOTS])
 
 
-def test_looks_of_collada_files_hold_the_collision_shapes(panda):
+def test_visuals_of_collada_files_hold_the_collision_shapes(panda):
     """The maker's hulls for collisions are drawn around the same bodies: both fill the same room."""
     layers = layers_of(panda, Targets(panda))
-    looks, sketch = layers[LOOKS], sketches_of(panda, layers)[LOOKS]
+    visuals, sketch = layers[VISUAL], sketches_of(panda, layers)[VISUAL]
     hulls: dict[str, list] = {}
     for shape in panda.collision_shapes:
         if not isinstance(shape.geometry, Mesh):
@@ -40,7 +42,7 @@ def test_looks_of_collada_files_hold_the_collision_shapes(panda):
         hulls.setdefault(shape.link, []).append(vertices @ pose[:3, :3].T + pose[:3, 3])
     for link in ("panda_link0", "panda_link3", "panda_link5"):
         boxes = []
-        for drawables in (looks, sketch):
+        for drawables in (visuals, sketch):
             points = [
                 d.geometry.vertices @ d.transform_shape_to_link[:3, :3].T + d.transform_shape_to_link[:3, 3]
                 for d in drawables
@@ -71,3 +73,48 @@ def test_another_robot_is_shown_and_moved(open_live, until, panda):
         until(page, f"Math.abs(pepperKin.parts.scene.place('panda_link5')[0] - {pose[0, 3]}) < 1e-5")
     finally:
         server.close()
+
+
+def test_a_mesh_file_is_drawn_in_its_colors(tmp_path):
+    """Where the description names no color; one that it names counts for the whole mesh, as in RViz."""
+    half = (
+        "<triangles count='1' material='{0}'><input semantic='VERTEX' source='#v' offset='0'/>"
+        "<p>{1}</p></triangles>"
+    )
+    paint = (
+        "<effect id='e{0}'><profile_COMMON><technique sid='c'><lambert><diffuse><color>{1}</color></diffuse>"
+        "</lambert></technique></profile_COMMON></effect>"
+    )
+    material = "<material id='m{0}'><instance_effect url='#e{0}'/></material>"
+    bound = "<instance_material symbol='{0}' target='#m{0}'/>"
+    (tmp_path / "two.dae").write_text(
+        "<COLLADA xmlns='http://www.collada.org/2005/11/COLLADASchema' version='1.4.1'><asset/>"
+        f"<library_effects>{paint.format('a', '1 0 0 1')}{paint.format('b', '0 0 1 1')}</library_effects>"
+        f"<library_materials>{material.format('a')}{material.format('b')}</library_materials>"
+        "<library_geometries><geometry id='g'><mesh><source id='p'><float_array id='pa' count='12'>"
+        "0 0 0 1 0 0 0 1 0 0 0 1</float_array><technique_common><accessor source='#pa' count='4' stride='3'>"
+        "<param name='X' type='float'/><param name='Y' type='float'/><param name='Z' type='float'/>"
+        "</accessor></technique_common></source>"
+        "<vertices id='v'><input semantic='POSITION' source='#p'/></vertices>"
+        f"{half.format('a', '0 1 2')}{half.format('b', '0 1 3')}</mesh></geometry></library_geometries>"
+        "<library_visual_scenes><visual_scene id='s'><node><instance_geometry url='#g'><bind_material>"
+        f"<technique_common>{bound.format('a')}{bound.format('b')}</technique_common></bind_material>"
+        "</instance_geometry></node></visual_scene></library_visual_scenes>"
+        "<scene><instance_visual_scene url='#s'/></scene></COLLADA>"
+    )
+
+    def drawn(material: str) -> dict[tuple[float, ...], int]:
+        urdf = (
+            "<robot name='r'><link name='base'><visual><geometry><mesh filename='two.dae' scale='2 2 2'/>"
+            f"</geometry>{material}</visual></link><link name='tip'/><joint name='j' type='continuous'>"
+            "<parent link='base'/><child link='tip'/></joint></robot>"
+        )
+        robot = pk.load_robot(urdf, package_dirs=[tmp_path])
+        parts = [part for shape in robot.visual_shapes for part in Drawable.all_of_shape(shape)]
+        together = merged(robot, robot.visual_shapes)
+        assert sorted(part.color for part in together) == sorted(part.color for part in parts)
+        assert max(part.geometry.vertices.max() for part in together) == 2.0
+        return {part.color: index for index, part in enumerate(parts)}
+
+    assert set(drawn("")) == {(1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0)}
+    assert set(drawn("<material name='g'><color rgba='0 1 0 1'/></material>")) == {(0.0, 1.0, 0.0, 1.0)}

@@ -26,9 +26,9 @@ def through_a_ball(pepper):
 def test_spans_are_the_times_at_which_something_touches(pepper, through_a_ball):
     motion, scene = through_a_ball
     spans = touch_spans(pepper, motion.times, motion.positions, scene, ("torso", "l_hand", "l_wrist"))
-    told = [any(span.start <= time <= span.end for span in spans) for time in motion.times]
-    np.testing.assert_array_equal(told, pk.collision.in_collision(pepper, motion.positions, scene))
-    assert 0 < sum(told) < 41
+    expected = [any(span.start <= time <= span.end for span in spans) for time in motion.times]
+    np.testing.assert_array_equal(expected, pk.collision.in_collision(pepper, motion.positions, scene))
+    assert 0 < sum(expected) < 41
     span = next(span for span in spans if span.start <= 0.5 <= span.end)
     assert (span.links, span.objects) == (("l_hand", "l_wrist"), ("ball",))
     assert span.text == "The left hand touches the ball."

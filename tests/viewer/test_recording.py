@@ -10,7 +10,7 @@ import pytest
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
 from pepper_kin.model.shapes import Box, Mesh
-from pepper_kin.viewer import Drawable, marker, write_motion_page
+from pepper_kin.viewer import Drawable, marker, save_motion_page
 from pepper_kin.viewer.surface import capsule_surface
 
 VOID = {"meta", "link", "input", "path"}
@@ -48,7 +48,7 @@ def write(machine, path, **changes):
         "drawables": machine.drawables, "link_names": machine.links, "times": machine.times,
         "link_poses": machine.poses, "title": "A little machine",
     }  # fmt: skip
-    return write_motion_page(path, **(arguments | changes))
+    return save_motion_page(path=path, **(arguments | changes))
 
 
 def test_the_page_is_well_formed_and_refers_to_nothing_outside(machine, tmp_path):
@@ -75,7 +75,7 @@ def test_the_page_holds_the_poses_and_the_objects(machine, tmp_path, content_of)
     assert kinds == ["CylinderGeometry", "BoxGeometry", "BufferGeometry", "SphereGeometry"]
 
 
-def test_links_that_carry_nothing_take_no_room(machine, tmp_path, content_of):
+def test_links_that_carry_nothing_take_no_memory(machine, tmp_path, content_of):
     bare = content_of(write(machine, tmp_path / "a.html", drawables=machine.drawables[:1]))
     assert [link["name"] for link in bare["motion"]["links"]] == ["base"]
     assert bare["motion"]["positions"].size == 5 * 3
@@ -101,7 +101,7 @@ def test_a_mesh_is_embedded_once_and_ten_seconds_stay_small(tmp_path, content_of
     times = np.linspace(0.0, 10.0, 2001)
     poses = np.broadcast_to(np.eye(4), (2001, 40, 4, 4)).copy()
     poses[:, :, 0, 3] = np.sin(times)[:, None]
-    path = write_motion_page(tmp_path / "motion.html", shell, links, times, poses, title="Forty links")
+    path = save_motion_page(shell, links, times, poses, tmp_path / "motion.html", title="Forty links")
     content = content_of(path)
     assert content["motion"]["times"].size == 401
     assert len(content["commands"]) == 80
@@ -113,7 +113,7 @@ def test_mirrored_meshes_are_drawn_by_their_scale(tmp_path, content_of):
     mesh = mesh_file(tmp_path / "part.stl")
     shell = Drawable("shell", "a", Mesh(mesh, (0.5, -0.5, 0.5)), np.eye(4), (1, 1, 1, 1))
     content = content_of(
-        write_motion_page(tmp_path / "m.html", [shell], ["a"], [0.0], np.eye(4)[None, None], title="")
+        save_motion_page([shell], ["a"], [0.0], np.eye(4)[None, None], tmp_path / "m.html", title="")
     )
     np.testing.assert_array_equal(
         np.reshape(content["commands"][1]["matrix"], (4, 4)), np.diag([0.5, -0.5, 0.5, 1.0])

@@ -94,7 +94,7 @@ def test_reading_keeps_every_triangle_and_joins_equal_corners(tmp_path):
 
 
 def test_a_collada_file_is_read_by_its_numbers(tmp_path):
-    """As Pinocchio reads it for collisions: its unit and its upward axis are not looked at."""
+    """Its unit is applied; its upward axis is not, as in ROS."""
     path = tmp_path / "cube.dae"
     corners = CUBE_CORNERS * [10.0, 30.0, 20.0]
     path.write_text(COLLADA.format(
@@ -102,8 +102,8 @@ def test_a_collada_file_is_read_by_its_numbers(tmp_path):
     ))  # fmt: skip
     surface = read_surface(path)
     assert surface.faces.shape == (12, 3)
-    assert volume(surface.vertices, surface.faces) == pytest.approx(10 * 20 * 30)
-    np.testing.assert_allclose(np.ptp(surface.vertices, axis=0), [10, 30, 20], rtol=1e-5)
+    assert volume(surface.vertices, surface.faces) == pytest.approx(0.1 * 0.2 * 0.3)
+    np.testing.assert_allclose(np.ptp(surface.vertices, axis=0), [0.1, 0.3, 0.2], rtol=1e-5)
 
 
 def test_flat_triangles_are_dropped(tmp_path):

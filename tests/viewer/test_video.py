@@ -11,7 +11,7 @@ from PIL import Image, ImageSequence
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError, UnknownNameError
-from pepper_kin.viewer import JointMotion, write_motion_page, write_video
+from pepper_kin.viewer import JointMotion, save_motion_page, save_video
 from pepper_kin.viewer.browser_session import BrowserSession
 from pepper_kin.viewer.video import frame_times
 
@@ -20,8 +20,8 @@ SIZE = (160, 120)
 
 @pytest.fixture
 def page(machine, tmp_path):
-    return write_motion_page(
-        tmp_path / "motion.html", machine.drawables, machine.links, machine.times, machine.poses, title="x"
+    return save_motion_page(
+        machine.drawables, machine.links, machine.times, machine.poses, tmp_path / "motion.html", title="x"
     )
 
 
@@ -50,21 +50,21 @@ def red_column(picture):
 @pytest.mark.browser
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_a_film_has_the_frames_asked_for_and_they_move(chromium_path, page, tmp_path, suffix):
-    told = []
-    path = write_video(
+    calls = []
+    path = save_video(
         page, tmp_path / f"film{suffix}", fps=5, size=SIZE, view="front",
-        on_frame=lambda done, total: told.append((done, total)),
+        on_frame=lambda done, total: calls.append((done, total)),
     )  # fmt: skip
     pictures, shown = frames_of(path)
     assert pictures.shape == (11, 120, 160, 3)  # two seconds at five a second, both ends
     np.testing.assert_allclose(shown, 0.2, atol=1e-6)
-    assert told == [(k, 11) for k in range(1, 12)]
+    assert calls == [(k, 11) for k in range(1, 12)]
     # From the front the robot's left (+y) is on the right: the cube slides evenly from left to right.
     columns = np.array([red_column(picture) for picture in pictures])
     steps = np.diff(columns)
     assert (steps > 0).all()
     assert steps.max() < 2 * steps.mean()
-    again = write_video(page, tmp_path / f"again{suffix}", fps=5, size=SIZE, view="front")
+    again = save_video(page, tmp_path / f"again{suffix}", fps=5, size=SIZE, view="front")
     np.testing.assert_array_equal(frames_of(again)[0], pictures)
     assert again.read_bytes() == path.read_bytes()
 
@@ -120,7 +120,7 @@ def test_frame_times_are_even_and_show_the_end(end, fps, count):
 def test_what_cannot_be_filmed_is_refused_at_once(page, tmp_path, name, changes, error, message):
     arguments = {"html_path": page, "video_path": tmp_path / name} | changes
     with pytest.raises(error, match=message):
-        write_video(arguments.pop("html_path"), arguments.pop("video_path"), **arguments)
+        save_video(arguments.pop("html_path"), arguments.pop("video_path"), **arguments)
     assert [item.name for item in tmp_path.iterdir()] == ["motion.html"]
 
 
@@ -129,13 +129,13 @@ def test_without_pyav_the_message_says_how_to_get_it(page, tmp_path, monkeypatch
     with pytest.raises(
         MissingDependencyError, match=r'an MP4 film needs .av.*pip install "pepper_kin\[video\]"'
     ):
-        write_video(page, tmp_path / "a.mp4")
+        save_video(page, tmp_path / "a.mp4")
 
 
 def test_without_a_chromium_the_message_says_so(page, tmp_path, monkeypatch):
     monkeypatch.setattr("pepper_kin.viewer.browser_session.find_chromium", lambda: None)
     with pytest.raises(MissingDependencyError, match="apt-get install chromium"):
-        write_video(page, tmp_path / "a.gif")
+        save_video(page, tmp_path / "a.gif")
 
 
 @pytest.mark.parametrize(
@@ -148,5 +148,5 @@ def test_a_browser_that_fails_leaves_no_film(page, tmp_path, monkeypatch, script
     program.chmod(0o755)
     monkeypatch.setenv("PEPPER_KIN_CHROMIUM", str(program))
     with pytest.raises(InfeasibleError, match=f"no picture: the browser {message}"):
-        write_video(page, tmp_path / "a.gif", timeout=timeout)
+        save_video(page, tmp_path / "a.gif", timeout=timeout)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["browser", "motion.html"]

@@ -52,7 +52,7 @@ def test_a_recording_has_every_link_where_kinematics_puts_it(pepper, waving, tmp
             assert turn.magnitude() < 1e-6
 
 
-def test_a_recording_shows_looks_scene_targets_and_curves(pepper, waving, tmp_path, content_of):
+def test_a_recording_shows_visuals_scene_targets_and_curves(pepper, waving, tmp_path, content_of):
     scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
     viewer = Viewer(pepper).add_scene(scene).add_target("left hand", (0.4, 0.2, 0.9))
     path = viewer.save_html(tmp_path / "motion.html", waving, title="Over the table")
@@ -74,7 +74,7 @@ def test_ten_seconds_of_pepper_stay_below_three_megabytes(pepper, tmp_path):
 
 
 def test_collision_shapes_can_be_shown_instead(pepper, tmp_path, content_of):
-    viewer = Viewer(pepper, looks="collision")
+    viewer = Viewer(pepper, geometry_type="collision")
     content = content_of(viewer.save_html(tmp_path / "shapes.html", pepper.posture("Stand")))
     assert len(content["commands"]) == 2 * len(pepper.collision_shapes)
     assert content["motion"]["times"].size == 1
@@ -172,13 +172,13 @@ def test_pictures_outside_the_motion_are_refused(pepper, waving, tmp_path, at_ti
     assert not any(tmp_path.iterdir())
 
 
-def test_bad_series_targets_and_looks_are_refused_by_name(pepper, waving, tmp_path):
+def test_bad_series_targets_and_geometry_types_are_refused_by_name(pepper, waving, tmp_path):
     with pytest.raises(InvalidValueError, match=r"series 'x': got shape \(2,\), expected shape \(401,\)"):
         Viewer(pepper).save_html(tmp_path / "a.html", waving, series={"x": [1.0, 2.0]})
     with pytest.raises(InvalidValueError, match="position of 'hand': got inf"):
         Viewer(pepper).add_target("hand", (np.inf, 0, 0))
-    with pytest.raises(UnknownNameError, match="unknown looks 'shiny'; available: visual, collision"):
-        Viewer(pepper, looks="shiny")
+    with pytest.raises(UnknownNameError, match="unknown geometry_type 'shiny'; available: visual, collision"):
+        Viewer(pepper, geometry_type="shiny")
 
 
 @pytest.mark.browser
@@ -194,18 +194,18 @@ def test_a_picture_shows_a_white_robot_in_the_middle(chromium_path, pepper, tmp_
 
 
 def test_a_target_is_moved_from_python_as_by_dragging(pepper):
-    heard, told = [], threading.Event()
+    moved, called = [], threading.Event()
 
     def hear(name, position):
-        heard.append((name, position))
-        told.set()
+        moved.append((name, position))
+        called.set()
 
     with Viewer(pepper, port=0) as viewer:
         viewer.show(pepper.posture("Stand"))
         viewer.on_target(hear).follow(False)
         assert viewer.move_target("left hand", [0.4, 0.2, 0.9]) is viewer
-        assert told.wait(10.0)
-        name, position = heard[-1]
+        assert called.wait(10.0)
+        name, position = moved[-1]
         assert name == "left hand"
         np.testing.assert_array_equal(position, [0.4, 0.2, 0.9])
         np.testing.assert_array_equal(viewer.q, pepper.posture("Stand"))  # nobody follows

@@ -96,7 +96,7 @@ def test_both_solvers_take_the_same_steps():
         second.advance_alone(1e-3)
         ways = (first.last_solution, second.last_solution)
         if ways[0] is None or max(way.problems for way in ways) > 5:
-            continue  # nothing touches, or a collision whose slips do not settle
+            continue  # nothing touches, or a collision whose friction iterations do not converge
         assert tuple(way.solver for way in ways) == ("compiled", "proxsuite")
         solved += 1
         for a, b in zip(first.bodies.values(), second.bodies.values(), strict=True):

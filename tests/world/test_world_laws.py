@@ -1,4 +1,4 @@
-"""A drop, a slide, a roll and a stack against their closed forms."""
+"""Free flight, sliding, rolling and stacks against their closed forms."""
 
 import numpy as np
 import pytest

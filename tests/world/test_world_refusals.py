@@ -1,4 +1,4 @@
-"""What a world refuses and how it says so, and that it keeps what it was given."""
+"""Errors of a world for misuse, and copies of its arguments."""
 
 import numpy as np
 import pytest

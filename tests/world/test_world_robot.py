@@ -1,4 +1,4 @@
-"""The robot among things: it leans, pushes, is caught, and lifts what it grips."""
+"""Contacts of the robot with a world: leaning, pushing, blocking, and lifting an object in its grip."""
 
 import numpy as np
 import pinocchio
@@ -13,7 +13,7 @@ H = 0.002
 
 
 def joint_loads(pepper, q, contacts):
-    """J^T of the forces on the robot, by the kinematics room; shape (n,)."""
+    """J^T of the forces on the robot, by `pepper_kin.kinematics`; shape (n,)."""
     total = np.zeros(pepper.n)
     for contact in contacts:
         for name, sign in zip(contact.names, (1.0, -1.0), strict=True):
@@ -85,7 +85,7 @@ def test_a_hand_pushes_a_box_along_a_table_against_its_friction():
     mass, mu, top, speed = 0.5, 0.4, 0.70, 0.1
     q = pepper.neutral().copy()
     goal = [pk.ik.HandPosition("left", (0.28, 0.18, top + 0.05))]
-    q = pk.ik.solve(pepper, goal, q0=q, scene=Scene(), joints="left_arm").q.copy()
+    q = pk.ik.solve(pepper, goal, start=q, scene=Scene(), joints="left_arm").q.copy()
     scene = Scene().add_box("table", (0.6, 1.2, 0.04), (0.65, 0, top - 0.02))
     world = World(pepper, scene, friction=mu)
     world.add_box("parcel", (0.12, 0.16, 0.14), mass, (0.46, 0.18, top + 0.07))
@@ -151,7 +151,7 @@ def grip(mass, friction):
     for height in (0.80, 0.85):
         level = pk.ik.AxisAlignment("LArm_effector", up, axis=(0, 1, 0), tolerance=0.03)
         tasks = [pk.ik.HandPosition("left", (0.30, 0.20, height)), level]
-        solution = pk.ik.solve(pepper, tasks, q0=q, scene=Scene())
+        solution = pk.ik.solve(pepper, tasks, start=q, scene=Scene())
         assert solution.success
         q = solution.q.copy()
         q[hand] = 0.9

@@ -1,4 +1,4 @@
-"""Many steps among things in one call: bit for bit what a world gives that is called back in every step."""
+"""Rollouts of many steps with a world in one call: bit for bit those with a call-back in every step."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ class Plain:
 
 
 class Watchful:
-    """Sensors that are shown every state, since they do not say when they are due."""
+    """Sensors that get every state, since they have no clock."""
 
     def __init__(self, suite):
         self.suite, self.shown = suite, 0
@@ -137,10 +137,10 @@ def test_where_a_run_is_broken_off_changes_no_bit():
     twin.reset(start)
     whole = twin.follow(np.tile(target, (60, 1)))
     other, _, _ = leaning()
-    pieces = Twin(PEPPER, H, world=other)
-    pieces.reset(start)
-    states = [pieces.step(target) for _ in range(7)]
-    run = pieces.follow(np.tile(target, (53, 1)))
+    stepwise = Twin(PEPPER, H, world=other)
+    stepwise.reset(start)
+    states = [stepwise.step(target) for _ in range(7)]
+    run = stepwise.follow(np.tile(target, (53, 1)))
     assert np.array_equal(whole.velocity[1:8], [state.velocity for state in states])
     assert np.array_equal(whole.velocity[7:], run.velocity)
     same_worlds(world, other)
@@ -176,7 +176,7 @@ def test_a_run_stops_where_its_steps_do(way):
         with np.errstate(all="ignore"):
             runs.append(twin.follow(np.tile(PEPPER.neutral(), (60, 1)), load=load))
         worlds.append(world)
-        assert runs[-1].status == "stopped"
+        assert runs[-1].status.value == "stopped"
     same(*runs)
     for mine, other in zip(*map(state_of, worlds), strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(mine, other, strict=True))
@@ -198,15 +198,15 @@ def test_pushes_break_a_run_where_they_act():
 
 @pytest.mark.parametrize("solver", ["compiled", "proxsuite"])
 def test_an_advance_of_ones_own_is_never_passed_over(solver):
-    """Whoever overrides `advance` is asked in every step."""
+    """A subclass that overrides `advance` is called in every step."""
 
     class Sticky(World):
-        seen = 0
+        calls = 0
 
         def advance(self, q, v, mass_hat, force, h):
-            self.seen += 1
+            self.calls += 1
             return super().advance(q, v, mass_hat, force, h)
 
     world = Sticky(PEPPER, pk.Scene().add_box("wall", (0.1, 2, 2), (3, 0, 1)), solver=solver)
     Twin(PEPPER, H, world=world).follow(np.tile(PEPPER.neutral(), (12, 1)))
-    assert world.seen == 12
+    assert world.calls == 12

@@ -23,8 +23,8 @@ def random_problem(seed, count, size):
         start=np.zeros(size),
         jacobian=jacobian,
         response=response,
-        soft=1e-5 * diagonal.reshape(-1, 3).sum(axis=1),
-        drop=rng.uniform(-0.2, 0.2, count),
+        compliance=1e-5 * diagonal.reshape(-1, 3).sum(axis=1),
+        bias=rng.uniform(-0.2, 0.2, count),
         friction=friction,
         tangents=np.zeros((count, 3)),
         columns=np.zeros(0, np.int64),
@@ -49,8 +49,8 @@ def by_least_squares(problem):
     """The same minimum by Lawson and Hanson's active sets."""
     edges = edge_matrix(problem.friction)
     rows = edges @ problem.jacobian
-    matrix = rows @ np.linalg.solve(problem.mass, rows.T) + np.diag(np.repeat(problem.soft, 4))
-    gradient = rows @ problem.free + np.repeat(problem.drop, 4)
+    matrix = rows @ np.linalg.solve(problem.mass, rows.T) + np.diag(np.repeat(problem.compliance, 4))
+    gradient = rows @ problem.free + np.repeat(problem.bias, 4)
     upper = np.linalg.cholesky(matrix).T
     forces, _ = nnls(upper, -np.linalg.solve(upper.T, gradient), maxiter=10000)
     return forces @ edges, forces, matrix @ forces + gradient
@@ -59,7 +59,7 @@ def by_least_squares(problem):
 def by_newton(problem):
     pushes = np.empty(len(problem.jacobian))
     u = problem.start.copy()
-    steps = newton(problem, problem.drop, u, pushes)
+    steps = newton(problem, problem.bias, u, pushes)
     assert steps >= 0
     return pushes, u
 
@@ -101,5 +101,5 @@ def test_a_program_solved_again_starts_where_it_ended():
 
 def test_newton_says_when_the_matrix_is_not_positive_definite():
     problem = random_problem(0, 1, 6)
-    steps = newton(problem._replace(mass=-problem.mass), problem.drop, problem.start.copy(), np.empty(3))
+    steps = newton(problem._replace(mass=-problem.mass), problem.bias, problem.start.copy(), np.empty(3))
     assert steps == -1

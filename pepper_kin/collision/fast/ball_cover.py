@@ -113,10 +113,10 @@ def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
     sides = np.concatenate([hull.simplices[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
     edges = points[np.unique(np.sort(sides, axis=1), axis=0)]
     corners = points[hull.vertices]
-    pieces = [_piece(corners, edges, planes, corners.min(axis=0), corners.max(axis=0))]
-    while len(pieces) < MOST:
-        widest = max(range(len(pieces)), key=lambda k: pieces[k][1] - pieces[k][2])
-        _, outer, inner, low, high = pieces[widest]
+    parts = [_part(corners, edges, planes, corners.min(axis=0), corners.max(axis=0))]
+    while len(parts) < MOST:
+        widest = max(range(len(parts)), key=lambda k: parts[k][1] - parts[k][2])
+        _, outer, inner, low, high = parts[widest]
         if outer - inner <= PROTRUSION:
             break
         axis = int(np.argmax(high - low))
@@ -124,9 +124,9 @@ def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
         below, above = high.copy(), low.copy()
         below[axis] = above[axis] = middle
         halves = (low, below), (above, high)
-        pieces[widest : widest + 1] = [_piece(corners, edges, planes, *half) for half in halves]
-    centers, outers, inners = (np.array([piece[k] for piece in pieces]) for k in range(3))
-    deeper = [_deepest(planes, *piece[3:]) for piece in pieces]
+        parts[widest : widest + 1] = [_part(corners, edges, planes, *half) for half in halves]
+    centers, outers, inners = (np.array([part[k] for part in parts]) for k in range(3))
+    deeper = [_deepest(planes, *part[3:]) for part in parts]
     found: list[tuple[Array, float]] = []
     for center, radius in sorted(deeper, key=lambda ball: -ball[1])[:MOST_INNER]:
         if all(np.linalg.norm(center - other) > 0.5 * radius for other, _ in found) and radius > LEAST_INNER:
@@ -146,7 +146,7 @@ _FACES = [(axis, side) for axis in range(3) for side in (0, 1)]
 _ENDS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
 
 
-def _piece(
+def _part(
     corners: Array, edges: Array, planes: Array, low: Array, high: Array
 ) -> tuple[Array, float, float, Array, Array]:
     """Return the ball around what a box and a hull share, its inner radius, and its bounds."""
@@ -162,11 +162,11 @@ def _piece(
         for axis in range(3):
             first = box[_ENDS[:, axis] == 0]
             step = np.eye(3)[axis] * (high - low)
-            rate, room = planes[:, :3] @ step, -(first @ planes[:, :3].T + planes[:, 3])
-            bound = room / rate
+            rate, slack = planes[:, :3] @ step, -(first @ planes[:, :3].T + planes[:, 3])
+            bound = slack / rate
             enter = np.where(rate < 0, bound, 0.0).max(axis=1, initial=0.0)
             leave = np.where(rate > 0, bound, 1.0).min(axis=1, initial=1.0)
-            outside = ((rate == 0) & (room < -_ROUNDING)).any(axis=1)
+            outside = ((rate == 0) & (slack < -_ROUNDING)).any(axis=1)
             kept = (enter <= leave + _ROUNDING) & ~outside
             found += [first[kept] + share[kept, None] * step for share in (enter, leave)]
     points = np.concatenate(found)

@@ -19,7 +19,7 @@ def certified(
     bounds_of: Callable[[Array], Array],
     ranges: Sequence[DependentRange],
     range_margin: float,
-    levers: Array,
+    motion_bounds: Array,
     margins: Array,
     a: Array,
     b: Array,
@@ -36,7 +36,7 @@ def certified(
         bounds_of: Takes (m, n), returns (m, parts) lower bounds [m].
         ranges: Dependent joint ranges; they are checked exactly.
         range_margin: Angle that they are narrowed by [rad].
-        levers: (parts, n) [m/rad, or 1].
+        motion_bounds: (parts, n) [m/rad, or 1].
         margins: (parts,) [m].
         a: (n,) [rad or m].
         b: (n,) [rad or m].
@@ -45,19 +45,19 @@ def certified(
         return False
     change = np.abs(b - a)
     moving = change > 0
-    motion = levers[:, moving] @ change[moving]
+    motion = motion_bounds[:, moving] @ change[moving]
     if not np.isfinite(motion).all():
         return False
     starts, length = np.zeros(1), 1.0
     for _ in range(DEEPEST):
         middles = starts + length / 2
-        room = bounds_of(a + (b - a) * middles[:, None]) - margins
-        if not (room > 0).all():
+        slack = bounds_of(a + (b - a) * middles[:, None]) - margins
+        if not (slack > 0).all():
             return False
-        open_pieces = ~(room > motion * length / 2).all(axis=1)
-        if not open_pieces.any():
+        open_segments = ~(slack > motion * length / 2).all(axis=1)
+        if not open_segments.any():
             return True
-        left = starts[open_pieces]
+        left = starts[open_segments]
         length /= 2
         starts = np.concatenate([left, left + length])
         if starts.size > MOST:

@@ -227,11 +227,11 @@ class FastChecker:
         start, stop = self._ends(a, b)
         if not self.supported or self._resting:
             return False
-        levers, classes = self._prepared.levers, len(self._prepared.structure.classes)
-        margins = np.full(len(levers), self.exact.margin)
+        motion_bounds, classes = self._prepared.motion_bounds, len(self._prepared.structure.classes)
+        margins = np.full(len(motion_bounds), self.exact.margin)
         margins[:classes] = self.exact.self_margin
         angle = self.exact.self_margin / LEVER
-        return certified(self._part_bounds, self.exact._ranges, angle, levers, margins, start, stop)
+        return certified(self._part_bounds, self.exact._ranges, angle, motion_bounds, margins, start, stop)
 
     def compiled(
         self,
@@ -240,7 +240,7 @@ class FastChecker:
         effort_limits: ArrayLike | None = None,
         loads: StaticLoads | None = None,
     ) -> CompiledValidity:
-        """Return a function in machine code that tells how far an edge is valid; see `CompiledValidity`.
+        """Return a function in machine code that returns how far an edge is valid; see `CompiledValidity`.
 
         Args:
             frozen: A whole configuration, shape (n,) [rad or m]; joints that are not free stay there.
@@ -312,7 +312,7 @@ class FastChecker:
     def _part_bounds(self, flat: Array) -> Array:
         from pepper_kin.core.collision.lower_bounds import part_bounds
 
-        bounds = np.full((len(flat), len(self._prepared.levers)), np.inf)
+        bounds = np.full((len(flat), len(self._prepared.motion_bounds)), np.inf)
         if not self.supported:
             bounds[:] = -np.inf
             return bounds

@@ -18,7 +18,7 @@ MOST_CELLS = 40_000
 EDGE = 0.02
 """Least edge of a cell [m]."""
 FIELD = 0.25
-"""Distances to the points of a cloud are told apart up to this, or a little more [m]."""
+"""Distances to the points of a cloud are resolved up to this, or a little more [m]."""
 
 _blocks: WeakKeyDictionary[PointCloud, Array] = WeakKeyDictionary()
 

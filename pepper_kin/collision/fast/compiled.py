@@ -53,8 +53,8 @@ class StaticLoads:
 
     def sections(self, effort_limits: Array) -> dict[int, Array]:
         """Return the sections of a block that hold this, and limits of the torques, shape (n,)."""
-        room = np.zeros((effort_limits.size + EDGE_NUMBERS) * self.kernel.lanes + self.kernel.work_size)
-        return {at.EFFORT: effort_limits, at.LOADS: self.masses, at.EDGES: self.edges, at.GRAVITY: room}
+        scratch = np.zeros((effort_limits.size + EDGE_NUMBERS) * self.kernel.lanes + self.kernel.work_size)
+        return {at.EFFORT: effort_limits, at.LOADS: self.masses, at.EDGES: self.edges, at.GRAVITY: scratch}
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +221,7 @@ def compile_validity(
     if effort_limits is not None:
         limits = np.array(effort_limits, dtype=float)
         if limits.shape != (n,) or np.isnan(limits).any():
-            raise InvalidValueError("effort_limits", repr(limits)[:80], f"{n} numbers, one per joint")
+            raise InvalidValueError("effort_limits", repr(limits), f"{n} numbers, one per joint")
         asked = StaticLoads(kernel(pepper, "gravity_torque")) if loads is None else loads
     return trusted_validity(pepper, prepared, q0, places, limits, asked)
 
@@ -283,7 +283,7 @@ def _places(free: ArrayLike, n: int) -> NDArray[np.int64]:
     places = np.asarray(free)
     fine = places.ndim == 1 and places.dtype.kind in "iu" and len(set(places.tolist())) == places.size
     if not fine or (places.size and not (places.min() >= 0 and places.max() < n)):
-        raise InvalidValueError("free", repr(free)[:80], f"different places of joints, 0 to {n - 1}")
+        raise InvalidValueError("free", repr(free), f"different places of joints, 0 to {n - 1}")
     result = places.astype(np.int64)
     result.setflags(write=False)
     return result

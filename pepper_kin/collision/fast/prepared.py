@@ -13,7 +13,7 @@ from pepper_kin.collision.checker import LEVER, CollisionChecker
 from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.body_tables import BodyTables, full_rows
 from pepper_kin.collision.fast.joint_table import joint_table
-from pepper_kin.collision.fast.levers import part_levers
+from pepper_kin.collision.fast.motion_bounds import part_motion_bounds
 from pepper_kin.collision.fast.rounding import Rounding
 from pepper_kin.collision.fast.scene_block import (
     SceneBlock,
@@ -81,7 +81,7 @@ class Prepared:
         margins: Distances to keep, from the scene and between two parts of the robot [m].
         limited: Blocks that compare only what stands, or only what moves, for each choice of free joints.
         local: The block of each thread, which all scenes and margins share, and whose scene it names.
-        levers: See `part_levers`.
+        motion_bounds: See `part_motion_bounds`.
         carried: Which coordinates of the Pinocchio model carry each body, the world last, shape (bodies, nv).
         bodies_of_solids: Which body each solid of the robot belongs to, shape (solids,).
     """
@@ -92,7 +92,7 @@ class Prepared:
     margins: tuple[float, float]
     limited: dict[bytes, Limited]
     local: threading.local
-    levers: Array
+    motion_bounds: Array
     carried: NDArray[np.bool_]
     bodies_of_solids: NDArray[np.int64]
 
@@ -125,18 +125,18 @@ class _Robot:
         block: See `Prepared`.
         limited: See `Prepared`.
         local: See `Prepared`.
-        levers: See `Prepared`.
+        motion_bounds: See `Prepared`.
     """
 
     def __init__(self, pepper: PepperModel, structure: Structure, ranges: tuple[DependentRange, ...]) -> None:
         tables, self.rounding = BodyTables(pepper, structure), Rounding(pepper, structure.solids)
-        self.levers = part_levers(pepper, structure)
+        self.motion_bounds = part_motion_bounds(pepper, structure)
         self.block = at.pack(
             {
-                **_gaps(self.levers[: len(structure.classes)]),
+                **_gaps(self.motion_bounds[: len(structure.classes)]),
                 **_constants(pepper, structure, tables, self.rounding),
                 **_ranges(ranges),
-                **_room(pepper, structure, tables),
+                **_scratch(pepper, structure, tables),
             }
         )
         self.block.setflags(write=False)
@@ -157,7 +157,7 @@ def prepare(checker: CollisionChecker) -> Prepared:
         found = _shared[like] = structure, robot, scene_block(structure, robot.rounding)
     structure, robot, scene = found
     margins = checker.margin, checker.self_margin
-    own = robot.limited, robot.local, robot.levers, robot.carried, robot.bodies_of_solids
+    own = robot.limited, robot.local, robot.motion_bounds, robot.carried, robot.bodies_of_solids
     return Prepared(structure, robot.block, scene, margins, *own)
 
 
@@ -239,16 +239,16 @@ def _touching(
     return (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
 
 
-def _gaps(levers: Array) -> dict[int, Array]:
-    gaps = np.full(len(levers), -np.inf)
-    return {at.LEVERS: levers, at.GAPS: gaps, at.GAP_STATES: np.zeros(levers.size)}
+def _gaps(motion_bounds: Array) -> dict[int, Array]:
+    gaps = np.full(len(motion_bounds), -np.inf)
+    return {at.LEVERS: motion_bounds, at.GAPS: gaps, at.GAP_STATES: np.zeros(motion_bounds.size)}
 
 
 def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
     return dict(zip((at.TABLE_HEADS, at.TABLES, at.TABLE_CELLS), pack_tables(ranges), strict=True))
 
 
-def _room(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
+def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
     n, joints, bodies = pepper.n, pepper.inner_model.njoints, len(tables.bodies)
     identity = np.zeros((bodies + 1, POSE, LANES), np.float32)
     identity[[[0], [bodies]], [0, 4, 8]] = 1.0

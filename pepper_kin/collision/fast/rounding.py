@@ -1,4 +1,4 @@
-"""What single precision may be wrong by where balls are placed and compared."""
+"""Rounding errors of single precision where balls are placed and compared."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ FEW = 12
 LEAF = 4
 """those in a leaf of any other tree, at most."""
 LARGE = 8.0
-"""Objects longer than this many times the median get a tree of their own: they would widen all boxes."""
+"""Objects longer than this many times the median get a separate tree: they would widen all boxes."""
 
 
 class SceneBlock(NamedTuple):

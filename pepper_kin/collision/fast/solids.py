@@ -24,7 +24,7 @@ from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.shapes import read_only
 
 VAST = 25.0
-"""Half length of the box that stands for a half-space [m]: single precision still tells 4e-6 m there."""
+"""Half length of the box that stands for a half-space [m]: single precision resolves 4e-6 m there."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Which solids are compared with which, in classes and groups that share a bound."""
+"""Pairs of solids to compare, in classes and groups that share a bound."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The force on one joint as a function of its own velocity at the end of the step.
+"""Actuator model: force on one joint as a function of its velocity at the end of the step.
 
 With step h, position q and velocity w = v+ at its end (q+ = q + h w), the force on a joint, besides its
 rotor, is
@@ -90,19 +90,19 @@ def select(condition: bool, first: float, second: float) -> float:
 
 @compiled(lean=True, inline=True)
 def servo_feedback(kp: float, kd: float, error: float, v_ref: float) -> float:
-    """Return Kp (q_ref - q) + Kd v_ref, what a servo wants at w = 0; `error` is q_ref - q as it reads it."""
+    """Return Kp (q_ref - q) + Kd v_ref, a servo's torque at w = 0; `error` is q_ref - q as it reads it."""
     return kp * error + kd * v_ref
 
 
 @compiled(lean=True, inline=True)
 def servo_gain(h: float, kp: float, kd: float) -> float:
-    """Return by how much less a servo wants for each unit of w."""
+    """Return the decrease of a servo's torque demand for each unit of w."""
     return h * kp + kd
 
 
 @compiled(lean=True, inline=True)
 def encoder_reading(resolution: float, q: float) -> float:
-    """Return the position that an encoder gives: to the nearest multiple of its resolution."""
+    """Return the position that an encoder reads: the nearest multiple of its resolution."""
     step = resolution + (resolution == 0.0)
     return select(resolution == 0.0, q, step * floor(q / step + 0.5))
 
@@ -144,7 +144,7 @@ def segment_at(
         h: Timestep [s].
         q: Position at the start of the step.
         w: Velocity at its end.
-        servo: What the actuator wants at w = 0: Kp (q_ref - q) + Kd v_ref + f.
+        servo: Torque demand at w = 0: Kp (q_ref - q) + Kd v_ref + f.
         before: Another velocity, or w itself; a joint that has turned round between the two gets the
             segment on which friction holds it.
     """

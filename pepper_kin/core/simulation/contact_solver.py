@@ -5,7 +5,7 @@ whose velocities are y(u), the convex problem is
 
     minimize (u - u_f)^T M (u - u_f) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
 
-Coulomb's law asks for a few of them: what slips lift is taken off, and the pyramids turn to the slips.
+Coulomb's law takes a few of them: friction iterations correct the normal velocities and turn the pyramids.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
-SOFTNESS = 1e-5
+RELATIVE_COMPLIANCE = 1e-5
 """R over the diagonal of A."""
 RECOVERY = 0.2
 """Share of an overlap that one step takes back."""
@@ -31,16 +31,15 @@ FASTEST_RECOVERY = 0.2
 IMMOVABLE = 1e-9
 """Points of which an impulse of 1 N s moves nothing faster than this [m/s] do not push."""
 ALIGNED = 1e-7
-"""Slower slips have no direction [m/s]."""
+"""Sliding slower than this has no direction [m/s]."""
 ITERATIONS = 60
 LINE_STEPS = 40
 DECREMENT = 1e-20
 """Kinetic energy that a further Newton step would take off, at which there is none [J]."""
 FRICTION_ITERATIONS = 10
-LIFT = 1e-4
-"""A further problem is solved where a slip lifts by more than this [m/s]."""
+COULOMB_TOLERANCE = 1e-4  # [m/s], ends friction iterations
 SOLVE_PROBLEM = 1
-"""What a call-back is asked: the impulses of a convex problem."""
+"""First argument of a call-back that writes the impulses of a convex problem."""
 ADDRESSES = 16
 """Size of the array in which a call-back finds addresses and sizes."""
 
@@ -54,8 +53,8 @@ class ContactProblem(NamedTuple):
         start: Velocities before the step, shape (N,).
         jacobian: J, rows normal, first and second tangent of each point, shape (3 k, N).
         response: J M^-1, shape (3 k, N).
-        soft: R of each point's edges, shape (k,).
-        drop: Speed that closes the gap, gap / h, or, below zero, takes an overlap back, shape (k,).
+        compliance: R of each point's edges, shape (k,).
+        bias: Speed that closes the gap, gap / h, or, below zero, takes an overlap back, shape (k,).
         friction: mu, shape (k,).
         tangents: First tangent in the world, shape (k, 3).
         columns: First column of each free body, -1 where it touches nothing, shape (b,).
@@ -67,8 +66,8 @@ class ContactProblem(NamedTuple):
     start: Floats1
     jacobian: Floats2
     response: Floats2
-    soft: Floats1
-    drop: Floats1
+    compliance: Floats1
+    bias: Floats1
     friction: Floats1
     tangents: Floats2
     columns: Ints1
@@ -98,7 +97,7 @@ class SolverState(NamedTuple):
         forces: At the points, in the world's axes [N], shape (MOST_POINTS, 3).
         load: On the robot [N m or N], shape (n,).
         numbers: k, N, how many convex problems were solved, and whether a call-back solved them.
-        lift: Normal velocity by which slips deviate from Coulomb's law [m/s], shape (1,).
+        coulomb_error: Normal velocity by which sliding contacts deviate from Coulomb's law [m/s], shape (1,).
         addresses: See `solve_contacts`.
     """
 
@@ -107,7 +106,7 @@ class SolverState(NamedTuple):
     forces: Floats2
     load: Floats1
     numbers: Ints1
-    lift: Floats1
+    coulomb_error: Floats1
     addresses: Ints1
 
 
@@ -140,7 +139,7 @@ def assemble(
     sound = _add_robot(robot, h, lower, mass, free, start)
     _add_bodies(bodies, h, columns, mass, free, start)
     jacobian, response = np.zeros((3 * count, size)), np.zeros((3 * count, size))
-    soft, drop, friction = np.zeros(count), np.zeros(count), np.zeros(count)
+    compliance, bias, friction = np.zeros(count), np.zeros(count), np.zeros(count)
     tangents, scratch = np.zeros((count, 3)), np.empty((2, 3))
     for c in range(count):
         rows = jacobian[3 * c : 3 * c + 3]
@@ -162,18 +161,18 @@ def assemble(
             for k in range(size):
                 total += weight * row[k] * answer[k]
         gap = points.rows[c, 6]
-        friction[c], soft[c] = mu, SOFTNESS * total
-        drop[c] = gap / h if gap >= 0 else max(RECOVERY * gap / h, -FASTEST_RECOVERY)
+        friction[c], compliance[c] = mu, RELATIVE_COMPLIANCE * total
+        bias[c] = gap / h if gap >= 0 else max(RECOVERY * gap / h, -FASTEST_RECOVERY)
         if total < IMMOVABLE:
-            soft[c], drop[c] = 1.0, max(drop[c], 0.0)
+            compliance[c], bias[c] = 1.0, max(bias[c], 0.0)
     return ContactProblem(
-        mass, free, start, jacobian, response, soft, drop, friction, tangents, columns, sound
+        mass, free, start, jacobian, response, compliance, bias, friction, tangents, columns, sound
     )
 
 
 @compiled(lean=True)
 def _number_columns(count: int, points: ContactPoints, shapes: ShapeTable, n: int, columns: Ints1) -> int:
-    """Give columns to the free bodies that touch something; return how many columns the robot has: n or 0."""
+    """Assign columns to the free bodies that touch something; return the robot's column count: n or 0."""
     robot = 0
     for b in range(len(columns)):
         columns[b] = -1
@@ -237,31 +236,31 @@ def _add_point_rows(
 
 @compiled(lean=True)
 def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1, scratch: Floats2) -> None:
-    """Turn rows in the world's axes to normal and tangents, the first along the free slip.
+    """Turn rows in the world's axes to normal and tangents, the first along the free tangential velocity.
 
-    `scratch` is room of shape (2, 3).
+    `scratch` is working memory of shape (2, 3).
     """
     size = rows.shape[1]
-    slip, second = scratch[0], scratch[1]
+    rates, second = scratch[0], scratch[1]
     for i in range(3):
-        slip[i] = 0.0
+        rates[i] = 0.0
         for k in range(size):
-            slip[i] += rows[i, k] * free[k]
-    along = slip[0] * normal[0] + slip[1] * normal[1] + slip[2] * normal[2]
+            rates[i] += rows[i, k] * free[k]
+    along = rates[0] * normal[0] + rates[1] * normal[1] + rates[2] * normal[2]
     for i in range(3):
-        slip[i] -= along * normal[i]
-    length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
+        rates[i] -= along * normal[i]
+    length = math.sqrt(rates[0] ** 2 + rates[1] ** 2 + rates[2] ** 2)
     if length < ALIGNED:
         axis = 0
         for i in range(1, 3):
             if abs(normal[i]) < abs(normal[axis]) - 1e-6:
                 axis = i
         for i in range(3):
-            slip[i] = -normal[axis] * normal[i]
-        slip[axis] += 1.0
-        length = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2)
+            rates[i] = -normal[axis] * normal[i]
+        rates[axis] += 1.0
+        length = math.sqrt(rates[0] ** 2 + rates[1] ** 2 + rates[2] ** 2)
     for i in range(3):
-        tangent[i] = slip[i] / length
+        tangent[i] = rates[i] / length
     for i in range(3):
         k, m = (i + 1) % 3, (i + 2) % 3
         second[i] = normal[k] * tangent[m] - normal[m] * tangent[k]
@@ -296,7 +295,7 @@ def _add_bodies(
 def _add_responses(
     jacobian: Floats2, lower: Floats2, columns: Ints1, bodies: BodyTable, solved: Floats2, response: Floats2
 ) -> None:
-    """Write J M^-1 into zeros, given the factor of the robot's part and room for that of its rows."""
+    """Write J M^-1 into zeros, from the factor of the robot's part; `solved` is working memory."""
     n, rotation, inertia = len(lower), bodies.rotation, bodies.inertia
     rows = len(jacobian)
     if n:
@@ -349,8 +348,8 @@ def solve_contacts(
     """Solve a step: convex problems by Newton's method, or by a call-back; write velocities and impulses.
 
     The call-back gets `SOLVE_PROBLEM`, the address of `state.addresses` and two zeros, where it finds
-    numbers k and N and the addresses of jacobian, response, free, soft, drop and friction, and of the
-    impulses that it writes; it returns 0, or less where it fails.
+    numbers k and N and the addresses of jacobian, response, free, compliance, bias and friction, and
+    of the impulses that it writes; it returns 0, or less where it fails.
 
     Args:
         problem: The problem; its tangents are turned in place.
@@ -365,7 +364,7 @@ def solve_contacts(
     for value in problem.free:
         if not math.isfinite(value):
             return False
-    count, size = len(problem.drop), len(problem.free)
+    count, size = len(problem.bias), len(problem.free)
     u, impulses = state.velocity[:size], state.impulses[: 3 * count]
     state.numbers[0], state.numbers[1] = count, size
     for way in range(1 if by_callback else 0, 2 if callback != 0 else 1):
@@ -379,48 +378,48 @@ def solve_contacts(
 def _iterate_friction(
     problem: ContactProblem, rows: Floats2, callback: int, u: Floats1, impulses: Floats1, state: SolverState
 ) -> bool:
-    """Solve convex problems until what slips lift is taken off; return whether all could be solved."""
-    count = len(problem.drop)
-    shift, shifted, slip = np.empty(count), np.empty(count), np.empty(len(impulses))
-    _first_shift(problem, slip, shift)
+    """Solve convex problems until Coulomb's law holds to a tolerance; return whether all were solved."""
+    count = len(problem.bias)
+    share, shifted, rates = np.empty(count), np.empty(count), np.empty(len(impulses))
+    _first_share(problem, rates, share)
     guess = problem.start.copy()
-    state.lift[0] = 0.0
+    state.coulomb_error[0] = 0.0
     for iteration in range(1, FRICTION_ITERATIONS + 1):
         state.numbers[2] = iteration
         for c in range(count):
-            shifted[c] = problem.drop[c] + shift[c]
+            shifted[c] = problem.bias[c] + share[c]
         if callback != 0:
             if not _solve_by_callback(problem, shifted, callback, impulses, state.addresses):
                 return False
         elif newton(problem, shifted, guess, impulses) < 0:
             return False
         _velocities_after(problem, impulses, u)
-        state.lift[0] = _lift(problem, u, impulses, shift, slip)
-        if state.lift[0] <= LIFT:
+        state.coulomb_error[0] = _deviation(problem, u, impulses, share, rates)
+        if state.coulomb_error[0] <= COULOMB_TOLERANCE:
             return True
         if iteration < FRICTION_ITERATIONS:
-            _turn_to_slips(problem, rows, slip, shift, iteration)
+            _align_tangents(problem, rows, rates, share, iteration)
     return True
 
 
 @compiled
 def _solve_by_callback(
-    problem: ContactProblem, drop: Floats1, callback: int, impulses: Floats1, addresses: Ints1
+    problem: ContactProblem, bias: Floats1, callback: int, impulses: Floats1, addresses: Ints1
 ) -> bool:
-    addresses[0], addresses[1] = len(drop), len(problem.free)
+    addresses[0], addresses[1] = len(bias), len(problem.free)
     addresses[2], addresses[3] = problem.jacobian.ctypes.data, problem.response.ctypes.data
-    addresses[4], addresses[5] = problem.free.ctypes.data, problem.soft.ctypes.data
-    addresses[6], addresses[7] = drop.ctypes.data, problem.friction.ctypes.data
+    addresses[4], addresses[5] = problem.free.ctypes.data, problem.compliance.ctypes.data
+    addresses[6], addresses[7] = bias.ctypes.data, problem.friction.ctypes.data
     addresses[8] = impulses.ctypes.data
     return call_four(callback, SOLVE_PROBLEM, addresses.ctypes.data, 0, 0) >= 0
 
 
 @compiled
-def _first_shift(problem: ContactProblem, slip: Floats1, shift: Floats1) -> None:
+def _first_share(problem: ContactProblem, rates: Floats1, share: Floats1) -> None:
     """Write mu |v_t| of every point before the step."""
-    multiply(problem.jacobian, problem.start, slip)
-    for c in range(len(shift)):
-        shift[c] = problem.friction[c] * math.hypot(slip[3 * c + 1], slip[3 * c + 2])
+    multiply(problem.jacobian, problem.start, rates)
+    for c in range(len(share)):
+        share[c] = problem.friction[c] * math.hypot(rates[3 * c + 1], rates[3 * c + 2])
 
 
 @compiled(lean=True)
@@ -435,37 +434,39 @@ def _velocities_after(problem: ContactProblem, impulses: Floats1, u: Floats1) ->
 
 
 @compiled(lean=True)
-def _lift(problem: ContactProblem, u: Floats1, impulses: Floats1, shift: Floats1, slip: Floats1) -> float:
-    """Return by how much a slip that was not allowed for lifts or lowers a point that matters [m/s]."""
-    multiply(problem.jacobian, u, slip)
+def _deviation(
+    problem: ContactProblem, u: Floats1, impulses: Floats1, share: Floats1, rates: Floats1
+) -> float:
+    """Return the greatest deviation of a touching point's normal velocity from Coulomb's law [m/s]."""
+    multiply(problem.jacobian, u, rates)
     worst = 0.0
-    for c in range(len(shift)):
-        if impulses[3 * c] <= 0.0 and slip[3 * c] + problem.drop[c] > -LIFT:
+    for c in range(len(share)):
+        if impulses[3 * c] <= 0.0 and rates[3 * c] + problem.bias[c] > -COULOMB_TOLERANCE:
             continue
-        first, second = abs(slip[3 * c + 1]), abs(slip[3 * c + 2])
+        first, second = abs(rates[3 * c + 1]), abs(rates[3 * c + 2])
         length = math.hypot(first, second)
         off = problem.friction[c] * (length - max(first, second))
-        worst = max(worst, off + abs(problem.friction[c] * length - shift[c]))
+        worst = max(worst, off + abs(problem.friction[c] * length - share[c]))
     return worst
 
 
 @compiled(lean=True)
-def _turn_to_slips(
-    problem: ContactProblem, rows: Floats2, slip: Floats1, shift: Floats1, iteration: int
+def _align_tangents(
+    problem: ContactProblem, rows: Floats2, rates: Floats1, share: Floats1, iteration: int
 ) -> None:
-    """Take over the slips: their share of the drop, and half of the way to their directions.
+    """Update the velocity bias by the sliding speeds, and turn the tangents toward the sliding directions.
 
-    A pyramid looks the same after a quarter turn, so that no turn is longer than an eighth.  All the way, a
-    point's slip and its direction can chase one another; shorter steps with every iteration end that.
+    A pyramid is symmetric under a quarter turn, so that no turn is longer than an eighth.  Full steps can
+    oscillate; steps that get shorter with every iteration do not.
     """
     friction, tangents = problem.friction, problem.tangents
     turning = 1.0 / (1 + iteration)
     sharing = 1.0 if iteration < 4 else 0.5
     for c in range(len(friction)):
-        a, b = slip[3 * c + 1], slip[3 * c + 2]
+        a, b = rates[3 * c + 1], rates[3 * c + 2]
         length = math.hypot(a, b)
-        shift[c] += sharing * (friction[c] * length - shift[c])
-        if length < LIFT:
+        share[c] += sharing * (friction[c] * length - share[c])
+        if length < COULOMB_TOLERANCE:
             continue
         turn = math.atan2(b, a)
         turn = turning * (turn - 0.5 * math.pi * round(turn / (0.5 * math.pi)))
@@ -488,7 +489,7 @@ def _turn_rows(matrix: Floats2, row: int, a: float, b: float) -> None:
 
 
 @compiled("int64(ContactProblem, float64[::1], float64[::1], float64[::1])")
-def newton(problem: ContactProblem, drop: Floats1, u: Floats1, pushes: Floats1) -> int:
+def newton(problem: ContactProblem, bias: Floats1, u: Floats1, impulses: Floats1) -> int:
     """Minimize (u - free)^T M (u - free) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
 
     The cost is convex, once differentiable and piecewise quadratic.  Newton's step with the exact line search
@@ -496,32 +497,32 @@ def newton(problem: ContactProblem, drop: Floats1, u: Floats1, pushes: Floats1) 
 
     Args:
         problem: M, free, J, R and mu.
-        drop: With the slips' share; see `ContactProblem`, shape (k,).
+        bias: With the share of the sliding speeds; see `ContactProblem`, shape (k,).
         u: The first guess; overwritten by the solution, shape (N,).
-        pushes: Overwritten by the impulses, shape (3 k,).
+        impulses: Overwritten by the impulses, shape (3 k,).
 
     Returns:
         Number of iterations; -1 where they did not suffice or the matrix is not positive definite.
     """
     mass, free, jacobian = problem.mass, problem.free, problem.jacobian
-    soft, friction = problem.soft, problem.friction
-    size, rows, count = len(free), len(pushes), len(soft)
-    slip, moved = np.empty(rows), np.empty(rows)
+    compliance, friction = problem.compliance, problem.friction
+    size, rows, count = len(free), len(impulses), len(compliance)
+    rates, moved = np.empty(rows), np.empty(rows)
     y, change = np.empty((count, 4)), np.empty((count, 4))
-    direction, gradient, apart = np.empty(size), np.empty(size), np.empty(size)
+    direction, gradient, deviation = np.empty(size), np.empty(size), np.empty(size)
     hessian, none = np.empty((size, size)), np.zeros(count)
     for iteration in range(ITERATIONS):
-        multiply(jacobian, u, slip)
-        _edge_velocities(slip, drop, friction, y)
-        _edge_impulses(y, soft, friction, pushes)
+        multiply(jacobian, u, rates)
+        _edge_velocities(rates, bias, friction, y)
+        _edge_impulses(y, compliance, friction, impulses)
         for k in range(size):
-            apart[k] = u[k] - free[k]
-        multiply(mass, apart, gradient)
-        _take_pushes(jacobian, pushes, gradient)
+            deviation[k] = u[k] - free[k]
+        multiply(mass, deviation, gradient)
+        _subtract_impulses(jacobian, impulses, gradient)
         for i in range(size):
             for k in range(i + 1):
                 hessian[i, k] = mass[i, k]
-        _add_active(hessian, jacobian, y, soft, friction)
+        _add_active(hessian, jacobian, y, compliance, friction)
         if not cholesky(hessian, hessian):
             return -1
         for k in range(size):
@@ -536,52 +537,52 @@ def newton(problem: ContactProblem, drop: Floats1, u: Floats1, pushes: Floats1) 
         _edge_velocities(moved, none, friction, change)
         if _same_sides(y, change):
             _move(u, 1.0, direction)
-            multiply(jacobian, u, slip)
-            _edge_velocities(slip, drop, friction, y)
-            _edge_impulses(y, soft, friction, pushes)
+            multiply(jacobian, u, rates)
+            _edge_velocities(rates, bias, friction, y)
+            _edge_impulses(y, compliance, friction, impulses)
             return iteration + 1
         slope, curve = 0.0, 0.0
         multiply(mass, direction, gradient)
         for k in range(size):
-            slope += apart[k] * gradient[k]
+            slope += deviation[k] * gradient[k]
             curve += direction[k] * gradient[k]
-        _move(u, _length(y, change, soft, slope, curve), direction)
+        _move(u, _length(y, change, compliance, slope, curve), direction)
     return -1
 
 
 @compiled(lean=True)
-def _edge_velocities(slip: Floats1, drop: Floats1, friction: Floats1, result: Floats2) -> None:
-    """Write y = v_n +- mu v_t + drop of every point's four edges, from rows (v_n, v_1, v_2)."""
-    for c in range(len(drop)):
-        normal = slip[3 * c] + drop[c]
-        first, second = friction[c] * slip[3 * c + 1], friction[c] * slip[3 * c + 2]
+def _edge_velocities(rates: Floats1, bias: Floats1, friction: Floats1, result: Floats2) -> None:
+    """Write y = v_n +- mu v_t + bias of every point's four edges, from rows (v_n, v_1, v_2)."""
+    for c in range(len(bias)):
+        normal = rates[3 * c] + bias[c]
+        first, second = friction[c] * rates[3 * c + 1], friction[c] * rates[3 * c + 2]
         result[c, 0], result[c, 1] = normal + first, normal - first
         result[c, 2], result[c, 3] = normal + second, normal - second
 
 
 @compiled(lean=True)
-def _edge_impulses(y: Floats2, soft: Floats1, friction: Floats1, result: Floats1) -> None:
+def _edge_impulses(y: Floats2, compliance: Floats1, friction: Floats1, result: Floats1) -> None:
     """Write impulses (normal, first, second tangent) of all points: those of the edges are max(0, -y) / R."""
-    for c in range(len(soft)):
-        a, b = max(0.0, -y[c, 0]) / soft[c], max(0.0, -y[c, 1]) / soft[c]
-        d, e = max(0.0, -y[c, 2]) / soft[c], max(0.0, -y[c, 3]) / soft[c]
+    for c in range(len(compliance)):
+        a, b = max(0.0, -y[c, 0]) / compliance[c], max(0.0, -y[c, 1]) / compliance[c]
+        d, e = max(0.0, -y[c, 2]) / compliance[c], max(0.0, -y[c, 3]) / compliance[c]
         result[3 * c] = a + b + d + e
         result[3 * c + 1] = friction[c] * (a - b)
         result[3 * c + 2] = friction[c] * (d - e)
 
 
 @compiled(lean=True)
-def _length(y: Floats2, change: Floats2, soft: Floats1, slope: float, curve: float) -> float:
+def _length(y: Floats2, change: Floats2, compliance: Floats1, slope: float, curve: float) -> float:
     """Return the step along a direction at which the cost is least: the root of a piecewise linear slope."""
     low, high, step = 0.0, math.inf, 1.0
     for _ in range(LINE_STEPS):
         value, rise = slope + step * curve, curve
-        for c in range(len(soft)):
+        for c in range(len(compliance)):
             for e in range(4):
                 now = y[c, e] + step * change[c, e]
                 if now < 0:
-                    value += now * change[c, e] / soft[c]
-                    rise += change[c, e] ** 2 / soft[c]
+                    value += now * change[c, e] / compliance[c]
+                    rise += change[c, e] ** 2 / compliance[c]
         if value > 0:
             high = step
         else:
@@ -596,11 +597,13 @@ def _length(y: Floats2, change: Floats2, soft: Floats1, slope: float, curve: flo
 
 
 @compiled(lean=True)
-def _add_active(hessian: Floats2, jacobian: Floats2, y: Floats2, soft: Floats1, friction: Floats1) -> None:
+def _add_active(
+    hessian: Floats2, jacobian: Floats2, y: Floats2, compliance: Floats1, friction: Floats1
+) -> None:
     """Add J_a^T R^-1 J_a of the edges that push to the lower triangle of a matrix."""
     size = len(hessian)
-    for c in range(len(soft)):
-        mu, stiff = friction[c], 1.0 / soft[c]
+    for c in range(len(compliance)):
+        mu, stiff = friction[c], 1.0 / compliance[c]
         first, second = (stiff if y[c, 0] < 0 else 0.0), (stiff if y[c, 1] < 0 else 0.0)
         third, fourth = (stiff if y[c, 2] < 0 else 0.0), (stiff if y[c, 3] < 0 else 0.0)
         nn = first + second + third + fourth
@@ -620,12 +623,12 @@ def _add_active(hessian: Floats2, jacobian: Floats2, y: Floats2, soft: Floats1, 
 
 
 @compiled(lean=True)
-def _take_pushes(jacobian: Floats2, pushes: Floats1, gradient: Floats1) -> None:
+def _subtract_impulses(jacobian: Floats2, impulses: Floats1, gradient: Floats1) -> None:
     """Take J^T p from a gradient."""
-    for r in range(len(pushes)):
-        if pushes[r] != 0.0:
+    for r in range(len(impulses)):
+        if impulses[r] != 0.0:
             for k in range(len(gradient)):
-                gradient[k] -= jacobian[r, k] * pushes[r]
+                gradient[k] -= jacobian[r, k] * impulses[r]
 
 
 @compiled(lean=True)
@@ -663,8 +666,8 @@ def apply_solution(
     Returns:
         Whether all velocities and loads are finite.
     """
-    count, velocity, gravity = len(problem.drop), bodies.velocity, bodies.gravity
-    u, pushes, load = state.velocity[: len(problem.free)], state.impulses[: 3 * count], state.load
+    count, velocity, gravity = len(problem.bias), bodies.velocity, bodies.gravity
+    u, impulses, load = state.velocity[: len(problem.free)], state.impulses[: 3 * count], state.load
     jacobian, tangents, columns, forces = problem.jacobian, problem.tangents, problem.columns, state.forces
     total, touched = 0.0, len(u)
     for b in range(len(columns)):
@@ -682,14 +685,16 @@ def apply_solution(
         for i in range(3):
             k, m = (i + 1) % 3, (i + 2) % 3
             across = n[k] * t[m] - n[m] * t[k]
-            forces[c, i] = (pushes[3 * c] * n[i] + pushes[3 * c + 1] * t[i] + pushes[3 * c + 2] * across) / h
+            forces[c, i] = (
+                impulses[3 * c] * n[i] + impulses[3 * c + 1] * t[i] + impulses[3 * c + 2] * across
+            ) / h
     for k in range(len(load)):
         load[k] = 0.0
     if touched:
-        for r in range(len(pushes)):
-            if pushes[r] != 0.0:
+        for r in range(len(impulses)):
+            if impulses[r] != 0.0:
                 for k in range(len(load)):
-                    load[k] += jacobian[r, k] * pushes[r] / h
+                    load[k] += jacobian[r, k] * impulses[r] / h
         for k in range(len(load)):
             total += load[k]
     return math.isfinite(total)

@@ -35,7 +35,7 @@ SOLVED, NOT_SOLVED, TOO_MANY_POINTS, NOT_POSITIVE_DEFINITE, FORCE_NOT_FINITE, NO
 NO_WORLD, TABLES, CALLBACK = 0, 1, 2
 """What a robot meets: nothing, a world of tables, or a call-back that does the whole step."""
 DECIDE_PAIRS, ADVANCE = 0, 2
-"""What a call-back is asked besides `SOLVE_PROBLEM`: points of pairs that are not decided here; a whole
+"""First arguments of call-backs besides `SOLVE_PROBLEM`: points of pairs that are not decided here; a whole
 step."""
 
 
@@ -44,7 +44,7 @@ class WorldTables(NamedTuple):
 
     Attributes:
         kind: NO_WORLD, TABLES or CALLBACK.
-        callback: Address of `int64 f(int64 what, int64, int64, int64)`, or 0.  Asked for DECIDE_PAIRS, with
+        callback: Address of `int64 f(int64 what, int64, int64, int64)`, or 0.  Called for DECIDE_PAIRS, with
             the numbers of points and of undecided pairs, it adds points and returns how many there are now;
             for ADVANCE, with the address of `state.addresses` (n, then the addresses of q, v, mass_hat,
             force and load), it writes the load and returns 0.  Below zero it has failed.
@@ -84,7 +84,7 @@ def world_tables(
         forces=np.zeros((MOST_POINTS, 3)),
         load=np.zeros(joints),
         numbers=np.zeros(4, np.int64),
-        lift=np.zeros(1),
+        coulomb_error=np.zeros(1),
         addresses=np.zeros(ADDRESSES, np.int64),
     )
     return WorldTables(TABLES, callback, by_callback, tree, tree_motion(tree), shapes, bodies, points, state)

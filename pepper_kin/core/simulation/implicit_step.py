@@ -78,48 +78,49 @@ class StepWorkspace(NamedTuple):
     """Arrays of one thread; n joints, W lanes, m = n W, p entries of the mass matrix.
 
     Attributes:
-        given: Input of the step kernel, beginning with position, velocity, references, feed-forward, load.
-        result: Its output: next position, velocity and torque, servo, bias (m each), mass (p W), violation
-            (W).
+        step_input: Input of the step kernel, beginning with position, velocity, references, feed-forward,
+            load.
+        step_output: Its output: next position, velocity and torque, servo, bias (m each), mass (p W),
+            violation (W).
         work: Work of the kernels.
-        ask: Input of the kernel that solves: mass (p W), extra and right (m each).
-        answer: Its output, shape (m,).
+        solve_input: Input of the kernel that solves: mass (p W), extra and right (m each).
+        solve_output: Its output, shape (m,).
         rows: Intercept and slope of each joint's segment, velocities of the round before, and M times the way
             to the next guess and M times what was gone, shape (5, m).
         flags: Which lanes are done, and which robots go on, shape (2, W).
     """
 
-    given: Floats1
-    result: Floats1
+    step_input: Floats1
+    step_output: Floats1
     work: Floats1
-    ask: Floats1
-    answer: Floats1
+    solve_input: Floats1
+    solve_output: Floats1
     rows: Floats2
     flags: Flags2
 
 
-# Parts of `given` and `result`, m values each.
+# Parts of `step_input` and `step_output`, m values each.
 Q, V, Q_REF, V_REF, FEEDFORWARD_TORQUE, LOAD, CONSTANT = 0, 1, 2, 3, 4, 5, 6
 NEXT_Q, NEXT_V, TORQUE, SERVO, BIAS, MASS = 0, 1, 2, 3, 4, 5
 # Rows of `rows` and `flags`.
 INTERCEPT, SLOPE, BEFORE, WAY, GONE = 0, 1, 2, 3, 4
-SETTLED, ALIVE = 0, 1
+CONVERGED, ALIVE = 0, 1
 
 
 @compiled(lean=True)
 def implicit_step(block: int, robots: RobotTables, space: StepWorkspace) -> bool:
-    """Take a step of a block from what is in `given`; return whether the first guess was right for all lanes.
+    """Take a step of a block from `step_input`; return whether the first guess was right for all lanes.
 
     Args:
         block: Number of the block.
         robots: The robots.
-        space: `result` is where the step goes.
+        space: `step_output` is where the step goes.
     """
-    given, result, lanes = space.given, space.result, robots.lanes
-    call_kernel(robots.step_kernel, given.ctypes.data, result.ctypes.data, space.work.ctypes.data)
-    calm, first = True, result.size - lanes
+    step_input, step_output, lanes = space.step_input, space.step_output, robots.lanes
+    call_kernel(robots.step_kernel, step_input.ctypes.data, step_output.ctypes.data, space.work.ctypes.data)
+    calm, first = True, step_output.size - lanes
     for lane in range(lanes):
-        calm = calm and result[first + lane] <= 0.0  # False for NaN
+        calm = calm and step_output[first + lane] <= 0.0  # False for NaN
     if not calm:
         _solve_complementarity(robots, robots.law[block], space)
     return calm
@@ -128,9 +129,9 @@ def implicit_step(block: int, robots: RobotTables, space: StepWorkspace) -> bool
 @compiled(lean=True)
 def is_sound(lane: int, lanes: int, space: StepWorkspace) -> bool:
     """Return whether the new state of a lane is neither absurd nor NaN."""
-    m, result = space.answer.size, space.result
+    m, step_output = space.solve_output.size, space.step_output
     for e in range(lane, m, lanes):
-        if not (abs(result[NEXT_V * m + e]) < RUNAWAY and abs(result[TORQUE * m + e]) < np.inf):
+        if not (abs(step_output[NEXT_V * m + e]) < RUNAWAY and abs(step_output[TORQUE * m + e]) < np.inf):
             return False
     return True
 
@@ -150,7 +151,13 @@ def write_equation(
         mass_hat: Written, shape (n, n).
         force: Written, shape (n,).
     """
-    n, h, law, given, result = space.answer.size, robots.timestep, robots.law[0], space.given, space.result
+    n, h, law, step_input, step_output = (
+        space.solve_output.size,
+        robots.timestep,
+        robots.law[0],
+        space.step_input,
+        space.step_output,
+    )
     if calm:
         _first_segments(h, law, space)
     for i in range(n):
@@ -158,12 +165,12 @@ def write_equation(
             mass_hat[i, j] = 0.0
     for p in range(robots.places.shape[1]):
         i, j = robots.places[0, p], robots.places[1, p]
-        mass_hat[i, j] = mass_hat[j, i] = result[MASS * n + p]
+        mass_hat[i, j] = mass_hat[j, i] = step_output[MASS * n + p]
     for e in range(n):
         slope = space.rows[SLOPE, e]
         mass_hat[e, e] += law[ROTOR, e] + h * slope
-        pull = space.rows[INTERCEPT, e] - slope * given[V * n + e] - result[BIAS * n + e]
-        force[e] = pull + given[LOAD * n + e]
+        pull = space.rows[INTERCEPT, e] - slope * step_input[V * n + e] - step_output[BIAS * n + e]
+        force[e] = pull + step_input[LOAD * n + e]
 
 
 @compiled(lean=True)
@@ -173,20 +180,20 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
     Args:
         robots: The robots.
         law: Parameters of the block, shape (rows, m).
-        space: `result` holds the first guess, and is where the result goes.
+        space: `step_output` holds the first guess, and is where the result goes.
     """
-    m, h, lanes = space.answer.size, robots.timestep, robots.lanes
+    m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
     _first_segments(h, law, space)
     entries = robots.places.shape[1] * lanes
     for p in range(entries):
-        space.ask[p] = space.result[MASS * m + p]
+        space.solve_input[p] = space.step_output[MASS * m + p]
     for round_ in range(MOST_ROUNDS):
         if round_ > 0:
             _next_guess(robots, law, space)
         if _all_agree(h, lanes, law, space):
             return
         for lane in range(lanes):
-            if not space.flags[SETTLED, lane]:
+            if not space.flags[CONVERGED, lane]:
                 if round_ >= NEWTON_ROUNDS:
                     _line_search(lane, robots, law, space)
                 _look_up(h, lane, lanes, 0 < round_ < NEWTON_ROUNDS, law, space)
@@ -195,13 +202,13 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
 @compiled(lean=True)
 def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
     """Write the segments of the first guess."""
-    m = space.answer.size
+    m = space.solve_output.size
     for lane in range(space.flags.shape[1]):
-        space.flags[SETTLED, lane] = False
+        space.flags[CONVERGED, lane] = False
     for e in range(m):
-        v = space.given[V * m + e]
+        v = space.step_input[V * m + e]
         friction, stick = friction_segment(law[COULOMB, e], v)
-        space.rows[INTERCEPT, e] = space.result[SERVO * m + e] - friction
+        space.rows[INTERCEPT, e] = space.step_output[SERVO * m + e] - friction
         space.rows[SLOPE, e] = servo_gain(h, law[KP, e], law[KD, e]) + law[VISCOUS, e] + stick
         space.rows[BEFORE, e] = v
 
@@ -209,20 +216,20 @@ def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
 @compiled(lean=True)
 def _all_agree(h: float, lanes: int, law: Floats2, space: StepWorkspace) -> bool:
     """Write the torques, and mark the lanes whose forces agree with the law; return whether all do."""
-    m = space.answer.size
+    m = space.solve_output.size
     all_agree = True
     for lane in range(lanes):
-        if space.flags[SETTLED, lane]:
+        if space.flags[CONVERGED, lane]:
             continue
         agrees = True
         for e in range(lane, m, lanes):
-            w = space.result[NEXT_V * m + e]
-            torque, c, k = segment_at(law, e, h, space.given[e], w, space.result[SERVO * m + e], w)
+            w = space.step_output[NEXT_V * m + e]
+            torque, c, k = segment_at(law, e, h, space.step_input[e], w, space.step_output[SERVO * m + e], w)
             due = space.rows[INTERCEPT, e] - space.rows[SLOPE, e] * w
             if abs(c - k * w - due) > SAME_FORCE * (1.0 + abs(due)):
                 agrees = False
-            space.result[TORQUE * m + e] = torque
-        space.flags[SETTLED, lane] = agrees
+            space.step_output[TORQUE * m + e] = torque
+        space.flags[CONVERGED, lane] = agrees
         all_agree = all_agree and agrees
     return all_agree
 
@@ -230,76 +237,91 @@ def _all_agree(h: float, lanes: int, law: Floats2, space: StepWorkspace) -> bool
 @compiled(lean=True)
 def _look_up(h: float, lane: int, lanes: int, turns: bool, law: Floats2, space: StepWorkspace) -> None:
     """Look up the torques and segments at the present velocities of a lane."""
-    m = space.answer.size
+    m = space.solve_output.size
     for e in range(lane, m, lanes):
-        w = space.result[NEXT_V * m + e]
+        w = space.step_output[NEXT_V * m + e]
         before = space.rows[BEFORE, e] if turns else w
-        torque, c, k = segment_at(law, e, h, space.given[e], w, space.result[SERVO * m + e], before)
-        space.result[TORQUE * m + e], space.rows[INTERCEPT, e], space.rows[SLOPE, e] = torque, c, k
+        torque, c, k = segment_at(law, e, h, space.step_input[e], w, space.step_output[SERVO * m + e], before)
+        space.step_output[TORQUE * m + e], space.rows[INTERCEPT, e], space.rows[SLOPE, e] = torque, c, k
 
 
 @compiled(lean=True)
 def _next_guess(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
-    """Solve the step on the present segments for the lanes that are not settled."""
-    m, h, lanes = space.answer.size, robots.timestep, robots.lanes
+    """Solve the step on the present segments for the lanes that have not converged."""
+    m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
     start = robots.places.shape[1] * lanes
     for e in range(m):
         c, k = space.rows[INTERCEPT, e], space.rows[SLOPE, e]
-        force = c - k * space.given[V * m + e] + space.given[LOAD * m + e]
-        space.ask[start + e] = law[ROTOR, e] + h * k
-        space.ask[start + m + e] = force - space.result[BIAS * m + e]
-    call_kernel(robots.solve_kernel, space.ask.ctypes.data, space.answer.ctypes.data, space.work.ctypes.data)
+        force = c - k * space.step_input[V * m + e] + space.step_input[LOAD * m + e]
+        space.solve_input[start + e] = law[ROTOR, e] + h * k
+        space.solve_input[start + m + e] = force - space.step_output[BIAS * m + e]
+    call_kernel(
+        robots.solve_kernel,
+        space.solve_input.ctypes.data,
+        space.solve_output.ctypes.data,
+        space.work.ctypes.data,
+    )
     for e in range(m):
-        if not space.flags[SETTLED, e % lanes]:
-            w = space.given[V * m + e] + h * space.answer[e]
-            space.rows[BEFORE, e] = space.result[NEXT_V * m + e]
-            space.result[NEXT_V * m + e] = w
-            space.result[NEXT_Q * m + e] = space.given[e] + h * w
+        if not space.flags[CONVERGED, e % lanes]:
+            w = space.step_input[V * m + e] + h * space.solve_output[e]
+            space.rows[BEFORE, e] = space.step_output[NEXT_V * m + e]
+            space.step_output[NEXT_V * m + e] = w
+            space.step_output[NEXT_Q * m + e] = space.step_input[e] + h * w
 
 
 @compiled(lean=True)
 def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
     """Go back on the way of a lane to where the step's convex function is least."""
-    m, given, result, rows = space.answer.size, space.given, space.result, space.rows
+    m, step_input, step_output, rows = (
+        space.solve_output.size,
+        space.step_input,
+        space.step_output,
+        space.rows,
+    )
     h, lanes = robots.timestep, robots.lanes
     _weigh(lane, robots, law, space)
     slope, curvature = 0.0, 0.0
     for e in range(lane, m, lanes):
-        way = result[NEXT_V * m + e] - rows[BEFORE, e]
-        slope += way * (rows[GONE, e] / h + result[BIAS * m + e] - given[LOAD * m + e])
+        way = step_output[NEXT_V * m + e] - rows[BEFORE, e]
+        slope += way * (rows[GONE, e] / h + step_output[BIAS * m + e] - step_input[LOAD * m + e])
         curvature += way * rows[WAY, e] / h
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         t = (low + high) / 2
         rise = slope + t * curvature
         for e in range(lane, m, lanes):
-            way = result[NEXT_V * m + e] - rows[BEFORE, e]
+            way = step_output[NEXT_V * m + e] - rows[BEFORE, e]
             w = rows[BEFORE, e] + t * way
-            _, c, k = segment_at(law, e, h, given[e], w, result[SERVO * m + e], w)
+            _, c, k = segment_at(law, e, h, step_input[e], w, step_output[SERVO * m + e], w)
             rise -= way * (c - k * w)
         if rise < 0.0:
             low = t
         else:
             high = t
     for e in range(lane, m, lanes):
-        w = rows[BEFORE, e] + high * (result[NEXT_V * m + e] - rows[BEFORE, e])
-        result[NEXT_V * m + e] = w
-        result[NEXT_Q * m + e] = given[e] + h * w
+        w = rows[BEFORE, e] + high * (step_output[NEXT_V * m + e] - rows[BEFORE, e])
+        step_output[NEXT_V * m + e] = w
+        step_output[NEXT_Q * m + e] = step_input[e] + h * w
 
 
 @compiled(lean=True)
 def _weigh(lane: int, robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
     """Write (M + J) (w+ - w) and (M + J) (w - v), where w+ is the new guess and w the one before."""
-    m, given, result, rows = space.answer.size, space.given, space.result, space.rows
+    m, step_input, step_output, rows = (
+        space.solve_output.size,
+        space.step_input,
+        space.step_output,
+        space.rows,
+    )
     lanes, places = robots.lanes, robots.places
     for e in range(lane, m, lanes):
-        rows[WAY, e] = law[ROTOR, e] * (result[NEXT_V * m + e] - rows[BEFORE, e])
-        rows[GONE, e] = law[ROTOR, e] * (rows[BEFORE, e] - given[V * m + e])
+        rows[WAY, e] = law[ROTOR, e] * (step_output[NEXT_V * m + e] - rows[BEFORE, e])
+        rows[GONE, e] = law[ROTOR, e] * (rows[BEFORE, e] - step_input[V * m + e])
     for p in range(places.shape[1]):
-        mass = space.ask[p * lanes + lane]
+        mass = space.solve_input[p * lanes + lane]
         i, j = places[0, p] * lanes + lane, places[1, p] * lanes + lane
-        rows[WAY, i] += mass * (result[NEXT_V * m + j] - rows[BEFORE, j])
-        rows[GONE, i] += mass * (rows[BEFORE, j] - given[V * m + j])
+        rows[WAY, i] += mass * (step_output[NEXT_V * m + j] - rows[BEFORE, j])
+        rows[GONE, i] += mass * (rows[BEFORE, j] - step_input[V * m + j])
         if i != j:
-            rows[WAY, j] += mass * (result[NEXT_V * m + i] - rows[BEFORE, i])
-            rows[GONE, j] += mass * (rows[BEFORE, i] - given[V * m + i])
+            rows[WAY, j] += mass * (step_output[NEXT_V * m + i] - rows[BEFORE, i])
+            rows[GONE, j] += mass * (rows[BEFORE, i] - step_input[V * m + i])

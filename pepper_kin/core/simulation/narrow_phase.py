@@ -22,7 +22,7 @@ STANDS, ON_ROBOT, FREE = 0, 1, 2
 """Who moves a shape: nobody, a joint of the robot, or itself."""
 OPEN = -1
 """Returned where neither faces nor round ends decide."""
-SETTLED = 1e-4
+FACE_TOLERANCE = 1e-4
 """A manifold counts if its lowest point is as low as the other shape reaches, but for this [m]."""
 MARGIN = 2e-3
 """Points this near count as contacts whatever their speed [m]."""
@@ -167,7 +167,7 @@ def find_contacts(shapes: ShapeTable, h: float, points: ContactPoints) -> tuple[
         points: Written.
 
     Returns:
-        Number of points, -1 if there is no room for them, and of undecided pairs.
+        Number of points, -1 if the arrays are too small for them, and of undecided pairs.
     """
     found, left = 0, 0
     for p in range(len(shapes.pairs)):
@@ -264,7 +264,7 @@ def _write_corner(
 
 @compiled
 def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2) -> int:
-    """Write the end or the side of a cylinder that looks along d."""
+    """Write the end or the side of a cylinder that faces along d."""
     size, center = solid.size, solid.position
     outward, side = np.empty(3), np.empty(3)
     least = 0
@@ -298,7 +298,7 @@ def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2)
 
 @compiled
 def _supporting_feature(solid: Solid, d: Floats1, points: Floats2) -> int:
-    """Write the point, the ends of the line or the corners of the face that a shape turns along d.
+    """Write the point, the ends of the line or the corners of the face of a shape that is farthest along d.
 
     Returns:
         How many points: 1 of a ball, 2 of a capsule or of a cylinder's side, 4 of a box's face or of a
@@ -419,7 +419,7 @@ def _reduce_outline(outline: Floats2, count: int, work: Floats2) -> int:
 
 @compiled(lean=True)
 def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> None:
-    """Write a point, halfway between the surfaces, given that on the second shape's."""
+    """Write a point, halfway between the surfaces, from that on the second shape's."""
     half = 0.5 * gap
     (x, y, z), (nx, ny, nz) = point, normal
     row[0], row[1], row[2] = x + half * nx, y + half * ny, z + half * nz
@@ -564,7 +564,7 @@ def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float,
             for i in range(3):
                 outline[kept, i] = outline[p, i]
             kept += 1
-    if least > face.lowest + SETTLED:
+    if least > face.lowest + FACE_TOLERANCE:
         return OPEN
     kept = _reduce_outline(outline, kept, work)
     for p in range(kept):

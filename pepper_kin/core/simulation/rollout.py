@@ -1,4 +1,4 @@
-"""The loop over time: robots of one kind, or one robot with what it meets."""
+"""Rollouts over time: robots of one kind, or one robot in contact with its world."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def rollout(
     """
     size = state.shape[2] if world.kind != NO_WORLD else 0
     mass_hat, force = np.empty((size, size)), np.empty(size)
-    equation = RobotMotion(space.given[size : 2 * size], mass_hat, force)
+    equation = RobotMotion(space.step_input[size : 2 * size], mass_hat, force)
     return _advance_blocks(span, robots, space, inputs, state, log, world, equation)
 
 
@@ -121,18 +121,18 @@ def _advance_blocks(
 ) -> int:  # fmt: skip
     """Do what `rollout` does, with arrays for a step's linear equation."""
     m, lanes, status = state.shape[2], robots.lanes, DONE
-    given, result = space.given, space.result
+    step_input, step_output = space.step_input, space.step_output
     coupled = world.kind != NO_WORLD
     for b in range(span.first, span.last):
         for e in range(m):
-            given[e], given[V * m + e] = state[0, b, e], state[1, b, e]
+            step_input[e], step_input[V * m + e] = state[0, b, e], state[1, b, e]
         for e in range(robots.constant.shape[1]):
-            given[CONSTANT * m + e] = robots.constant[b, e]
+            step_input[CONSTANT * m + e] = robots.constant[b, e]
         for lane in range(lanes):
             space.flags[ALIVE, lane] = True
         left, good, row, until = lanes, 0, 0, span.every
         for k in range(span.steps):
-            _read_inputs(b, k, robots, inputs, given)
+            _read_inputs(b, k, robots, inputs, step_input)
             calm = implicit_step(b, robots, space)
             if coupled:
                 outcome, calm = _couple(calm, robots, space, world, equation)
@@ -143,22 +143,22 @@ def _advance_blocks(
                 left = _stop_unsound(b, k, 1 + k // span.every, robots, space, log)
                 if left == 0:
                     break
-            _copy(result[: 2 * m], given[: 2 * m])
+            _copy(step_output[: 2 * m], step_input[: 2 * m])
             good += 1
             until -= 1
             if until == 0:
                 until, row = span.every, row + 1
                 _write_log(b, row, lanes, space, log)
         for e in range(m):
-            state[0, b, e], state[1, b, e] = given[e], given[V * m + e]
+            state[0, b, e], state[1, b, e] = step_input[e], step_input[V * m + e]
             if good > 0:
-                state[2, b, e] = result[TORQUE * m + e]
+                state[2, b, e] = step_output[TORQUE * m + e]
     return status
 
 
 @compiled("boolean(RobotTables, StepWorkspace, float64[:, ::1], float64[::1])")
 def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2, force: Floats1) -> bool:
-    """Take a step of one robot from what is in `space.given`, and write the linear equation that it solves.
+    """Take a step of one robot from `space.step_input`, and write the linear equation that it solves.
 
     Args:
         robots: The robot.
@@ -183,11 +183,11 @@ def _couple(
     Returns:
         The outcome of the world's step, and whether the robot's was taken on the first guess.
     """
-    n, given, load = space.answer.size, space.given, world.state.load
+    n, step_input, load = space.solve_output.size, space.step_input, world.state.load
     write_equation(calm, robots, space, equation.mass_hat, equation.force)
     if not calm and not is_sound(0, 1, space) and not _is_finite(equation.force):
         return SOLVED, calm  # the robot is to blame, not what it touches
-    outcome = contact_step(world, given[:n], equation, robots.timestep)
+    outcome = contact_step(world, step_input[:n], equation, robots.timestep)
     if outcome != SOLVED:
         return outcome, calm
     pushed = False
@@ -195,7 +195,7 @@ def _couple(
         pushed = pushed or load[j] != 0.0
     if pushed:
         for j in range(n):
-            given[LOAD * n + j] += load[j]
+            step_input[LOAD * n + j] += load[j]
         calm = implicit_step(0, robots, space)
     return SOLVED, calm
 
@@ -209,19 +209,21 @@ def _is_finite(values: Floats1) -> bool:
 
 
 @compiled(lean=True)
-def _read_inputs(b: int, k: int, robots: RobotTables, inputs: Inputs, given: Floats1) -> None:
+def _read_inputs(b: int, k: int, robots: RobotTables, inputs: Inputs, step_input: Floats1) -> None:
     """Write a step's inputs into the kernel's.
 
     Feed-forward that is constant in time is written in the first step only.
     """
     m, lanes = robots.law.shape[2], robots.lanes
-    _spread(b, k, lanes, inputs.position, given[Q_REF * m : (Q_REF + 1) * m])
-    _spread(b, k, lanes, inputs.velocity, given[V_REF * m : (V_REF + 1) * m])
+    _spread(b, k, lanes, inputs.position, step_input[Q_REF * m : (Q_REF + 1) * m])
+    _spread(b, k, lanes, inputs.velocity, step_input[V_REF * m : (V_REF + 1) * m])
     if k == 0 or inputs.feedforward.shape[1] > 1:
-        _spread(b, k, lanes, inputs.feedforward, given[FEEDFORWARD_TORQUE * m : (FEEDFORWARD_TORQUE + 1) * m])
+        _spread(
+            b, k, lanes, inputs.feedforward, step_input[FEEDFORWARD_TORQUE * m : (FEEDFORWARD_TORQUE + 1) * m]
+        )
         for e in range(m):
-            given[FEEDFORWARD_TORQUE * m + e] *= robots.law[b, STRENGTH, e]
-    _spread(b, k, lanes, inputs.load, given[LOAD * m : (LOAD + 1) * m])
+            step_input[FEEDFORWARD_TORQUE * m + e] *= robots.law[b, STRENGTH, e]
+    _spread(b, k, lanes, inputs.load, step_input[LOAD * m : (LOAD + 1) * m])
 
 
 @compiled(lean=True)
@@ -232,23 +234,23 @@ def _copy(source: Floats1, target: Floats1) -> None:
 
 
 @compiled(lean=True)
-def _spread(b: int, k: int, lanes: int, values: Floats3, given: Floats1) -> None:
+def _spread(b: int, k: int, lanes: int, values: Floats3, step_input: Floats1) -> None:
     """Write one step's values of a block's robots in the order of elements."""
     robots, steps, n = values.shape
     row = min(k, steps - 1)
     if robots == 1:
-        _copy(values[0, row], given)
+        _copy(values[0, row], step_input)
         return
     for lane in range(lanes):
         robot = min(b * lanes + lane, robots - 1)
         for j in range(n):
-            given[j * lanes + lane] = values[robot, row, j]
+            step_input[j * lanes + lane] = values[robot, row, j]
 
 
 @compiled(lean=True)
 def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWorkspace, log: Log) -> int:
     """Stop robots whose new state is absurd, and return how many of the block's are left."""
-    m, lanes, result, flags = space.answer.size, robots.lanes, space.result, space.flags
+    m, lanes, step_output, flags = space.solve_output.size, robots.lanes, space.step_output, space.flags
     left = 0
     for lane in range(lanes):
         if flags[ALIVE, lane]:
@@ -259,19 +261,19 @@ def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWork
                 _write_lane(robot, lane, row, lanes, space, log)
         if flags[ALIVE, lane]:
             left += 1
-        else:  # it stays where it was last seen well
+        else:  # it keeps its last finite state
             for e in range(lane, 2 * m, lanes):
-                result[e] = space.given[e]
+                step_output[e] = space.step_input[e]
     return left
 
 
 @compiled(lean=True)
 def _write_log(b: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> None:
     if lanes == 1:
-        n = space.answer.size
-        _copy(space.result[:n], log.position[b, row])
-        _copy(space.result[NEXT_V * n : (NEXT_V + 1) * n], log.velocity[b, row])
-        _copy(space.result[TORQUE * n : (TORQUE + 1) * n], log.torque[b, row])
+        n = space.solve_output.size
+        _copy(space.step_output[:n], log.position[b, row])
+        _copy(space.step_output[NEXT_V * n : (NEXT_V + 1) * n], log.velocity[b, row])
+        _copy(space.step_output[TORQUE * n : (TORQUE + 1) * n], log.torque[b, row])
         return
     for lane in range(lanes):
         robot = b * lanes + lane
@@ -281,9 +283,9 @@ def _write_log(b: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> 
 
 @compiled(lean=True)
 def _write_lane(robot: int, lane: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> None:
-    m, n = space.answer.size, log.position.shape[2]
+    m, n = space.solve_output.size, log.position.shape[2]
     for j in range(n):
         e = j * lanes + lane
-        log.position[robot, row, j] = space.result[e]
-        log.velocity[robot, row, j] = space.result[NEXT_V * m + e]
-        log.torque[robot, row, j] = space.result[TORQUE * m + e]
+        log.position[robot, row, j] = space.step_output[e]
+        log.velocity[robot, row, j] = space.step_output[NEXT_V * m + e]
+        log.torque[robot, row, j] = space.step_output[TORQUE * m + e]

@@ -27,7 +27,7 @@ FOUND, NO_PROFILE, NO_REST = 0, 1, 2
 
 _ROUNDS = 3  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 2e-4  # slowing down by less than this is cheaper than solving again
-_LEAST = 1e-4  # of a limit: lesser excesses are left to stretching
+_LEAST = 1e-4  # of a limit: smaller violations are left to stretching
 _NEAR = 0.99  # of a limit: nearer than this by a cautious estimate, instants are looked at one by one
 
 

@@ -50,8 +50,19 @@ def proximity_block(checker: CollisionChecker, apart: float) -> Array:
     counts = [len(joints), len(shapes), len(pairs), len(heads), values.size, len(vertices)]
     head = np.array([pepper.n, *counts, LEVER, apart], dtype=float)
     assert head.size == HEAD
-    room = np.zeros(sum(sizes(*counts)[-4:]))
-    parts = (head, joints, full, above, shapes, pairs, np.array(heads, dtype=float), values, vertices, room)
+    scratch = np.zeros(sum(sizes(*counts)[-4:]))
+    parts = (
+        head,
+        joints,
+        full,
+        above,
+        shapes,
+        pairs,
+        np.array(heads, dtype=float),
+        values,
+        vertices,
+        scratch,
+    )
     block = np.concatenate([np.ravel(part) for part in parts])
     place_still(block.ctypes.data)
     return block

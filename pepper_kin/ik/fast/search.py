@@ -13,7 +13,7 @@ from pepper_kin.core.inverse_kinematics.search import CANDIDATES, EXTRA, STATUS,
 from pepper_kin.ik.collisions import NO_TESTS, Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
-from pepper_kin.ik.result import SearchResult, Status
+from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solvers.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 STATUSES = (
-    Status.SOLVED,
-    Status.CLOSEST_UNREACHABLE,
-    Status.CLOSEST_LIMITS,
-    Status.CLOSEST_COLLISION,
-    Status.TIMED_OUT,
-    Status.TIMED_OUT,
+    IKStatus.SOLVED,
+    IKStatus.CLOSEST_UNREACHABLE,
+    IKStatus.CLOSEST_LIMITS,
+    IKStatus.CLOSEST_COLLISION,
+    IKStatus.TIMED_OUT,
+    IKStatus.TIMED_OUT,
 )
 """By the number that the compiled search writes."""
 
@@ -226,11 +226,11 @@ def solutions_from(
         rows = Rows(pepper, tasks, starts, movable, budget, scene=scene, margin=margin)
         rows.solve(0, len(starts))
         q, status, *_ = rows.answers()
-        solved = q[status == STATUSES.index(Status.SOLVED)]
+        solved = q[status == STATUSES.index(IKStatus.SOLVED)]
     else:
         world = Collisions(pepper, scene, margin)
         found = [search_compiled(pepper, tasks, start, movable, budget, world) for start in starts]
-        solved = np.array([one.q for one in found if one.status is Status.SOLVED]).reshape(-1, q0.size)
+        solved = np.array([one.q for one in found if one.status is IKStatus.SOLVED]).reshape(-1, q0.size)
     k, scale = ready.index.size, np.ones(q0.size)
     scale[ready.index] = ready.tables.scale[:k]
     motion = ((solved - q0) ** 2 * scale).sum(axis=1)

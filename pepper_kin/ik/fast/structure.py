@@ -1,4 +1,4 @@
-"""What of a task is fixed in compiled code, and what may change from call to call."""
+"""Fixed and variable parts of tasks in compiled code."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ _READERS: dict[type, Callable[[Any], Structure]] = {
 def _reader(kind: type) -> Callable[[Any], Structure] | None:
     """Return what reads the structure of a class of tasks; to ask an abstract class is slow.
 
-    A class derived from one of the library's may have a residual of its own, which is not what is compiled.
+    A class derived from one of the library's may have another residual than the compiled one.
     """
     own = (getattr(kind, name).__module__ for name in ("residual", "jacobian", "size"))
     if not all(module.startswith("pepper_kin.") for module in own):

@@ -141,8 +141,8 @@ def _base_yaw(pepper: PepperModel, task: Structure, motion: Motion, target: Any)
 
 def _relative_position(pepper: PepperModel, task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
     pose, jacobian = motion.frames[task.frame]
-    seen_from, other = motion.frames[task.reference]
-    turn, line = seen_from[:, :3].T, pose[:, 3] - seen_from[:, 3]
+    relative_to, other = motion.frames[task.reference]
+    turn, line = relative_to[:, :3].T, pose[:, 3] - relative_to[:, 3]
     change = jacobian[:3, :] - other[:3, :] + skew(line) @ other[3:, :]
     return turn @ line - target, _without_common(pepper, task, turn @ change)
 
@@ -153,8 +153,8 @@ def _relative_orientation(
     import casadi
 
     pose, jacobian = motion.frames[task.frame]
-    seen_from, other = motion.frames[task.reference]
-    turn = seen_from[:, :3].T
+    relative_to, other = motion.frames[task.reference]
+    turn = relative_to[:, :3].T
     residual, inverse = rotation_residual(turn @ pose[:, :3] @ casadi.reshape(target, 3, 3))
     change = (inverse @ turn) @ (jacobian[3:, :] - other[3:, :])
     return residual, _without_common(pepper, task, change)

@@ -17,7 +17,7 @@ from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
-from pepper_kin.ik.result import SearchResult, Status
+from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solvers.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model.shapes import read_only
@@ -165,23 +165,23 @@ class ReferenceSolver(TaskSolver):
         motion = float(np.linalg.norm(problem.scale * (q - problem.q0)))
         return Candidate(not free, not met, not held, motion if met else problem.task_cost(residuals), q)
 
-    def _status(self, best: Candidate, met_in_collision: bool, budget: SearchBudget) -> Status:
+    def _status(self, best: Candidate, met_in_collision: bool, budget: SearchBudget) -> IKStatus:
         """Return how the search ended; LIMITS where the same joints would meet the tasks without limits."""
         if not best.touches and not best.unmet:
-            return Status.SOLVED
+            return IKStatus.SOLVED
         if time.perf_counter() > budget.deadline:
-            return Status.TIMED_OUT
+            return IKStatus.TIMED_OUT
         if met_in_collision:
-            return Status.CLOSEST_COLLISION
+            return IKStatus.CLOSEST_COLLISION
         unlimited = self._problem.without_limits()
         solver, nothing = ReferenceSolver(self._name, unlimited), Collisions(unlimited.pepper, None)
         fewer = budget._replace(max_iterations=min(STEPS_WITHOUT_LIMITS, budget.max_iterations))
         for start in (best.q, *starts(unlimited, budget.seed, STARTS_WITHOUT_LIMITS)):
             end = solver.descend(start, nothing, fewer, clear=False)
             if unlimited.is_met(unlimited.residuals(end)):
-                return Status.CLOSEST_LIMITS
+                return IKStatus.CLOSEST_LIMITS
         timed_out = time.perf_counter() > budget.deadline
-        return Status.TIMED_OUT if timed_out else Status.CLOSEST_UNREACHABLE
+        return IKStatus.TIMED_OUT if timed_out else IKStatus.CLOSEST_UNREACHABLE
 
 
 def make_step_solver(name: str, problem: Problem) -> StepSolver:

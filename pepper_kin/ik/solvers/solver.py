@@ -1,4 +1,4 @@
-"""What a solver of the inverse kinematics offers."""
+"""Interface of an inverse-kinematics solver."""
 
 from __future__ import annotations
 

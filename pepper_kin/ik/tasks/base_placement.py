@@ -164,7 +164,7 @@ class BaseYaw(BaseTask):
 
 @dataclass(frozen=True, eq=False, init=False)
 class BasePlacement(TaskGroup):
-    """A planar base has, or is near, a wished position and yaw; either may be left out.
+    """A planar base has, or is near, a target position and yaw; either may be left out.
 
     Needs a robot of `load_pepper(base="planar")`.  "Near" is a wide tolerance, or an infinite one for a mere
     preference.

@@ -1,4 +1,4 @@
-"""Keep the center of mass over the wheels."""
+"""Center of mass within the polygon of the wheels, as a task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keep any CasADi expression of the joint positions at a value, or between bounds."""
+"""CasADi expressions of the joint positions at a value, or between bounds, as a task."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def expression_of(
 
     allowed = "a function from q, a casadi.SX, to a casadi.SX that depends on it"
     if not callable(function):
-        raise InvalidValueError(f"function of {label}", repr(function)[:80], allowed)
+        raise InvalidValueError(f"function of {label}", repr(function), allowed)
     q = casadi.SX.sym("q", pepper.n)
     found = function(q)
     parts = list(found) if isinstance(found, (list, tuple)) else [found]
@@ -214,12 +214,14 @@ def values_and_slopes(source: str) -> Callable[[Array], tuple[Array, Array]]:
     return evaluate
 
 
-def _bounds(given: ArrayLike | None, quantity: str, count: int, missing: float) -> Array:
+def _bounds(limits_like: ArrayLike | None, quantity: str, count: int, missing: float) -> Array:
     """Return bounds, shape (m,), where infinity or nothing means none."""
     try:
-        bounds = np.broadcast_to(np.asarray(missing if given is None else given, dtype=float), (count,))
+        bounds = np.broadcast_to(
+            np.asarray(missing if limits_like is None else limits_like, dtype=float), (count,)
+        )
     except (TypeError, ValueError):
-        raise InvalidValueError(quantity, repr(given)[:80], f"one number or {count}") from None
+        raise InvalidValueError(quantity, repr(limits_like), f"one number or {count}") from None
     if np.isnan(bounds).any():
-        raise InvalidValueError(quantity, given, "numbers, infinite where there is no bound")
+        raise InvalidValueError(quantity, limits_like, "numbers, infinite where there is no bound")
     return np.clip(bounds, -UNBOUNDED, UNBOUNDED)

@@ -1,4 +1,4 @@
-"""Keep the origin of a frame in a plane: at a height, over a table's edge, along a wall."""
+"""Origin of a frame in a plane, as a task: at a height, over an edge, along a wall."""
 
 from __future__ import annotations
 

@@ -92,8 +92,8 @@ class FrameOrientation(Task):
         return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the rotation vector that is left to make."""
-        return f"an orientation that still wants a turn of {words_for_turn(-self.residual(pepper, q))}"
+        """Return the remaining rotation to the target, in words."""
+        return f"an orientation {words_for_turn(-self.residual(pepper, q))} from its target"
 
     def _turn(self, pepper: PepperModel, q: Array) -> Array:
         return frame_pose(pepper, q, self.frame)[:3, :3] @ self.target.T

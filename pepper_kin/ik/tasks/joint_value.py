@@ -29,7 +29,7 @@ class JointValue(JointPosture):
         hard: Whether it is met even where soft tasks suffer from it.
 
     Raises:
-        InvalidValueError: for a value that is no number, NaN or infinite.
+        InvalidValueError: for a value that is not a number, NaN or infinite.
     """
 
     def __init__(

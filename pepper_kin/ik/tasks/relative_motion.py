@@ -12,9 +12,9 @@ from pepper_kin.model import PepperModel
 
 def relative_pose(pepper: PepperModel, q: Array, frame: str, reference: str) -> tuple[Array, Array]:
     """Return R_b^T R_a and R_b^T (o_a - o_b), frame a as seen from reference b, shapes (3, 3) and (3,)."""
-    moved, seen_from = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
-    turn = seen_from[:3, :3].T
-    return turn @ moved[:3, :3], turn @ (moved[:3, 3] - seen_from[:3, 3])
+    moved, relative_to = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
+    turn = relative_to[:3, :3].T
+    return turn @ moved[:3, :3], turn @ (moved[:3, 3] - relative_to[:3, 3])
 
 
 def relative_jacobian(pepper: PepperModel, q: Array, frame: str, reference: str) -> Array:
@@ -24,8 +24,8 @@ def relative_jacobian(pepper: PepperModel, q: Array, frame: str, reference: str)
 
         d/dt R_b^T d = R_b^T (v_a - v_b + [d]x w_b),   the turn of a as b sees it: R_b^T (w_a - w_b).
     """
-    moved, seen_from = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
+    moved, relative_to = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
     jacobian, other = frame_jacobian(pepper, q, frame), frame_jacobian(pepper, q, reference)
-    turn, line = seen_from[:3, :3].T, moved[:3, 3] - seen_from[:3, 3]
+    turn, line = relative_to[:3, :3].T, moved[:3, 3] - relative_to[:3, 3]
     linear = jacobian[:3] - other[:3] + cross_matrix(line) @ other[3:]
     return np.vstack([turn @ linear, turn @ (jacobian[3:] - other[3:])])

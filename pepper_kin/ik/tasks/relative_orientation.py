@@ -96,9 +96,9 @@ class RelativeOrientation(Task):
         return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the rotation vector that is left to make, in the axes of the reference."""
+        """Return the remaining rotation to the target, in the axes of the reference, in words."""
         turn = words_for_turn(-self.residual(pepper, q), f"the axes of {self.reference}")
-        return f"an orientation that still wants a turn of {turn}"
+        return f"an orientation {turn} from its target"
 
     def _turn(self, pepper: PepperModel, q: Array) -> Array:
         return relative_pose(pepper, q, self.frame, self.reference)[0] @ self.target.T

@@ -1,4 +1,4 @@
-"""What every task of the inverse kinematics is."""
+"""Base class of inverse-kinematics tasks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Task(ABC):
 
     Tasks are frozen values.  A solver minimizes sum_i s_i^2 |r_i(q)|^2 over all tasks i (meters and radians
     count alike at equal weights); the task is met where `error` is within `tolerance`.  The strength s_i is
-    the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.precedence`.
+    the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.priorities`.
 
     Symbols used in all formulas: (o, R) position and orientation of the frame in the world, J_v and J_w the
     linear and angular rows of its Jacobian in world axes, [a]x the matrix of the cross product with a.
@@ -244,6 +244,16 @@ def words_for_vector(vector: Array) -> str:
 
 
 def words_for_turn(vector: Array, axes: str = "the world's axes") -> str:
-    """Return a rotation vector [rad] as "(1.0, 2.0, 3.0) deg about the world's axes"."""
-    degrees = ", ".join(f"{value + 0.0:.1f}" for value in np.round(np.degrees(vector), 1))
-    return f"({degrees}) deg about {axes}"
+    """Return a rotation vector [rad] in words for "an orientation ... from its target".
+
+    Args:
+        vector: Rotation vector, shape (3,) [rad].
+        axes: The axes that its components are along.
+
+    Returns:
+        Text such as "(1.0, 2.0, 3.0) deg about the world's axes", or "less than 0.1 deg".
+    """
+    degrees = np.degrees(vector)
+    if np.linalg.norm(degrees) < 0.1:
+        return "less than 0.1 deg"
+    return f"({', '.join(f'{value + 0.0:.1f}' for value in np.round(degrees, 1))}) deg about {axes}"

@@ -1,17 +1,21 @@
 """Motions that are cheap, not only possible: path and timing optimized together."""
 
 from pepper_kin.motion.optimization.cost import Cost, Figures
+from pepper_kin.motion.optimization.minimum_torque import (
+    MinimumTorqueStatus,
+    MinimumTorqueTrajectory,
+    minimum_torque_trajectory,
+)
 from pepper_kin.motion.optimization.optimize import optimize
 from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
-from pepper_kin.motion.optimization.swing import Swing, SwingStatus, minimum_effort_swing
 
 __all__ = [
     "Cost",
     "Figures",
+    "MinimumTorqueStatus",
+    "MinimumTorqueTrajectory",
     "Optimized",
     "OptimizedStatus",
-    "Swing",
-    "SwingStatus",
-    "minimum_effort_swing",
+    "minimum_torque_trajectory",
     "optimize",
 ]

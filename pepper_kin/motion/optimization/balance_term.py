@@ -1,4 +1,4 @@
-"""How firmly the robot stands on its wheels, as slacks."""
+"""Balance on the wheels, as slacks."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving, whole_states
 from pepper_kin.motion.optimization.near_rows import (
     Bodies,
-    NearRoom,
     NearRows,
+    NearWorkspace,
     differentiate,
     find_near_rows,
     place_axes,
@@ -60,13 +60,13 @@ class _Prepared(NamedTuple):
     Attributes:
         memory: Memory of such a term without what is its own.
         rows_count: Number of rows of a sample.
-        room_size: Numbers of its room for each sample, and for all.
+        workspace_size: Numbers of its room for each sample, and for all.
         keep_alive: What the memory points to.
     """
 
     memory: Array
     rows_count: int
-    room_size: tuple[int, int]
+    workspace_size: tuple[int, int]
     keep_alive: object
 
 
@@ -82,15 +82,15 @@ def _prepared(
         apart = bodies.carried[bodies.pairs[:, 0]] != bodies.carried[bodies.pairs[:, 1]]
         places = np.flatnonzero((apart & (columns != 0).any(axis=1)).any(axis=1))
         bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
-    address, room = (poses.batch_address, poses.work_size) if poses else (0, 0)
+    address, scratch = (poses.batch_address, poses.work_size) if poses else (0, 0)
     memory, kept = memory_of(
-        [pepper.n, margin, address, room, len(frames), 1.0, 0.0],
+        [pepper.n, margin, address, scratch, len(frames), 1.0, 0.0],
         [np.zeros(0), moved, np.zeros(pepper.n), *bodies, columns, np.zeros(0)],
     )
     most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
     # Poses twice, whole states, positions, cores, squares, rows; axes, words, a pair, work.
     each = (_POSE + 12) * len(frames) + pepper.n + moved.size + 12 * count + 8 * most + 4
-    return _Prepared(memory, most, (each, 7 * joints + 52 + room), (poses, kept))
+    return _Prepared(memory, most, (each, 7 * joints + 52 + scratch), (poses, kept))
 
 
 class ClearanceTerm(FlooredTerm):
@@ -119,18 +119,18 @@ class ClearanceTerm(FlooredTerm):
         memory, rest = made.memory.copy(), np.ascontiguousarray(moving.rest)
         memory[_SIGN] = -1.0 if closeness else 1.0
         set_array(memory, _REST, rest)
-        self._room_size, self._room = made.room_size, np.zeros(0)
+        self._workspace_size, self._workspace = made.workspace_size, np.zeros(0)
         super().__init__(
             clearance_rows.address, memory, _FLOOR, made.rows_count, per_interval, keep_alive=(made, rest)
         )
 
     def reserve(self, count: int) -> None:
         """Make room in memory for a number of samples."""
-        size = count * self._room_size[0] + self._room_size[1]
-        if size > self._room.size:
-            self._room = np.empty(size)
+        size = count * self._workspace_size[0] + self._workspace_size[1]
+        if size > self._workspace.size:
+            self._workspace = np.empty(size)
             self.memory[_KNOWN] = 0.0
-            set_array(self.memory, _ROOM, self._room)
+            set_array(self.memory, _ROOM, self._workspace)
 
     def least_distance(self, q: Array) -> float:
         """Return the least distance beyond the margin at moving joints' positions, shape (K, k) [m].
@@ -160,48 +160,48 @@ def _bodies_in(memory: Floats1) -> Bodies:
 @compiled
 def _search_near(
     memory: Floats1, q: Floats1, count: int, most: int, influence: float
-) -> tuple[Floats4, NearRows, NearRoom]:
+) -> tuple[Floats4, NearRows, NearWorkspace]:
     """Return the poses and the nearest pairs at positions of the moving joints, and room that was used.
 
     Asked again for the same positions, as a step asks after the search along the last one, it has them.
     """
     n, frames, bodies = int(memory[_N]), int(memory[_FRAMES]), _bodies_in(memory)
-    room, used, size, joints = (
+    scratch, used, size, joints = (
         floats_of(memory, _ROOM),
         np.zeros(1, np.int64),
         bodies.frame.size,
         bodies.slides.size,
     )
-    poses = take(room, used, count * frames * _POSE)
-    whole, work = take(room, used, count * n), take(room, used, int(memory[_WORK]) + 8)
-    words = words_at(take(room, used, 8).ctypes.data, 8)
-    last = take(room, used, q.size)
-    near_room = NearRoom(
-        take(room, used, 12 * frames * count).reshape((frames, 12, count)),
-        take(room, used, 12 * size * count).reshape((size, 12, count)),
-        take(room, used, 3 * count).reshape((3, count)), take(room, used, 32).reshape((2, 16)),
-        take(room, used, 4),
-        take(room, used, 6 * joints).reshape((joints, 6)), take(room, used, joints),
+    poses = take(scratch, used, count * frames * _POSE)
+    whole, work = take(scratch, used, count * n), take(scratch, used, int(memory[_WORK]) + 8)
+    words = words_at(take(scratch, used, 8).ctypes.data, 8)
+    last = take(scratch, used, q.size)
+    near_workspace = NearWorkspace(
+        take(scratch, used, 12 * frames * count).reshape((frames, 12, count)),
+        take(scratch, used, 12 * size * count).reshape((size, 12, count)),
+        take(scratch, used, 3 * count).reshape((3, count)), take(scratch, used, 32).reshape((2, 16)),
+        take(scratch, used, 4),
+        take(scratch, used, 6 * joints).reshape((joints, 6)), take(scratch, used, joints),
     )  # fmt: skip
     near = NearRows(
-        take(room, used, count * most).reshape((count, most)),
-        words_at(take(room, used, count * most).ctypes.data, count * most).reshape((count, most)),
-        take(room, used, 6 * count * most).reshape((count, most, 6)),
-        words_at(take(room, used, count).ctypes.data, count),
+        take(scratch, used, count * most).reshape((count, most)),
+        words_at(take(scratch, used, count * most).ctypes.data, count * most).reshape((count, most)),
+        take(scratch, used, 6 * count * most).reshape((count, most, 6)),
+        words_at(take(scratch, used, count).ctypes.data, count),
     )  # fmt: skip
     placed = poses.reshape((count, frames, 4, 4))
     if memory[_KNOWN] == count * (MOST_PAIRS + 1) + most and _are_equal(last, q):
-        return placed, near, near_room
+        return placed, near, near_workspace
     if frames > 0:
         states = whole.reshape((count, n))
         whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
         flat = poses.reshape((count, _POSE * frames))
         evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
-    find_near_rows(placed, bodies, influence, near, near_room)
+    find_near_rows(placed, bodies, influence, near, near_workspace)
     memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
     for i in range(q.size):
         last[i] = q[i]
-    return placed, near, near_room
+    return placed, near, near_workspace
 
 
 @compiled(lean=True)
@@ -241,11 +241,13 @@ def _move_floors(memory: Floats1, distance: Floats2, what: int) -> int:
 
 
 @compiled
-def _write_slopes(memory: Floats1, poses: Floats4, near: NearRows, room: NearRoom, slopes: Floats1) -> None:
+def _write_slopes(
+    memory: Floats1, poses: Floats4, near: NearRows, scratch: NearWorkspace, slopes: Floats1
+) -> None:
     """Write the derivatives of the slacks by the moving joints, shape (K, MOST_PAIRS, n), flat."""
     floors, sign, columns = floats_of(memory, _FLOOR), memory[_SIGN], floats_of(memory, _COLUMNS)
-    bodies, moving, axes = _bodies_in(memory), words_of(memory, _JOINTS).size, room.axes
-    most, gradient = near.distance.shape[1], room.gradient
+    bodies, moving, axes = _bodies_in(memory), words_of(memory, _JOINTS).size, scratch.axes
+    most, gradient = near.distance.shape[1], scratch.gradient
     for k in range(near.found.size):
         floor = floors[k] if k < floors.size else 0.0
         scale = sign / (INFLUENCE - floor)
@@ -273,7 +275,7 @@ def clearance_rows(states: int, result: int, asked: int, memory_address: int) ->
     if what == TIGHTEN and not any_below_zero(floors):
         return 0
     most = min(MOST_PAIRS, floats_of(memory, _GAP).size)
-    poses, near, room = _search_near(memory, floats_at(states, count * moving), count, most, INFLUENCE)
+    poses, near, scratch = _search_near(memory, floats_at(states, count * moving), count, most, INFLUENCE)
     if what != VALUES and what != ROWS:
         return _move_floors(memory, near.distance, what)
     values, sign = floats_at(result, count * most), memory[_SIGN]
@@ -284,5 +286,5 @@ def clearance_rows(states: int, result: int, asked: int, memory_address: int) ->
             values[k * most + r] = slack if sign > 0.0 else 1.0 - slack
     if what == ROWS:
         size = count * most
-        _write_slopes(memory, poses, near, room, floats_at(result + 8 * size, size * moving))
+        _write_slopes(memory, poses, near, scratch, floats_at(result + 8 * size, size * moving))
     return 0

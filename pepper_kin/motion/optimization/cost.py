@@ -1,4 +1,4 @@
-"""What a motion costs, and how much of it a trajectory has."""
+"""Cost of a motion, and its terms for a trajectory."""
 
 from __future__ import annotations
 

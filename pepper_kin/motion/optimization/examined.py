@@ -1,4 +1,4 @@
-"""Whether a motion is clear at every instant."""
+"""Examination of a motion against the scene at all times."""
 
 from __future__ import annotations
 

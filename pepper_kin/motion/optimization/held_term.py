@@ -69,9 +69,9 @@ class HeldTerm:
         """Return the slacks and their derivatives."""
         residual, slope = self._residuals(q)
         by_position = -2.0 * np.einsum("gr,kr,krj->kgj", self._sums, residual, slope)
-        room = 1.0 - self._floor
-        scaled = by_position / np.broadcast_to(room, by_position.shape[:2])[..., None]
-        return Rows((self._slacks(residual) - self._floor) / room, scaled)
+        slack = 1.0 - self._floor
+        scaled = by_position / np.broadcast_to(slack, by_position.shape[:2])[..., None]
+        return Rows((self._slacks(residual) - self._floor) / slack, scaled)
 
     def _slacks(self, residual: Array) -> Array:
         return 1.0 - residual**2 @ self._sums.T

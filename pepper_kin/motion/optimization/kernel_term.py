@@ -24,7 +24,7 @@ from pepper_kin.planners.optimization import KINDS, ROWS, CompiledTerm, Wall
 Array = NDArray[np.float64]
 
 _N, _OUTPUTS, _VALUES, _SLOPES, _VALUES_WORK, _SLOPES_WORK = range(6)
-_JOINTS, _REST, _STILL, _FIRST, _COLUMN, _WEIGHT, _ROOM = range(6, 20, 2)
+_JOINTS, _REST, _STILL, _FIRST, _COLUMN, _WEIGHT, _WORKSPACE = range(6, 20, 2)
 
 
 class KernelTerm(CompiledTerm):
@@ -51,18 +51,18 @@ class KernelTerm(CompiledTerm):
              np.zeros(0)],
         )  # fmt: skip
         n, outputs = moving.pepper.n, matrix.shape[1]
-        self._room_size = 3 * n + outputs * (1 + 3 * n), 32 + max(values.work_size, slopes.work_size)
-        self._room = np.zeros(0)
+        self._workspace_size = 3 * n + outputs * (1 + 3 * n), 32 + max(values.work_size, slopes.work_size)
+        self._workspace = np.zeros(0)
         super().__init__(
             kernel_rows.address, memory, len(matrix), 3, per_interval, wall, keep_alive=(kernels, kept)
         )
 
     def reserve(self, count: int) -> None:
         """Make room in memory for a number of samples."""
-        size = count * self._room_size[0] + self._room_size[1]
-        if size > self._room.size:
-            self._room = np.zeros(size)
-            set_array(self.memory, _ROOM, self._room)
+        size = count * self._workspace_size[0] + self._workspace_size[1]
+        if size > self._workspace.size:
+            self._workspace = np.zeros(size)
+            set_array(self.memory, _WORKSPACE, self._workspace)
 
 
 @compiled(lean=True)
@@ -113,20 +113,20 @@ def kernel_rows(states: int, result: int, asked: int, memory_address: int) -> in
     joints, rest, still = words_of(memory, _JOINTS), floats_of(memory, _REST), floats_of(memory, _STILL)
     lines = words_of(memory, _FIRST), words_of(memory, _COLUMN), floats_of(memory, _WEIGHT)
     rows, size = lines[0].size - 1, count * joints.size
-    room, used = floats_of(memory, _ROOM), np.zeros(1, np.int64)
-    given, whole = floats_at(states, 3 * size), take(room, used, 3 * count * n).reshape((3, count, n))
+    workspace, used = floats_of(memory, _WORKSPACE), np.zeros(1, np.int64)
+    inputs, whole = floats_at(states, 3 * size), take(workspace, used, 3 * count * n).reshape((3, count, n))
     for part in range(3):
         whole_states(
-            given[part * size : (part + 1) * size], joints, rest if part == 0 else still, whole[part]
+            inputs[part * size : (part + 1) * size], joints, rest if part == 0 else still, whole[part]
         )
-    work = take(room, used, int(max(memory[_VALUES_WORK], memory[_SLOPES_WORK])) + 8)
-    words = words_at(take(room, used, 12).ctypes.data, 12)
+    work = take(workspace, used, int(max(memory[_VALUES_WORK], memory[_SLOPES_WORK])) + 8)
+    words = words_at(take(workspace, used, 12).ctypes.data, 12)
     numbers = floats_at(result, count * rows * (1 + 3 * joints.size if what == ROWS else 1))
-    single, values = np.zeros(1, np.int64), take(room, used, count * outputs).reshape((count, outputs))
+    single, values = np.zeros(1, np.int64), take(workspace, used, count * outputs).reshape((count, outputs))
     evaluate_batch(int(memory[_VALUES]), whole[0], whole[1], whole[2], values, work, words)
     _map_rows(values.reshape(values.size), lines, single, (count, outputs, 1), numbers[: count * rows])
     if what == ROWS:
-        slopes = take(room, used, 3 * count * outputs * n).reshape((3, count * outputs * n))
+        slopes = take(workspace, used, 3 * count * outputs * n).reshape((3, count * outputs * n))
         _evaluate_slopes(int(memory[_SLOPES]), whole, slopes, words, work)
         for part in range(3):
             begin = count * rows * (1 + part * joints.size)

@@ -54,7 +54,7 @@ class NearRows(NamedTuple):
     found: Ints1
 
 
-class NearRoom(NamedTuple):
+class NearWorkspace(NamedTuple):
     """Room for the search at K states.
 
     Attributes:
@@ -79,7 +79,9 @@ class NearRoom(NamedTuple):
 
 
 @compiled(lean=True)
-def find_near_rows(poses: Floats4, bodies: Bodies, influence: float, near: NearRows, room: NearRoom) -> None:
+def find_near_rows(
+    poses: Floats4, bodies: Bodies, influence: float, near: NearRows, scratch: NearWorkspace
+) -> None:
     """Write the nearest pairs at each state.
 
     Bounding spheres, and the sphere of one against the other's core, are compared at all states side by side.
@@ -89,13 +91,13 @@ def find_near_rows(poses: Floats4, bodies: Bodies, influence: float, near: NearR
         bodies: The bodies.
         influence: Distances beyond this do not count [m]; rows that are left have this distance.
         near: Written.
-        room: Room.
+        scratch: Room.
     """
     distance, pairs = near.distance, bodies.pairs
     states, most = distance.shape
     reach, radius, gap = bodies.reach, bodies.radius, bodies.gap
-    square, first, second = room.square, room.pair[0], room.pair[1]
-    _place_cores(poses, bodies, room)
+    square, first, second = scratch.square, scratch.pair[0], scratch.pair[1]
+    _place_cores(poses, bodies, scratch)
     for k in range(states):
         near.found[k] = 0
         for i in range(most):
@@ -104,9 +106,9 @@ def find_near_rows(poses: Floats4, bodies: Bodies, influence: float, near: NearR
         a, b = pairs[p, 0], pairs[p, 1]
         balls, ours = reach[a] + reach[b] + gap[p], reach[a] + radius[b] + gap[p]
         theirs = radius[a] + reach[b] + gap[p]
-        if _are_far(bodies, room, a, b, (balls + influence, ours + influence, theirs + influence)):
+        if _are_far(bodies, scratch, a, b, (balls + influence, ours + influence, theirs + influence)):
             continue
-        room.guess[0] = 0.0
+        scratch.guess[0] = 0.0
         for k in range(states):
             width = distance[k, most - 1]
             if (
@@ -115,19 +117,21 @@ def find_near_rows(poses: Floats4, bodies: Bodies, influence: float, near: NearR
                 or square[2, k] >= (theirs + width) ** 2
             ):
                 continue
-            _fetch(bodies, room.cores, a, k, first)
-            _fetch(bodies, room.cores, b, k, second)
-            (x, y, z), (u, v, w) = nearest_points(first, second, room.guess)
+            _fetch(bodies, scratch.cores, a, k, first)
+            _fetch(bodies, scratch.cores, b, k, second)
+            (x, y, z), (u, v, w) = nearest_points(first, second, scratch.guess)
             apart = math.sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) - radius[a] - radius[b] - gap[p]
             if apart < distance[k, most - 1]:
                 _insert(near, k, apart, p, (x, y, z, u, v, w))
 
 
 @compiled(lean=True)
-def _are_far(bodies: Bodies, room: NearRoom, a: int, b: int, widths: tuple[float, float, float]) -> bool:
+def _are_far(
+    bodies: Bodies, scratch: NearWorkspace, a: int, b: int, widths: tuple[float, float, float]
+) -> bool:
     """Write the squared distances of two bodies at all states; return whether one shows that they are far."""
     balls, ours, theirs = widths
-    one, other, square = room.cores[a], room.cores[b], room.square
+    one, other, square = scratch.cores[a], scratch.cores[b], scratch.square
     if _square_between(one, other, square[0]) >= balls * balls:
         return True
     if _square_outside(one, other, bodies.cores[b], square[1], square[0]) >= ours * ours:
@@ -237,9 +241,9 @@ def _outside_solid(
 
 
 @compiled(lean=True)
-def _place_cores(poses: Floats4, bodies: Bodies, room: NearRoom) -> None:
+def _place_cores(poses: Floats4, bodies: Bodies, scratch: NearWorkspace) -> None:
     """Write the cores of all bodies in the world, states side by side."""
-    frames, cores = room.frames, room.cores
+    frames, cores = scratch.frames, scratch.cores
     states, count = poses.shape[0], frames.shape[0]
     for k in range(states):
         for f in range(count):

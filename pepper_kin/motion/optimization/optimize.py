@@ -1,4 +1,4 @@
-"""From a path or a motion to a shorter and smoother motion within all limits."""
+"""Trajectory optimization: a shorter and smoother motion within all limits."""
 
 from __future__ import annotations
 
@@ -127,8 +127,8 @@ def optimize(
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
 
-    def posed(motion: Trajectory, pieces: int = intervals) -> SplineProblem:
-        return SplineProblem(pepper, motion, world, weights, limits, margin, pieces, tasks=tasks, jerk=rate)
+    def posed(motion: Trajectory, segments: int = intervals) -> SplineProblem:
+        return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks, jerk=rate)
 
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
@@ -295,7 +295,7 @@ class _Judge:
     """Examines what a search found, and returns it if it is clear and cheaper than the motion before."""
 
     pepper: PepperModel
-    given: SplineProblem
+    problem_data: SplineProblem
     before: Trajectory
     scene: Scene
     cost: Cost
@@ -356,7 +356,7 @@ class _Judge:
         kept = zip(self.tasks, self._errors(self.before), strict=True)
         if any(error > task.tolerance * _MORE for task, error in kept):
             return False
-        return self.given.clearance_before > 0 and is_clear_along(
+        return self.problem_data.clearance_before > 0 and is_clear_along(
             Checks(self.pepper, self.scene), self.before
         )
 

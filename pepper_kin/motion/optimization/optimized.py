@@ -1,37 +1,23 @@
-"""What the optimization of a motion returns."""
+"""Result of a trajectory optimization."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
 from pepper_kin.motion.optimization.cost import Cost, Figures
 from pepper_kin.planners.optimization import Descent
+from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 
 
-class OptimizedStatus(Enum):
+class OptimizedStatus(ResultStatus):
     """How the optimization of a motion ended; `advice` says what to try."""
 
-    IMPROVED = "improved"
-    NOT_CHEAPER = "not_cheaper"
-    NOT_CLEAR = "not_clear"
-    OFF_CONSTRAINT = "off_constraint"
-    NO_ROOM = "no_room"
-
-    @property
-    def advice(self) -> str:
-        """One sentence: what to try."""
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    OptimizedStatus.IMPROVED: "Examine it with check().",
-    OptimizedStatus.NOT_CHEAPER: "Take the motion as it is, or weigh jerk more.",
-    OptimizedStatus.NOT_CLEAR: "Give a path that keeps more distance, more intervals or a smaller margin.",
-    OptimizedStatus.OFF_CONSTRAINT: "Give a path that keeps the tasks, as plan() does, or more intervals.",
-    OptimizedStatus.NO_ROOM: "Give a path further from limits, more intervals, or a longer duration.",
-}
+    IMPROVED = "improved", "Examine it with check()."
+    NOT_CHEAPER = "not_cheaper", "Take the motion as it is, or weigh jerk more."
+    NOT_CLEAR = "not_clear", "Give a path that keeps more distance, more intervals or a smaller margin."
+    OFF_CONSTRAINT = "off_constraint", "Give a path that keeps the tasks, as plan() does, or more intervals."
+    NO_ROOM = "no_room", "Give a path further from limits, more intervals, or a longer duration."
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,24 +120,24 @@ def range_rows(states: int, result: int, asked: int, memory_address: int) -> int
     if what == TIGHTEN and not any_below_zero(floors):
         return 0
     q = floats_at(states, count * n)
-    given = what in (VALUES, ROWS)
-    numbers = floats_at(result, count * rows * (1 + n) if what == ROWS else count * rows if given else 0)
+    is_values = what in (VALUES, ROWS)
+    numbers = floats_at(result, count * rows * (1 + n) if what == ROWS else count * rows if is_values else 0)
     for k in range(count):
         for e in range(rows):
             along, across = edges[4 * e + 2], edges[4 * e + 3]
             at = q[k * n + along] if along >= 0 else rest[edges[4 * e]]
             other = q[k * n + across] if across >= 0 else rest[edges[4 * e + 1]]
             limit, slope = _edge_at(x[first[e] : first[e + 1]], y[first[e] : first[e + 1]], at)
-            room, row = signs[e] * (other - limit), k * rows + e
-            if not given:
-                under = 0.0 if room > _SPARE else room - 2.0 * _SPARE
+            slack, row = signs[e] * (other - limit), k * rows + e
+            if not is_values:
+                under = 0.0 if slack > _SPARE else slack - 2.0 * _SPARE
                 if what == START:
                     floors[row] = under
                 elif under == 0.0:
                     floors[row] = 0.0
                 continue
             floor = floors[row] if row < floors.size else 0.0
-            numbers[row] = (room - floor) / (INFLUENCE - floor)
+            numbers[row] = (slack - floor) / (INFLUENCE - floor)
             if what == ROWS:
                 own = numbers[count * rows + row * n : count * rows + (row + 1) * n]
                 for j in range(n):

@@ -208,10 +208,10 @@ class SplineProblem:
     def trajectory(self, descent: Descent) -> Trajectory:
         """Return the motion of all joints that a descent found."""
         pepper, moving = self._moving.pepper, self._moving
-        breaks, pieces = self._spline.pieces(descent.unknowns, descent.duration)
-        coefficients = np.zeros((len(pieces), pieces.shape[1], pepper.n))
+        breaks, segments = self._spline.pieces(descent.unknowns, descent.duration)
+        coefficients = np.zeros((len(segments), segments.shape[1], pepper.n))
         coefficients[:, 0] = moving.rest
-        coefficients[:, :, moving.joints] = pieces
+        coefficients[:, :, moving.joints] = segments
         return Trajectory(pepper.joint_names, breaks, coefficients, pepper.joint_units)
 
     def _feasible_duration(self, control: Array) -> float:

@@ -37,11 +37,11 @@ def set_array(memory: Array, place: int, array: np.ndarray) -> None:
 
 
 @compiled
-def take(room: Floats1, used: Ints1, size: int) -> Floats1:
+def take(scratch: Floats1, used: Ints1, size: int) -> Floats1:
     """Return the next part of a room, and count it as used."""
     begin = used[0]
     used[0] = begin + size
-    return room[begin : begin + size]
+    return scratch[begin : begin + size]
 
 
 @compiled

@@ -1,11 +1,24 @@
-"""The base: three omnidirectional wheels, what they can do, and whether the robot stays on them."""
+"""The base: three omnidirectional wheels, what they can do, and whether the robot stays on them.
+
+OmniBase, BaseGeometry, pepper_base       wheel speeds and twists of the body
+BaseController, world_velocity            ramped commands within all limits
+Odometry, arc_between, arc_moved          where the wheels say that it is
+BalanceMonitor, BalanceReport, BalanceEvent   loads of the wheels, and when one lifts
+simulate_tipping, TippingRun, TippingStatus, edge_moments, EdgeMoments
+"""
 
 from pepper_kin.twin.base.balance import BalanceEvent, BalanceMonitor, BalanceReport
 from pepper_kin.twin.base.controller import BaseController, world_velocity
 from pepper_kin.twin.base.geometry import BaseGeometry, pepper_base
 from pepper_kin.twin.base.odometry import Odometry, arc_between, arc_moved
 from pepper_kin.twin.base.omni_base import OmniBase
-from pepper_kin.twin.base.tipping import EdgeMoments, TippingRun, edge_moments, simulate_tipping
+from pepper_kin.twin.base.tipping import (
+    EdgeMoments,
+    TippingRun,
+    TippingStatus,
+    edge_moments,
+    simulate_tipping,
+)
 
 __all__ = [
     "BalanceEvent",
@@ -17,6 +30,7 @@ __all__ = [
     "Odometry",
     "OmniBase",
     "TippingRun",
+    "TippingStatus",
     "arc_between",
     "arc_moved",
     "edge_moments",

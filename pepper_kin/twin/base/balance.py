@@ -1,4 +1,4 @@
-"""Whether the floor can carry a motion: base wrench, zero-moment point, loads of the wheels."""
+"""Balance of a motion on the floor: base wrench, zero-moment point, loads of the wheels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BalanceEvent:
-    """The first instant at which the zero-moment point is outside the polygon of the wheels.
+    """The first time at which the zero-moment point is outside the polygon of the wheels.
 
     Attributes:
         time: [s].
@@ -59,7 +59,7 @@ class BalanceReport:
             by vertical force, inf where the floor would have to pull, shape (T,).
         loads: Vertical force on each wheel, for three wheels; below zero one would have to be held down,
             shape (T, 3) [N]; None for more wheels, where it is not determined.
-        event: The first instant outside; None if there is none.
+        event: The first sample outside; None if there is none.
     """
 
     time: Array
@@ -104,7 +104,7 @@ class BalanceMonitor:
         base_frame: Frame that they move with.
 
     Raises:
-        InvalidValueError: for contacts that are no convex polygon.
+        InvalidValueError: for contacts that are not a convex polygon.
         UnknownNameError: for a frame that the robot lacks.
     """
 
@@ -178,8 +178,8 @@ class BalanceMonitor:
             states.append(rows)
         wrench = base_wrench(self.pepper, *states)
         if external is not None:
-            given = as_finite(external, "external", (6,) if np.ndim(external) == 1 else (len(times), 6))
-            wrench = wrench - given
+            checked = as_finite(external, "external", (6,) if np.ndim(external) == 1 else (len(times), 6))
+            wrench = wrench - checked
         point, distances, loads = self._support(wrench, states[0])
         with np.errstate(divide="ignore", invalid="ignore"):
             friction = np.hypot(wrench[:, 0], wrench[:, 1]) / wrench[:, 2]

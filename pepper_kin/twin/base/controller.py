@@ -23,15 +23,19 @@ class BaseController:
 
     Args:
         base: The wheels and their limits.
-        timeout: A command holds this long [s]; then the base brakes.
+        command_timeout: A command holds this long [s]; then the base brakes.
 
     Raises:
-        InvalidValueError: for a timeout that is not above 0.
+        InvalidValueError: for a command_timeout that is not above 0.
     """
 
-    def __init__(self, base: OmniBase, timeout: float = 0.5) -> None:
+    def __init__(self, base: OmniBase, command_timeout: float = 0.5) -> None:
         self.base = base
-        self.timeout = float("inf") if timeout == float("inf") else check_positive("timeout", timeout, "s")
+        self.command_timeout = (
+            float("inf")
+            if command_timeout == float("inf")
+            else check_positive("command_timeout", command_timeout, "s")
+        )
         self.reset()
 
     def reset(self, pose: ArrayLike = (0.0, 0.0, 0.0)) -> None:
@@ -63,7 +67,7 @@ class BaseController:
         return self.base.wheel_speeds(self._twist)
 
     def command(self, twist: ArrayLike) -> Array:
-        """Set the twist to go for, from now until the timeout; return it within the limits.
+        """Set the twist to go for, from now for `command_timeout`; return it within the limits.
 
         Args:
             twist: (v_x, v_y, omega) in the base's axes [m/s, m/s, rad/s], shape (3,).
@@ -87,7 +91,7 @@ class BaseController:
             InvalidValueError: for a timestep that is not above 0.
         """
         duration = check_positive("timestep", timestep, "s")
-        target = self._target if self._age < self.timeout - 1e-9 else np.zeros(3)
+        target = self._target if self._age < self.command_timeout - 1e-9 else np.zeros(3)
         self._age += duration
         change = target - self._twist
         limits = self.base.geometry
@@ -126,9 +130,9 @@ def world_velocity(twist: ArrayLike, yaw: float) -> Array:
     Raises:
         InvalidValueError: for a wrong shape, NaN or infinity.
     """
-    given = as_finite(twist, "twist", (None,) * max(np.ndim(twist) - 1, 0) + (3,))
+    checked = as_finite(twist, "twist", (None,) * max(np.ndim(twist) - 1, 0) + (3,))
     if not np.isfinite(yaw):
         raise InvalidValueError("yaw", yaw, "a finite angle [rad]")
     cos, sin = np.cos(yaw), np.sin(yaw)
-    x, y, turning = given[..., 0], given[..., 1], given[..., 2]
+    x, y, turning = checked[..., 0], checked[..., 1], checked[..., 2]
     return np.stack([cos * x - sin * y, sin * x + cos * y, turning], axis=-1)

@@ -1,4 +1,4 @@
-"""Where the wheels are, and how fast the base may go."""
+"""Geometry of the wheels, and limits on the base's velocity and acceleration."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def pepper_base(*, fastest: bool = False) -> BaseGeometry:
     """Return Pepper's base; the numbers and their sources are in `twin/data/base.json`.
 
     Args:
-        fastest: Whether velocities and accelerations are the greatest that the maker allows to ask for,
+        fastest: Whether velocities and accelerations are the greatest that the maker allows to be commanded,
             rather than its defaults.
     """
     text = (files("pepper_kin.twin") / "data" / "base.json").read_text(encoding="utf-8")

@@ -74,14 +74,14 @@ def arc_between(start: ArrayLike, end: ArrayLike) -> Array:
 
 
 class Odometry:
-    """The pose told from the wheels' turns, exact along arcs, wrong by the slip that is asked for.
+    """Pose estimated from the wheels' turns, exact along arcs but for the wheel slip that is modeled.
 
     Args:
         base: The wheels.
         pose: Where it starts: x, y [m], yaw [rad], shape (3,).
         radius_error: Relative error of each wheel's radius as it is believed, one number or shape (k,).
-        slip: Standard deviation of each wheel's slip for a turn of one radian [rad]; it grows with the square
-            root of the turn.
+        wheel_slip: Standard deviation of each wheel's slip for a turn of one radian [rad]; it grows with the
+            square root of the turn.
         seed: Seed of the slip, or a generator.
 
     Raises:
@@ -94,16 +94,16 @@ class Odometry:
         pose: ArrayLike = (0.0, 0.0, 0.0),
         *,
         radius_error: ArrayLike = 0.0,
-        slip: float = 0.0,
+        wheel_slip: float = 0.0,
         seed: int | np.random.Generator = 0,
     ) -> None:
         count = len(base.wheel_map)
         error = as_finite(radius_error, "radius_error", () if np.ndim(radius_error) == 0 else (count,))
-        if not 0 <= slip < np.inf:
-            raise InvalidValueError("slip", slip, "a finite number of at least 0 [rad]")
+        if not 0 <= wheel_slip < np.inf:
+            raise InvalidValueError("wheel_slip", wheel_slip, "a finite number of at least 0 [rad]")
         self.base = base
         self._pose = read_only(as_finite(pose, "pose", (3,)))
-        self._scale, self._slip = 1.0 + np.broadcast_to(error, count), float(slip)
+        self._scale, self._wheel_slip = 1.0 + np.broadcast_to(error, count), float(wheel_slip)
         self._random = np.random.default_rng(seed)
 
     @property
@@ -122,8 +122,8 @@ class Odometry:
         """
         angles = as_finite(turns, "turns", (len(self.base.wheel_map),))
         believed = self._scale * angles
-        if self._slip:
-            spread = self._slip * np.sqrt(np.abs(angles))
+        if self._wheel_slip:
+            spread = self._wheel_slip * np.sqrt(np.abs(angles))
             believed = believed + spread * self._random.standard_normal(len(angles))
         self._pose = read_only(arc_moved(self._pose, self.base.body_twist(believed)))
         return self._pose

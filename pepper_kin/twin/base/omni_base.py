@@ -1,4 +1,4 @@
-"""Between the velocity of the base and the speeds of its wheels."""
+"""Map between the velocity of the base and the speeds of its wheels."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class OmniBase:
         """
         return _rows(wheel_speeds, "wheel_speeds", len(self.wheel_map)) @ self._inverse.T
 
-    def slip(self, twist: ArrayLike, wheel_speeds: ArrayLike) -> Array:
+    def wheel_slip(self, twist: ArrayLike, wheel_speeds: ArrayLike) -> Array:
         """Return how fast each wheel slides over the floor along its rolling direction, shape (..., k) [m/s].
 
         Args:
@@ -99,13 +99,13 @@ class OmniBase:
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        given, limits = _rows(twist, "twist", 3), self.geometry
+        twists, limits = _rows(twist, "twist", 3), self.geometry
         use = np.maximum(
-            np.hypot(given[..., 0], given[..., 1]) / limits.linear_velocity,
-            np.abs(given[..., 2]) / limits.angular_velocity,
+            np.hypot(twists[..., 0], twists[..., 1]) / limits.linear_velocity,
+            np.abs(twists[..., 2]) / limits.angular_velocity,
         )
-        turning = np.abs(self.wheel_speeds(given)).max(axis=-1) / limits.wheel_speed_limit
-        return np.asarray(given / np.maximum(np.maximum(use, turning), 1.0)[..., None])
+        turning = np.abs(self.wheel_speeds(twists)).max(axis=-1) / limits.wheel_speed_limit
+        return np.asarray(twists / np.maximum(np.maximum(use, turning), 1.0)[..., None])
 
 
 def _rows(value: ArrayLike, quantity: str, length: int) -> Array:

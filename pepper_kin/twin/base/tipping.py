@@ -1,4 +1,4 @@
-"""What happens when the floor cannot hold the robot level: it turns about an edge of its wheels."""
+"""Tipping: rotation about an edge of the wheels where the floor cannot hold the robot level."""
 
 from __future__ import annotations
 
@@ -15,12 +15,20 @@ from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.model.shapes import read_only
+from pepper_kin.status import ResultStatus
 from pepper_kin.twin.base.balance import BalanceMonitor, BalanceReport
 
 pinocchio = lazy_module("pinocchio")
 Array = NDArray[np.float64]
 
-STOOD, ROCKED, TIPPED, FALLEN = "stood", "rocked", "tipped", "fallen"
+
+class TippingStatus(ResultStatus):
+    """How a tilting robot ended."""
+
+    STOOD = "stood", "All wheels stayed on the floor."
+    ROCKED = "rocked", "It tilted and came back: slow the motion down, or keep more balance."
+    TIPPED = "tipped", "It is still tilted at the end: go on from there, or keep more balance."
+    FALLEN = "fallen", "It fell: slow the motion down, or time it with `retime(balance=...)`."
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +40,7 @@ class TippingRun:
         angle: Of the tilt, 0 level, shape (T,) [rad].
         rate: shape (T,) [rad/s].
         edge: Number of the edge that it tilts about, -1 while level, shape (T,).
-        status: "stood" (never tilted), "rocked" (tilted and came back), "tipped" (still tilted at the end) or
-            "fallen".
+        status: How it ended.
         message: What happened, in words.
     """
 
@@ -41,7 +48,7 @@ class TippingRun:
     angle: Array
     rate: Array
     edge: NDArray[np.int64]
-    status: str
+    status: TippingStatus
     message: str
 
     def __post_init__(self) -> None:
@@ -114,12 +121,12 @@ def simulate_tipping(
     """Follow a motion and let the robot tilt where the floor cannot hold it level.
 
     When the zero-moment point leaves the polygon, the whole robot turns about the edge that it left through,
-    as one body with the mass distribution of the moment, while the joints keep to the given motion.  With
+    as one body with the mass distribution at that time, while the joints follow the motion.  With
     theta the tilt, I the inertia about the edge, b and h how far inside the edge and how high the center of
     mass is while level, and M the moment about the edge of the forces of inertia of the joints' motion,
         d/dt (I theta') = m g (h sin(theta) - b cos(theta)) + M,
-    which is the balance of angular momentum about the edge.  It falls when the center of mass has passed over
-    the edge for good, and comes back otherwise.
+    which is the balance of angular momentum about the edge.  It tips over when the center of mass has passed
+    over the edge for good, and comes back otherwise.
 
     Assumed: joints follow their motion whatever happens (stiff servos); wheels are points that neither slide
     nor leave the edge; the moment of external forces, and of the acceleration of a moving base, is that of
@@ -162,26 +169,28 @@ def simulate_tipping(
         edge[k + 1] = edge[k]
         if angle[k + 1] <= 0.0:
             angle[k + 1], rate[k + 1] = 0.0, -restitution * rate[k + 1]
-            if rate[k + 1] < 1e-3:  # [rad/s] no bounce to speak of
+            if rate[k + 1] < 1e-3:  # [rad/s] no noticeable bounce
                 rate[k + 1], edge[k + 1] = 0.0, -1
         if angle[k + 1] >= fallen_at:
             part = slice(k + 2)
             names = " - ".join(monitor.edge(int(edge[k])))
             message = f"fell over the line {names}: {fallen_at:g} rad at {time[k + 1]:.3f} s"
-            return TippingRun(time[part], angle[part], rate[part], edge[part], FALLEN, message)
+            return TippingRun(time[part], angle[part], rate[part], edge[part], TippingStatus.FALLEN, message)
     return TippingRun(time, angle, rate, edge, *_verdict(monitor, time, angle, edge))
 
 
-def _verdict(monitor: BalanceMonitor, time: Array, angle: Array, edge: NDArray[np.int64]) -> tuple[str, str]:
+def _verdict(
+    monitor: BalanceMonitor, time: Array, angle: Array, edge: NDArray[np.int64]
+) -> tuple[TippingStatus, str]:
     if not (edge >= 0).any():
-        return STOOD, "all wheels stayed on the floor"
+        return TippingStatus.STOOD, "all wheels stayed on the floor"
     peak = int(np.argmax(angle))
     first = int(np.argmax(edge >= 0))
     names = " - ".join(monitor.edge(int(edge[first])))
     words = f"over the line {names} from {time[first]:.3f} s, at most {angle[peak]:.4f} rad"
     if edge[-1] >= 0 and angle[-1] > 0:
-        return TIPPED, f"tilted {words}, and is still tilted"
-    return ROCKED, f"tilted {words}, and came back"
+        return TippingStatus.TIPPED, f"tilted {words}, and is still tilted"
+    return TippingStatus.ROCKED, f"tilted {words}, and came back"
 
 
 def _leaving(moments: list[EdgeMoments], k: int) -> int:

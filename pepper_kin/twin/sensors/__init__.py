@@ -1,4 +1,11 @@
-"""Sensors of the robot: what each would say, with noise, beside the truth."""
+"""Sensors of the robot: readings with noise, beside the truth.
+
+SensorSuite                               all of Pepper's sensors; give it to `Twin(sensors=...)`
+SensorSpecification, sensor_specifications, Reading, ReadingSeries
+Camera, CAMERAS, Intrinsics, camera_intrinsics    depth and color pictures
+RobotRays, Sight, RayCaster, RayHits      distances along rays
+published_scan                            the three laser scans as one, as ROS publishes them
+"""
 
 from pepper_kin.twin.sensors.camera import Camera, Intrinsics, camera_intrinsics
 from pepper_kin.twin.sensors.range_sensors import published_scan

@@ -1,4 +1,4 @@
-"""Cameras: what a pinhole sees of scene and robot, as depth and as color."""
+"""Pinhole cameras: depth and color pictures of scene and robot."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _HORIZON, _ZENITH = np.array([0.86, 0.90, 0.95]), np.array([0.55, 0.70, 0.90])
 class Intrinsics:
     """A pinhole with a lens; see `camera_intrinsics`.
 
-    A point at (x, y, z) in the optical frame (z forward, x right, y down) is seen at column fx x / z + cx and
-    row fy y / z + cy; pixel centers have whole numbers.
+    A point at (x, y, z) in the optical frame (z forward, x right, y down) projects to column fx x / z + cx
+    and row fy y / z + cy; pixel centers have whole numbers.
 
     Attributes:
         width: Columns.
@@ -69,20 +69,20 @@ class Intrinsics:
         )
 
     def rays(self, lens: bool = False) -> Array:
-        """Return the point of the plane z = 1 that each pixel sees, in the optical frame.
+        """Return the point of the plane z = 1 that each pixel projects to, in the optical frame.
 
         Args:
-            lens: Whether to look through the lens, whose distortion is inverted by iteration.
+            lens: Whether to apply the lens's distortion, which is inverted by iteration.
 
         Returns:
             Points, shape (height, width, 3).
         """
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        seen_x, seen_y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
-        x, y = seen_x, seen_y
+        image_x, image_y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        x, y = image_x, image_y
         for _ in range(30 if lens else 0):
             off_x, off_y = self.distorted(x, y)
-            x, y = x + seen_x - off_x, y + seen_y - off_y
+            x, y = x + image_x - off_x, y + image_y - off_y
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
@@ -109,8 +109,8 @@ def camera_intrinsics(name: str, resolution: str = "QVGA") -> Intrinsics:
 class Camera:
     """A camera on the robot's head, traced ray by ray: no display, one ray per pixel, no blur.
 
-    It sees the scene, a floor, and the robot's own body but for the link that carries it.  Any camera gives
-    both depth and color.
+    It renders the scene, a floor, and the robot's own body but for the link that carries it.  Any camera
+    gives both depth and color.
 
     Args:
         pepper: The robot.
@@ -118,18 +118,19 @@ class Camera:
         resolution: "VGA", "QVGA" or "QQVGA".
         intrinsics: Used in place of the published ones.
         lens: Whether pictures are distorted as by the lens; otherwise they are those of a pinhole.
-        looks: "visual" for the surfaces of the body that are drawn, "collision" for the shapes around them.
+        geometry_type: "visual" for the surfaces of the body that are drawn, "collision" for the shapes around
+            them.
         floor: Whether there is a floor at z = 0 besides what the scene holds.
-        rays: Rays to share with other cameras of the robot, in place of `looks` and `floor`.
+        rays: Rays to share with other cameras of the robot, in place of `geometry_type` and `floor`.
 
     Attributes:
-        name: As given.
+        name: Name of the camera.
         intrinsics: In use.
         frame: The optical frame: z forward, x right, y down.
 
     Raises:
         UnknownNameError: for another camera or resolution.
-        InvalidValueError: for other looks.
+        InvalidValueError: for other geometry types.
     """
 
     def __init__(
@@ -140,7 +141,7 @@ class Camera:
         *,
         intrinsics: Intrinsics | None = None,
         lens: bool = False,
-        looks: str = "visual",
+        geometry_type: str = "visual",
         floor: bool = True,
         rays: RobotRays | None = None,
     ) -> None:
@@ -151,11 +152,11 @@ class Camera:
         self._lens = lens
         self._plane = self.intrinsics.rays(lens)
         self._cosine = 1.0 / np.linalg.norm(self._plane, axis=-1)
-        shared = RobotRays(pepper, looks, blind_to=self.frame, floor=floor) if rays is None else rays
+        shared = RobotRays(pepper, geometry_type, blind_to=self.frame, floor=floor) if rays is None else rays
         self._rays = shared
 
     def depth(self, q: ArrayLike, scene: Scene | None = None) -> Array:
-        """Return the distance to what each pixel sees, along the optical axis.
+        """Return the distance to the surface at each pixel, along the optical axis.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
@@ -193,8 +194,8 @@ class Camera:
         brightness = _AMBIENT + _DIFFUSE * lit + _FRONTAL * frontal
         up = np.clip(aim[..., 2:], 0.0, 1.0)
         sky = (1.0 - up) * _HORIZON + up * _ZENITH
-        seen = np.isfinite(sight.distance)[..., None]
-        picture = np.where(seen, sight.color * brightness[..., None], sky)
+        hit = np.isfinite(sight.distance)[..., None]
+        picture = np.where(hit, sight.color * brightness[..., None], sky)
         return np.round(255 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
 
     def project(self, q: ArrayLike, points: ArrayLike) -> Array:

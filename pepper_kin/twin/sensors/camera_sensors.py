@@ -20,7 +20,7 @@ class ColorCamera(ErringSensor):
     """A picture of 320 x 240 pixels."""
 
     shape = (240, 320, 3)
-    looks = True
+    uses_scene = True
     dtype = np.uint8
 
     def __init__(
@@ -43,7 +43,7 @@ class DepthCamera(ErringSensor):
     """Depths of 320 x 240 pixels along the optical axis; -inf stands for too near, inf for too far."""
 
     shape = (240, 320)
-    looks = True
+    uses_scene = True
 
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays

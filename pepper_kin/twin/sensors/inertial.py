@@ -1,4 +1,4 @@
-"""Accelerometers, gyroscopes and the orientation told from them."""
+"""Accelerometers, gyroscopes and the orientation estimated from them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class _InertialSensor(LinearSensor):
 
 
 class Accelerometer(_InertialSensor):
-    """The specific force at a frame, R^T (a - g): 9.81 m/s^2 upward at rest, nothing in free fall."""
+    """The specific force at a frame, R^T (a - g): 9.81 m/s^2 upward at rest, zero without support."""
 
     def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
         super().__init__(pepper, specification, seed)

@@ -33,7 +33,7 @@ class JointEncoders(LinearSensor):
 
 
 class JointTorques(JointEncoders):
-    """Torques of the servos, as told from their currents, in the order of `joint_names`."""
+    """Torques of the servos, estimated from their currents, in the order of `joint_names`."""
 
     def truth(self, state: SensedState) -> Array:
         """Return the torques [N m or N], shape (len(joint_names),)."""

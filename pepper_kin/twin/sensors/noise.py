@@ -1,4 +1,4 @@
-"""Random numbers that depend on seed, sensor and sample alone, and what is made of them."""
+"""Random numbers that depend on seed, sensor and sample alone, and noise made of them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SensorNoise:
         self._biases: dict[tuple[int, ...], Array] = {}
         self._source = np.random.Philox(key=self._key)
         self._random = np.random.Generator(self._source)
-        # The low word counts the numbers drawn; the third is the sample, the fourth tells biases apart.
+        # The low word counts the numbers drawn; the third is the sample, the fourth distinguishes biases.
         self._counter = [0, 0, 0, 0]
         self._start: Any = {
             "bit_generator": "Philox",
@@ -48,7 +48,7 @@ class SensorNoise:
     def generator(self, sample: int) -> np.random.Generator:
         """Return the generator of a sample; those of samples 0, 1, 2, ... share no numbers.
 
-        There is one object, set anew each time: it is the last sample's that it gives.
+        There is one generator, set anew for each sample.
         """
         self._counter[2] = sample
         self._source.state = self._start

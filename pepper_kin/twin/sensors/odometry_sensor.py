@@ -1,4 +1,4 @@
-"""Where the wheels say that the base is."""
+"""Wheel odometry: pose of the base from the turns of its wheels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class WheelOdometry(ErringSensor):
-    """Pose and velocity of the base as the turns of its wheels tell them.
+    """Pose and velocity of the base from the turns of its wheels.
 
     Between two samples the base is taken to move along an arc; the wheels turn as that arc needs, each with
     its own error, and the arc that fits their turns is added to the pose.  Errors therefore grow with the way
@@ -62,9 +62,9 @@ class WheelOdometry(ErringSensor):
         wheels = self._base.wheel_map
         turn = wheels @ arc_between(self._before, place)
         random = self.noise.generator(sample)
-        slip = self.specification.noise * np.sqrt(np.abs(turn)) * random.standard_normal(len(turn))
+        wheel_slip = self.specification.noise * np.sqrt(np.abs(turn)) * random.standard_normal(len(turn))
         scale = 1.0 + self.noise.bias(turn.shape)
-        self._turned = self._turned + scale * turn + slip
+        self._turned = self._turned + scale * turn + wheel_slip
         counted, step = self._turned, self.specification.resolution
         if step:
             counted = np.round(counted / step) * step

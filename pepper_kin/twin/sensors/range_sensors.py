@@ -1,4 +1,4 @@
-"""Sonars and lasers: distances to what stands around the base."""
+"""Sonars and lasers: distances to the surroundings of the base."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Beams:
 class _RangeSensor(LinearSensor):
     """Rays from a frame; -inf stands for too near, inf for too far or nothing."""
 
-    looks = True
+    uses_scene = True
 
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, beams: Beams
@@ -76,7 +76,7 @@ class Sonar(_RangeSensor):
     """Distance to the nearest surface within a cone about the frame's x axis.
 
     The cone is filled with 217 rays, on rings of equal steps in angle.  Every surface echoes: none is too
-    smooth, soft or slanted to be heard.
+    smooth, absorbing or slanted to return an echo.
     """
 
     def __init__(
@@ -128,9 +128,9 @@ def published_scan(pepper: PepperModel, right: ArrayLike, front: ArrayLike, left
 
     15 beams of the right one, 8 blanks, 15 of the front one, 8 blanks, 15 of the left one.
 
-    Each value is the distance of the measured point from `base_footprint`, as seen from above; blank beams
-    are -1, and infinities stay.  The driver labels them with angles from -2.0944 rad on, 0.068669 rad apart,
-    which are not the directions of the points.
+    Each value is the distance of the measured point from `base_footprint`, projected to the floor; blank
+    beams are -1, and infinities stay.  The driver labels them with angles from -2.0944 rad on, 0.068669 rad
+    apart, which are not the directions of the points.
 
     Args:
         pepper: The robot.
@@ -148,9 +148,9 @@ def published_scan(pepper: PepperModel, right: ArrayLike, front: ArrayLike, left
 
     parts = []
     base = frame_pose(pepper, pepper.neutral(), "base_footprint")
-    for name, given in (("laser_right", right), ("laser_front", front), ("laser_left", left)):
+    for name, measured in (("laser_right", right), ("laser_front", front), ("laser_left", left)):
         specification = sensor_specifications()[name]
-        ranges = np.asarray(given, dtype=float)
+        ranges = np.asarray(measured, dtype=float)
         if ranges.shape != (specification.beams,):
             raise InvalidValueError(name, f"shape {ranges.shape}", f"shape ({specification.beams},)")
         half = specification.field_of_view / 2

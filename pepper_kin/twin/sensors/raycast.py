@@ -1,4 +1,4 @@
-"""Rays against solids: how far it is to the first surface in a direction."""
+"""Ray casting: distances from points along directions to the first surface of solids."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class _Tree:
 
 
 class RayCaster:
-    """Solids at given poses, to cast rays at.
+    """Solids at fixed poses, to cast rays at.
 
     A ray meets the first surface in its direction; one that starts inside a solid meets that solid's surface
     from within.  Triangle meshes are surfaces; with a padding they are all points within it.  Opacity is
@@ -161,7 +161,7 @@ class Rays(NamedTuple):
         origins: Shape (n, 3) [m].
         directions: Unit vectors, shape (n, 3).
         most: Greatest distances, shape (n,) [m].
-        shape: Of the rays as they were given.
+        shape: Of the rays as passed in.
     """
 
     origins: Array

@@ -1,4 +1,4 @@
-"""What a sensor says, and what it was said about."""
+"""Sensor readings and their truth."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Reading:
         value: What the sensor says.
         truth: What an ideal sensor would have said, of the same shape.
         unit: Unit of both.
-        frame: The frame that they are expressed in or seen from; empty for values per joint.
+        frame: The frame that they are expressed in or measured from; empty for values per joint.
     """
 
     time: float

@@ -18,7 +18,7 @@ class ReadingSeries:
         value: What the sensor said, shape (k, ...).
         truth: What an ideal sensor would have said, shape (k, ...).
         unit: Unit of both.
-        frame: The frame that they are expressed in or seen from; empty for values per joint.
+        frame: The frame that they are expressed in or measured from; empty for values per joint.
     """
 
     time: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Rays in the world of a robot: what they meet of its body and of the scene."""
+"""Ray casting against a robot's body and the scene."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pepper_kin.twin.sensors.raycast import RayCaster, RayHits, Rays, rays_of
 
 Array = NDArray[np.float64]
 
-LOOKS = ("visual", "collision")
+GEOMETRY_TYPES = ("visual", "collision")
 _FLOOR_COLORS = ((0.78, 0.78, 0.76), (0.66, 0.66, 0.65))
 _FLOOR = HalfSpace(0.0)
 _TILE = 0.5  # [m] of the floor's pattern
@@ -44,27 +44,27 @@ class RobotRays:
 
     Args:
         pepper: The robot.
-        looks: "visual" for the surfaces that are drawn, "collision" for the shapes around them.
-        blind_to: A frame: the shapes that are fixed to the same joint are not seen, such as the housing
+        geometry_type: "visual" for the surfaces that are drawn, "collision" for the shapes around them.
+        blind_to: A frame: the shapes that are fixed to the same joint are left out, such as the housing
             around a camera.
         floor: Whether there is a floor at z = 0 besides what the scene holds.
 
     Raises:
-        InvalidValueError: for other looks.
+        InvalidValueError: for other geometry types.
         UnknownNameError: for a frame that the robot lacks.
     """
 
     def __init__(
         self,
         pepper: PepperModel,
-        looks: str = "visual",
+        geometry_type: str = "visual",
         *,
         blind_to: str | None = None,
         floor: bool = True,
     ) -> None:
-        check_choice("looks", looks, LOOKS)
+        check_choice("geometry_type", geometry_type, GEOMETRY_TYPES)
         self.pepper, self.floor = pepper, floor
-        shapes = pepper.visual_shapes if looks == "visual" else pepper.collision_shapes
+        shapes = pepper.visual_shapes if geometry_type == "visual" else pepper.collision_shapes
         if blind_to is not None:
             hidden = _joint(pepper, blind_to)
             shapes = tuple(shape for shape in shapes if _joint(pepper, shape.link) != hidden)

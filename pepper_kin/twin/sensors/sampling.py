@@ -46,8 +46,8 @@ class SampledTogether:
         noise: Whether readings are disturbed.
 
     Attributes:
-        frames: Frames whose poses the sensors ask for.
-        looks: Whether any of them looks at what is around the robot.
+        frames: Frames whose poses the sensors use.
+        uses_scene: Whether any of them measures the surroundings of the robot.
     """
 
     def __init__(self, rate: float, sensors: Mapping[str, Sensor], *, noise: bool) -> None:
@@ -72,7 +72,7 @@ class SampledTogether:
                 self._erring.append((sensor, part))
         self._truths = [(sensor.truth, part) for sensor, part in rows]
         self.frames = tuple({s.specification.frame: None for s in sensors.values() if s.specification.frame})
-        self.looks = any(sensor.looks for sensor in sensors.values())
+        self.uses_scene = any(sensor.uses_scene for sensor in sensors.values())
         self.reset()
 
     def reset(self) -> None:
@@ -97,7 +97,7 @@ class SampledTogether:
         return sample
 
     def take(self, state: SensedState, sample: int) -> Sample:
-        """Return the readings of a state, as the sample of a given number."""
+        """Return the readings of a state, as the sample of a number."""
         truth = np.empty(self._width)
         for find, part in self._truths:
             truth[part] = find(state)

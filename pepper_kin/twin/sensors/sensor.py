@@ -1,4 +1,4 @@
-"""What all sensors have in common."""
+"""Base class of all sensors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Sensor(ABC):
     Attributes:
         shape: Of its readings.
         dtype: Of their numbers.
-        looks: Whether it looks at what is around the robot.
+        uses_scene: Whether it measures the surroundings of the robot.
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
@@ -33,7 +33,7 @@ class Sensor(ABC):
 
     shape: tuple[int, ...] = ()
     dtype: type = np.float64
-    looks: bool = False
+    uses_scene: bool = False
 
     def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:
         if specification.frame:
@@ -72,7 +72,7 @@ class ErringSensor(Sensor):
 
     @abstractmethod
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[Any]:
-        """Return what this sensor says instead of the truth, for a sample of a given number."""
+        """Return this sensor's reading of a truth, for the sample of a number."""
 
     def limited(self, value: NDArray[Any]) -> NDArray[Any]:
         """Return a value as far as the sensor's range reaches."""

@@ -1,4 +1,4 @@
-"""Where each sensor is, how often it speaks, and how wrong it is."""
+"""Specifications of the sensors: mounting, rate, bias and noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All sensors of the robot, asked together."""
+"""Suite of all sensors of the robot."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ class SensorSuite:
         noise: Whether readings are disturbed; without, they are the truth within the sensor's range.
         specifications: Specifications in place of Pepper's own, by name.
         floor: Whether there is a floor at z = 0 besides what the scene holds.
-        scene: The world that `observe` looks at, where it does not move.
-        world: The world that `observe` looks at, where it moves; one of the two at most.
+        scene: The world that `observe` measures, where it does not move.
+        world: The world that `observe` measures, where it moves; one of the two at most.
 
     Attributes:
         sensors: The sensors by name, read-only.
@@ -97,10 +97,10 @@ class SensorSuite:
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
             raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
         known = dict(sensor_specifications())
-        for name, given in (specifications or {}).items():
+        for name, specification in (specifications or {}).items():
             if name not in known:
                 raise UnknownNameError("sensor", name, known)
-            known[name] = given
+            known[name] = specification
         names = [name for name in known if name not in CAMERAS] if sensors is None else _names(sensors)
         for name in names:
             if name not in known:
@@ -161,7 +161,7 @@ class SensorSuite:
                 world says (`names`, `point` and `force`, of which a force of 0 presses nothing).
 
         Returns:
-            Readings by name; empty between samples.  Of several samples missed only the last is given.
+            Readings by name; empty between samples.  Of several samples missed only the last is returned.
 
         Raises:
             InvalidValueError: for a time that goes back, wrong lengths, NaN or infinity.
@@ -169,7 +169,7 @@ class SensorSuite:
         if self._time <= time < self._next:
             self._time = time
             return {}
-        self._settle()
+        self._decide()
         world = StillWorld(_EMPTY if scene is None else scene, () if contacts is None else contacts)
         state, due = self._sensed(time, {"q": q, "v": v, "a": a, "torque": torque}, world)
         readings = [group.readings(group.take(state, sample)) for group, sample in due]
@@ -179,7 +179,7 @@ class SensorSuite:
     def observe(self, state: State) -> None:
         """Read what is due in a twin's state, and record it; a state not later than the last begins anew.
 
-        This is what a twin asks of the sensors that it is given: `Twin(pepper, sensors=suite)`.  The state,
+        A twin calls it for its sensors: `Twin(pepper, sensors=suite)`.  The state,
         and what is around the robot now, are kept until somebody asks what was recorded.
 
         Args:
@@ -197,13 +197,13 @@ class SensorSuite:
         """Return what `observe` has recorded since a time, by name; sensors without a sample are left out.
 
         Args:
-            start: The first time that counts [s]; times are given from there on.
+            start: The first time that counts [s]; times count from there on.
         """
-        self._settle()
+        self._decide()
         found = {name: series for group in self._groups for name, series in group.series(start)}
         return {name: found[name] for name in self.sensors if name in found}
 
-    def _settle(self) -> None:
+    def _decide(self) -> None:
         """Take the samples of all states that wait, in their order."""
         waiting, self._waiting = self._waiting, []
         for state, due in waiting:
@@ -220,7 +220,7 @@ class SensorSuite:
         due = [(group, group.count_due(time)) for group in self._groups]
         due = [(group, sample) for group, sample in due if sample >= 0]
         frames = {frame: None for group, _ in due for frame in group.frames}
-        if any(group.looks for group, _ in due):
+        if any(group.uses_scene for group, _ in due):
             world = StillWorld(world.snapshot(), world.contacts)
         self._time, self._next = time, min((group.due for group in self._groups), default=math.inf)
         return SensedState(self.pepper, float(time), checked, world, tuple(frames)), due
@@ -238,14 +238,14 @@ class SensorSuite:
             pads = self._pads.setdefault(specification.rate, Pads(self.pepper))
             return Switch(self.pepper, specification, seed, pads)
         if specification.kind in _RANGES or specification.kind in _PICTURES:
-            looks = "visual" if specification.name in CAMERAS else "collision"
+            geometry_type = "visual" if specification.name in CAMERAS else "collision"
             frame = self.pepper.frame_id(specification.frame)
             joint = int(self.pepper.inner_model.frames[frame].parentJoint)
-            if (looks, joint) not in self._rays:
-                self._rays[looks, joint] = RobotRays(
-                    self.pepper, looks, blind_to=specification.frame, floor=self._floor
+            if (geometry_type, joint) not in self._rays:
+                self._rays[geometry_type, joint] = RobotRays(
+                    self.pepper, geometry_type, blind_to=specification.frame, floor=self._floor
                 )
-            rays = self._rays[looks, joint]
+            rays = self._rays[geometry_type, joint]
             if specification.kind in _PICTURES:
                 return _PICTURES[specification.kind](self.pepper, specification, seed, rays)
             beams = self._beams.setdefault((rays, specification.rate), Beams(rays))

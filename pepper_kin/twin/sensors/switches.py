@@ -173,7 +173,7 @@ class Switch(ErringSensor):
     """
 
     dtype = np.bool_
-    looks = True
+    uses_scene = True
 
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, pads: Pads

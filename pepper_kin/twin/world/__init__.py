@@ -1,4 +1,8 @@
-"""Contacts of a robot and of free bodies with one another and with a scene."""
+"""Contacts of a robot and of free bodies with one another and with a scene.
+
+World, FreeBody                           boxes and balls that move; give it to `Twin(world=...)`
+WorldContact, StepSolution, ContactError
+"""
 
 from pepper_kin.twin.contact_error import ContactError
 from pepper_kin.twin.world.contact import StepSolution, WorldContact

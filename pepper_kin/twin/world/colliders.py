@@ -31,7 +31,7 @@ from pepper_kin.twin.world.free_body import FreeBody
 Array = NDArray[np.float64]
 
 ROUNDED = 2e-4
-"""Corners that coal sees are rounded by this at most, so that shapes that touch are apart to it [m]."""
+"""Corners in coal's shapes are rounded by this at most, so that shapes that touch are apart to it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Colliders:
         names: Link or object that each belongs to.
         table: The rows.
         geometries: The shapes.
-        pads: How far each reaches beyond what coal is given [m].
+        pads: How far each reaches beyond its shape in coal [m].
         coal: Coal's shape of each, made when first needed.
     """
 

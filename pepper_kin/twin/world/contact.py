@@ -45,11 +45,11 @@ class StepSolution:
         impulses: Normal, first and second tangent of each point [N s], shape (3 k,).
         solver: Who found them.
         problems: Convex problems solved.
-        lift: Normal velocity by which slips deviate from Coulomb's law [m/s].
+        coulomb_error: Normal velocity by which sliding contacts deviate from Coulomb's law [m/s].
     """
 
     velocity: Array
     impulses: Array
     solver: str
     problems: int
-    lift: float
+    coulomb_error: float

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 ACCURACY = 1e-9
-"""Residuals asked of ProxQP, in units in which an impulse of 1 changes its own edge's velocity by 1 m/s."""
+"""Tolerance of ProxQP's residuals; an impulse of 1 changes its own edge's velocity by 1 m/s."""
 ITERATIONS = 200
 
 
@@ -21,16 +21,16 @@ class ImpulseProblem(NamedTuple):
         jacobian: Rows normal, first and second tangent of each point, shape (3 k, N).
         response: J M^-1, shape (3 k, N).
         free: Velocities without contact, shape (N,).
-        soft: R of each point's edges, shape (k,).
-        drop: With the slips' share, shape (k,).
+        compliance: R of each point's edges, shape (k,).
+        bias: With the share of the sliding speeds, shape (k,).
         friction: mu, shape (k,).
     """
 
     jacobian: Array
     response: Array
     free: Array
-    soft: Array
-    drop: Array
+    compliance: Array
+    bias: Array
     friction: Array
 
 
@@ -38,7 +38,8 @@ class ImpulseProgram:
     """Minimize f^T (A + R) f / 2 + f^T b over f >= 0, an impulse along each edge of the friction pyramids.
 
     With D the edges of all points (normal + mu tangent, normal - mu tangent, the same for the other tangent)
-    in terms of their normals and tangents: A = D J M^-1 J^T D^T, b = D J u_free + drop.  Rows are scaled by
+    in terms of their normals and tangents: A = D J M^-1 J^T D^T, b = D J u_free + bias.  Rows are
+        scaled by
     the root of their diagonal.  One ProxQP object is kept for each number of points and started where it
     ended.
 
@@ -53,14 +54,14 @@ class ImpulseProgram:
         """Return the impulses (normal, first, second tangent) of all points, shape (3 k,); None for none."""
         from proxsuite import proxqp
 
-        count = len(problem.drop)
+        count = len(problem.bias)
         edges = _edges(problem.friction)
         rows, response = _edge_rows(edges, problem.jacobian), _edge_rows(edges, problem.response)
         hessian = response @ rows.T
-        hessian[np.diag_indices(4 * count)] += np.repeat(problem.soft, 4)
+        hessian[np.diag_indices(4 * count)] += np.repeat(problem.compliance, 4)
         scale = 1.0 / np.sqrt(hessian.diagonal())
         hessian = scale[:, None] * (0.5 * (hessian + hessian.T)) * scale
-        gradient = scale * (rows @ problem.free + np.repeat(problem.drop, 4))
+        gradient = scale * (rows @ problem.free + np.repeat(problem.bias, 4))
         solver = self._kept.get(count)
         if solver is None:
             none, ever = np.zeros(4 * count), np.full(4 * count, 1e20)

@@ -63,7 +63,7 @@ class World:
     Args:
         pepper: The robot; None for a world without one.
         scene: What stands in the world, and what hangs on the robot; None for nothing.
-        friction: Coefficient of everything that is not given its own, at least 0.
+        friction: Coefficient of everything without its own coefficient, at least 0.
         gravity: [m/s^2], shape (3,).
         solver: "compiled", Newton's method in machine code, or "proxsuite", for the same problem.
 
@@ -163,7 +163,7 @@ class World:
             state.impulses[: 3 * count].copy(),
             SOLVERS[by_callback],
             problems,
-            float(state.lift[0]),
+            float(state.coulomb_error[0]),
         )
 
     def add_box(
@@ -359,13 +359,13 @@ class World:
 
     def _solve_by_proxsuite(self, numbers: list[int]) -> int:
         """Write the impulses of a convex problem; return -1 where they were not found."""
-        k, n, jacobian, response, free, soft, drop, friction, impulses = numbers[:9]
+        k, n, jacobian, response, free, compliance, bias, friction, impulses = numbers[:9]
         problem = ImpulseProblem(
             floats_at(jacobian, 3 * k * n).reshape(3 * k, n),
             floats_at(response, 3 * k * n).reshape(3 * k, n),
             floats_at(free, n),
-            floats_at(soft, k),
-            floats_at(drop, k),
+            floats_at(compliance, k),
+            floats_at(bias, k),
             floats_at(friction, k),
         )
         found = self._program.solve(problem)
@@ -399,7 +399,7 @@ class World:
         self._rebuild(before)
 
     def _rebuild(self, present: dict[str, FreeBody]) -> None:
-        """Make the tables anew, with bodies in their present state where one is given."""
+        """Make the tables anew, with bodies in their present state where there is one."""
         held = list(self._initial.values())
         now = [present.get(body.name, body) for body in held]
         poses = np.array([body.pose for body in now]).reshape(-1, 4, 4)

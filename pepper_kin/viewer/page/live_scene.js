@@ -4,7 +4,7 @@ class LiveScene {
   // Layers that are seen through the shell, in the order in which they are drawn.
   static SEEN_THROUGH = ["inertia", "zero_moment_point", "frames", "center_of_mass"];
   static GLASS = ["capsules", "spheres"];
-  static BODIES = ["looks", "capsules", "spheres"]; // layers that are red where they touch
+  static BODIES = ["visual", "capsules", "spheres"]; // layers that are red where they touch
 
   constructor(viewer, quality, robot) {
     this.viewer = viewer;
@@ -236,7 +236,7 @@ class LiveScene {
     const below = (path) => stage.corners(this.viewer.scene_tree.find(path).object);
     const points = [
       ...this.needed(way), ...this.wanted.flatMap((place) => stage.around(place)),
-      ...["looks", "targets"].flatMap((layer) => below([...this.robotRoot, layer])), ...below(["markers"]),
+      ...["visual", "targets"].flatMap((layer) => below([...this.robotRoot, layer])), ...below(["markers"]),
     ];
     const near = new MeshCat.THREE.Box3().setFromPoints(points).expandByScalar(1);
     for (const object of this.viewer.scene_tree.find(this.otherRoots[0]).object.children) {

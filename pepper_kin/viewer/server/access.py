@@ -1,4 +1,4 @@
-"""Who may talk to the server: pages that it served itself, on names that are its own."""
+"""Access to the server: pages that it served itself, on its own host names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Access:
     """The rules of one server.
 
     A page of another site can make a browser send requests here, but it cannot hide where it comes from
-    (`Origin`), and where it gives this machine a name of its own (DNS rebinding), `Host` tells.  Beyond
+    (`Origin`), and where it gives this machine another name (DNS rebinding), by `Host`.  Beyond
     loopback others can reach the port, and a token stands in the address.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""What the pages warn of: contact, torques beyond their limits, and tipping."""
+"""Warnings of the pages: contact, torques beyond their limits, and tipping."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class _Excess:
+class _Violation:
     """Something beyond a limit.
 
     Attributes:
@@ -42,8 +42,8 @@ class _Excess:
 class _Warning:
     """The worst of an excess, and when it was last seen [s]."""
 
-    worst: _Excess
-    seen_at: float
+    worst: _Violation
+    last_time: float
     holds: bool = True
 
 
@@ -59,7 +59,7 @@ class Alerts:
         self._polygon = support_polygon(pepper)
         self._carriers = {link: carrier for link, (carrier, _) in carriers_of(pepper).items()}
         self._warnings: dict[str, _Warning] = {}
-        self._before: dict[str, _Excess] = {}
+        self._before: dict[str, _Violation] = {}
         self._contacts: tuple[Contact, ...] = ()
 
     def strain(self, now: float, q: Array, v: Array, a: Array) -> None:
@@ -68,13 +68,13 @@ class Alerts:
         What movement does counts when it is seen twice in a row: one tick of the servo is no time.
         """
         self.pass_time(now)
-        excesses = {"torque": self._torque(q, v, a), "balance": self._balance(q, v, a)}
-        found = {kind: excess for kind, excess in excesses.items() if excess is not None}
+        violations = {"torque": self._torque(q, v, a), "balance": self._balance(q, v, a)}
+        found = {kind: violation for kind, violation in violations.items() if violation is not None}
         for kind in self._warnings.keys() - found.keys():
             self._warnings[kind].holds = False
-        for kind, excess in found.items():
-            if excess.still or kind in self._before:
-                self._warn(kind, excess, now)
+        for kind, violation in found.items():
+            if violation.still or kind in self._before:
+                self._warn(kind, violation, now)
         self._before = found
 
     def calm(self) -> None:
@@ -90,7 +90,7 @@ class Alerts:
         self._warnings = {
             kind: warning
             for kind, warning in self._warnings.items()
-            if warning.holds or now - warning.seen_at < STAYS
+            if warning.holds or now - warning.last_time < STAYS
         }
 
     @property
@@ -100,12 +100,12 @@ class Alerts:
 
     def as_list(self) -> list[dict[str, str]]:
         """Return kind ("contact", "torque" or "balance") and text of each, ready for JSON."""
-        told = [
+        warnings = [
             {"kind": kind, "text": _TEXTS[kind](warning.worst)} for kind, warning in self._warnings.items()
         ]
         touching = contact_words(self._pepper, self._contacts)
         return ([{"kind": "contact", "text": touching}] if touching else []) + sorted(
-            told, key=lambda alert: alert["kind"]
+            warnings, key=lambda alert: alert["kind"]
         )
 
     def touching(self, scene: Scene) -> dict[str, list[str]]:
@@ -113,14 +113,14 @@ class Alerts:
         bodies, objects = touching_names(self._contacts, self._carriers, scene)
         return {"bodies": list(bodies), "objects": list(objects)}
 
-    def _warn(self, kind: str, excess: _Excess, now: float) -> None:
+    def _warn(self, kind: str, violation: _Violation, now: float) -> None:
         known = self._warnings.get(kind)
-        if known is None or excess.still != known.worst.still or excess.amount > known.worst.amount:
-            self._warnings[kind] = _Warning(excess, now)
+        if known is None or violation.still != known.worst.still or violation.amount > known.worst.amount:
+            self._warnings[kind] = _Warning(violation, now)
         else:
-            known.seen_at, known.holds = now, True
+            known.last_time, known.holds = now, True
 
-    def _torque(self, q: Array, v: Array, a: Array) -> _Excess | None:
+    def _torque(self, q: Array, v: Array, a: Array) -> _Violation | None:
         use = torque_use(self._pepper, np.asarray(inverse_dynamics(self._pepper, q, v, a)))
         if use.max() <= 1.0:
             return None
@@ -128,9 +128,9 @@ class Alerts:
         held = torque_use(self._pepper, np.asarray(inverse_dynamics(self._pepper, q, rest, rest)))
         still = bool(held.max() > 1.0)
         shares = held if still else use
-        return _Excess(still, float(shares.max()), self._pepper.joint_names[int(shares.argmax())])
+        return _Violation(still, float(shares.max()), self._pepper.joint_names[int(shares.argmax())])
 
-    def _balance(self, q: Array, v: Array, a: Array) -> _Excess | None:
+    def _balance(self, q: Array, v: Array, a: Array) -> _Violation | None:
         if self._polygon is None:
             return None
         rest = np.zeros_like(q)
@@ -138,23 +138,23 @@ class Alerts:
         moving, held = balance_margin(self._pepper, self._polygon, *states)
         if min(moving, held) >= 0:
             return None
-        return _Excess(bool(held < 0), float(-(held if held < 0 else moving)))
+        return _Violation(bool(held < 0), float(-(held if held < 0 else moving)))
 
 
-def _torque_words(excess: _Excess) -> str:
-    share = f"{np.ceil(10 * excess.amount) * 10:.0f} % of its torque limit"
-    if excess.still:
-        return f"{sentence(joint_words(excess.joint))} cannot hold this: it would need {share}."
-    return f"Too fast for {joint_words(excess.joint)}: it would need {share}."
+def _torque_words(violation: _Violation) -> str:
+    share = f"{np.ceil(10 * violation.amount) * 10:.0f} % of its torque limit"
+    if violation.still:
+        return f"{sentence(joint_words(violation.joint))} cannot hold this: it would need {share}."
+    return f"Too fast for {joint_words(violation.joint)}: it would need {share}."
 
 
-def _balance_words(excess: _Excess) -> str:
-    if excess.still:
-        away = length_words(np.ceil(100 * excess.amount) / 100)
+def _balance_words(violation: _Violation) -> str:
+    if violation.still:
+        away = length_words(np.ceil(100 * violation.amount) / 100)
         return f"The robot would tip over: its center of mass is {away} outside its wheels."
-    if not np.isfinite(excess.amount):
+    if not np.isfinite(violation.amount):
         return "So fast, the robot would leave the floor."
-    away = length_words(np.ceil(100 * excess.amount) / 100)
+    away = length_words(np.ceil(100 * violation.amount) / 100)
     return f"So fast, the robot would tip over: its zero-moment point is {away} outside its wheels."
 
 

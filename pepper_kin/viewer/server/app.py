@@ -92,7 +92,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
     def initialize(self, access: Access, hub: Hub) -> None:
         """Take what the application hands to every handler."""
         self._access, self._hub = access, hub
-        self.seen = -1
+        self.revision = -1
         self._unsent: Any = None
         self._late_poses = False
 
@@ -113,7 +113,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         self._hub.join(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Do what the page asks for; what cannot be done is told to this page alone."""
+        """Do what the page asks for; errors are sent to this page alone."""
         try:
             command: Command = parse(message)
             self._hub.handle(command)
@@ -153,10 +153,10 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         return self._late_poses and not self.busy
 
     def catch_up(self, document: Document) -> None:
-        """Send what changed since the page was told last."""
-        if self.seen == document.count or (self.busy and self.seen >= 0):
+        """Send what changed since the page's last update."""
+        if self.revision == document.count or (self.busy and self.revision >= 0):
             return
-        changes, self.seen = document.changes_since(self.seen), document.count
+        changes, self.revision = document.changes_since(self.revision), document.count
         self.tell({"type": "state", "values": changes})
 
     def _write(self, message: str | bytes, binary: bool) -> None:
@@ -167,6 +167,6 @@ class PageSocket(tornado.websocket.WebSocketHandler):
             self._unsent = None
 
     def _written(self, sent: Any) -> None:
-        # Whoever goes away while something is sent is no fault; `on_close` follows.
+        # A page that closes while something is sent is not an error; `on_close` follows.
         if not sent.cancelled() and sent.exception() is None and self._late_poses:
             self._hub.wake()

@@ -1,4 +1,4 @@
-"""What is drawn: commands for meshcat's code in the page, kept for pages that come later."""
+"""Drawing commands for meshcat in the page, kept for pages that open later."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where everything that moves is, packed for the pages."""
+"""Poses of all moving bodies, packed for the pages."""
 
 from __future__ import annotations
 

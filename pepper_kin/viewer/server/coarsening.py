@@ -1,4 +1,4 @@
-"""Fewer triangles for the same looks."""
+"""Mesh simplification: fewer triangles of nearly the same shape."""
 
 from __future__ import annotations
 

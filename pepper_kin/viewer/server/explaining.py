@@ -1,4 +1,4 @@
-"""Why the body comes no nearer to its targets, in sentences for a visitor."""
+"""Explanations for visitors: why the body does not get nearer to its targets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene, contacts
-from pepper_kin.ik import IKResult, Status, solve
+from pepper_kin.ik import IKResult, IKStatus, solve
 from pepper_kin.ik.tasks import Task
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
@@ -41,7 +41,7 @@ def on_the_way(tasks: Sequence[Task]) -> str:
 def why_no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene) -> str:
     """Say why the body rests at joint positions q, shape (n,), without having met its tasks.
 
-    Inverse kinematics from many starts tells what the servo, which only goes straight, cannot know.
+    Inverse kinematics from many starts finds what the servo, which is local, cannot.
     """
     return no_closer(pepper, q, tasks, scene, solve(pepper, list(tasks), q, scene=scene, restarts=RESTARTS))
 
@@ -58,9 +58,9 @@ def no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene
     if found.success:
         reason = f": {touch}" if touch else " this way"
         return f"{begin}{reason}. Another posture reaches the target: press Plan to go around."
-    if found.status is Status.CLOSEST_COLLISION and touch:
+    if found.status is IKStatus.CLOSEST_COLLISION and touch:
         return f"{begin}: {touch}. Move the target or what is in the way."
-    if found.status is Status.CLOSEST_UNREACHABLE:
+    if found.status is IKStatus.CLOSEST_UNREACHABLE:
         return f"{begin}: {_beyond(unmet, found)}. Bring the target nearer."
     limits = found.blocking_limits or found.active_limits
     if limits:

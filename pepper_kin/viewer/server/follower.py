@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 def compile_servo(pepper: PepperModel) -> None:
     """Load, or on a machine's first use compile, what the servo needs."""
-    servo = Servo(pepper, pepper.neutral(), RATE, Scene(), timeout=math.inf)
+    servo = Servo(pepper, pepper.neutral(), RATE, Scene(), command_timeout=math.inf)
     if "CameraTop_frame" in pepper.frame_names:
         servo.set_target(LookAt((1.0, 0.1, 1.0)))
     servo.step()
@@ -46,7 +46,7 @@ class Follower:
 
     def __init__(self, pepper: PepperModel, q: Array, scene: Scene) -> None:
         inside = np.clip(q, pepper.lower_limits, pepper.upper_limits)
-        self._servo = Servo(pepper, inside, RATE, scene, timeout=math.inf)
+        self._servo = Servo(pepper, inside, RATE, scene, command_timeout=math.inf)
         self._owed, self._eager = 0.0, False
         self._rested = 0
         self._least, self._lost, self._met = math.inf, 0, 0

@@ -1,4 +1,4 @@
-"""Between the session and its pages: the loop that lets time pass and tells everybody."""
+"""Hub between the session and its pages: the loop that advances time and sends changes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Hub:
         self._name = secrets.token_hex(4)
         self._wake = asyncio.Event()
         self._sent_poses = b""
-        self._told_at = 0.0
+        self._sent_at = 0.0
         session = self.session
         self._doers: dict[str, Callable[..., Any]] = {
             "joint": session.set_joint,
@@ -124,15 +124,15 @@ class Hub:
             alarm.cancel()
 
     def _behind(self) -> bool:
-        """Whether some page has not been told the latest."""
+        """Whether some page lacks the latest state."""
         session = self.session
         session.refresh()
-        return any(page.seen != session.document.count or page.lacks_poses for page in self._pages)
+        return any(page.revision != session.document.count or page.lacks_poses for page in self._pages)
 
     def _tell(self, now: float) -> None:
         # The panel first: whoever has just been sent poses is busy with them until the next tick.
-        if now - self._told_at >= STATE_STEP:
-            self._told_at = now
+        if now - self._sent_at >= STATE_STEP:
+            self._sent_at = now
             self.session.refresh()
             for page in self._pages:
                 page.catch_up(self.session.document)

@@ -1,4 +1,4 @@
-"""What can be shown of the robot, each as a layer that is switched by itself."""
+"""Layers of the robot that can be shown, each switched separately."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pepper_kin.viewer.server.targets import COLORS, RADIUS, Targets
 
 pinocchio = lazy_module("pinocchio")
 
-LOOKS, CAPSULES, SPHERES, FRAMES = "looks", "capsules", "spheres", "frames"
+VISUAL, CAPSULES, SPHERES, FRAMES = "visual", "capsules", "spheres", "frames"
 INERTIA, MASS, ZMP = "inertia", "center_of_mass", "zero_moment_point"
 LAYERS = {
-    LOOKS: "Looks",
+    VISUAL: "Visual geometry",
     CAPSULES: "Capsules",
     SPHERES: "Spheres",
     FRAMES: "Frames",
@@ -53,7 +53,7 @@ def target_body(name: str) -> str:
 def layers_of(pepper: PepperModel, targets: Targets) -> dict[str, tuple[Drawable, ...]]:
     """Return what each layer draws; every drawable hangs on a link or on one of the bodies named with @."""
     return {
-        LOOKS: merged(pepper, pepper.visual_shapes),
+        VISUAL: merged(pepper, pepper.visual_shapes),
         CAPSULES: merged(pepper, pepper.collision_shapes, CAPSULE_COLOR),
         SPHERES: merged(pepper, pepper.collision_spheres, SPHERE_COLOR),
         FRAMES: tuple(axis for frame in _frames(pepper) for axis in _triad(frame)),

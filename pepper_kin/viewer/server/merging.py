@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, PepperModel, Shape, Sphere
-from pepper_kin.viewer.drawable import Color, Drawable
+from pepper_kin.viewer.drawable import Color, Drawable, colored_surfaces_of
 from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, capsule_surface, read_surface, split_at_creases
 
 SEGMENTS, RINGS = 12, 3
@@ -45,10 +45,14 @@ def merged(
     groups: dict[tuple[str, Color], list[tuple[NDArray[np.float64], NDArray[np.int64]]]] = {}
     for shape in shapes:
         carrier, transform_link_to_carrier = carriers[shape.link]
-        surface, scale = _surface(shape, surfaces, segments, rings)
         pose = transform_link_to_carrier @ shape.transform_shape_to_link
-        vertices = (surface.vertices * scale) @ pose[:3, :3].T + pose[:3, 3]
-        groups.setdefault((carrier, color or shape.color), []).append((vertices, np.asarray(surface.faces)))
+        parts = colored_surfaces_of(shape)
+        if parts is None:
+            surface, scale = _surface(shape, surfaces, segments, rings)
+            parts = ((Surface((surface.vertices * scale).astype(np.float32), surface.faces), shape.color),)
+        for part, own in parts:
+            vertices = part.vertices @ pose[:3, :3].T + pose[:3, 3]
+            groups.setdefault((carrier, color or own), []).append((vertices, np.asarray(part.faces)))
     return tuple(
         Drawable(f"part {index}", carrier, _joined(parts), np.eye(4), tint)
         for index, ((carrier, tint), parts) in enumerate(groups.items())

@@ -15,7 +15,7 @@ from pepper_kin.viewer.drawable import Color
 
 KINDS = ("box", "ball", "cylinder")
 PLACE = (0.55, 0.0, 0.80)
-"""Where a new obstacle stands unless told otherwise [m]: before the robot, within reach."""
+"""Default position of a new obstacle [m]: before the robot, within reach."""
 LEAST, MOST = 0.005, 5.0
 """Lengths that an obstacle may have [m]."""
 

@@ -45,10 +45,10 @@ def page_text(title: str, nonce: str) -> str:
         nonce: What marks its own scripts, so that no other may run.
     """
     parts = {**_parts(), "title": html.escape(title), "nonce": html.escape(nonce)}
-    pieces = parts["template"].split("{{")
-    filled = [pieces[0]]
-    for piece in pieces[1:]:
-        name, rest = piece.split("}}", 1)
+    split = parts["template"].split("{{")
+    filled = [split[0]]
+    for part in split[1:]:
+        name, rest = part.split("}}", 1)
         filled += [parts[name], rest]
     return "".join(filled)
 

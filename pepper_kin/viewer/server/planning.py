@@ -1,4 +1,4 @@
-"""From where the body is to its targets: plan, time, and what the page shows of it."""
+"""Planning from the page: plan to the targets, time, and show the result."""
 
 from __future__ import annotations
 

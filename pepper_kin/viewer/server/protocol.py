@@ -1,4 +1,4 @@
-"""What pages may ask for: JSON texts, read into commands whose every field is checked.
+"""Commands of the pages: JSON texts, with every field checked.
 
 A command is an object with the field "do", its name, and the fields below; all others are refused.
 
@@ -29,12 +29,12 @@ LONGEST_TEXT = 4096
 """Longest command [byte]."""
 LONGEST_NAME = 200
 FARTHEST = 10.0
-"""Positions beyond this are nobody's wish [m]."""
+"""Positions beyond this are refused [m]."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """One wish of a page.
+    """One command of a page.
 
     Attributes:
         name: What to do.
@@ -47,31 +47,31 @@ class Command:
 
 def _text(name: str, value: Any) -> str:
     if not isinstance(value, str) or not 0 < len(value) <= LONGEST_NAME:
-        raise InvalidValueError(name, repr(value)[:40], "a name")
+        raise InvalidValueError(name, repr(value), "a name")
     return value
 
 
 def _flag(name: str, value: Any) -> bool:
     if not isinstance(value, bool):
-        raise InvalidValueError(name, repr(value)[:40], "true or false")
+        raise InvalidValueError(name, repr(value), "true or false")
     return value
 
 
 def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InvalidValueError(name, repr(value)[:40], "a finite number")
+        raise InvalidValueError(name, repr(value), "a finite number")
     return float(value)
 
 
 def _count(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**32:
-        raise InvalidValueError(name, repr(value)[:40], "a whole number below 2^32")
+        raise InvalidValueError(name, repr(value), "a whole number below 2^32")
     return value
 
 
 def _numbers(name: str, value: Any) -> np.ndarray:
     if not isinstance(value, list) or not 1 <= len(value) <= 3:
-        raise InvalidValueError(name, repr(value)[:40], "a list of one to three numbers")
+        raise InvalidValueError(name, repr(value), "a list of one to three numbers")
     return np.array([_number(name, item) for item in value])
 
 
@@ -123,9 +123,9 @@ def parse(text: str | bytes) -> Command:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
-        raise InvalidValueError("command", repr(text)[:40], "JSON text") from None
+        raise InvalidValueError("command", repr(text), "JSON text") from None
     if not isinstance(content, dict):
-        raise InvalidValueError("command", repr(content)[:40], "an object with a field 'do'")
+        raise InvalidValueError("command", repr(content), "an object with a field 'do'")
     name = content.pop("do", None)
     if not isinstance(name, str) or name not in _FIELDS:
         raise UnknownNameError("command", name, NAMES)

@@ -1,4 +1,4 @@
-"""What the plots show while the robot moves: torque, clearance and balance."""
+"""Values of the plots while the robot moves: torque, clearance and balance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page needs to know of the robot once: joints with their limits, groups, postures and layers."""
+"""Static data of the robot for a page: joints with their limits, groups, postures and layers."""
 
 from __future__ import annotations
 

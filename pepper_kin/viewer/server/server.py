@@ -1,4 +1,4 @@
-"""The server: a thread with a loop of its own, and the way into it from Python."""
+"""The server: a thread with an event loop, and calls into it from Python."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 class ViewerServer:
-    """Serves one robot's live page from a thread of its own.
+    """Serves one robot's live page from a separate thread.
 
     Args:
         pepper: The robot.

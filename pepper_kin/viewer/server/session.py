@@ -23,7 +23,7 @@ from pepper_kin.viewer.server.body_poses import BodyPoses
 from pepper_kin.viewer.server.document import blank_document
 from pepper_kin.viewer.server.explaining import at_target, on_the_way
 from pepper_kin.viewer.server.follower import RATE, Follower
-from pepper_kin.viewer.server.layers import LAYERS, LOOKS, TARGETS, layers_of
+from pepper_kin.viewer.server.layers import LAYERS, TARGETS, VISUAL, layers_of
 from pepper_kin.viewer.server.planning import Shown
 from pepper_kin.viewer.server.playback import Playback
 from pepper_kin.viewer.server.readings import Readings
@@ -61,7 +61,7 @@ class Session:
         self._world = World(pepper, self.board, OBSTACLE_ROOT, (*ROBOT_ROOT, "held"))
         self.mode = FREE
         self.stamp = 0
-        self.wish = 0
+        self.target_revision = 0
         self.on_target: Callable[[str, Array], None] = lambda name, position: None
         self._tasks = tasks
         self._q = pepper.neutral()
@@ -86,9 +86,9 @@ class Session:
         bodies = {d.link for drawables in layers.values() for d in drawables if d.link is not None}
         self._links = tuple(name for name in self.pepper.frame_names if name in bodies)
         self._poses = BodyPoses(self.pepper, self._links, self.targets)
-        self.document.set("show", {layer: layer == LOOKS for layer in self.available})
+        self.document.set("show", {layer: layer == VISUAL for layer in self.available})
         for layer in (*self.available, SKETCHES):
-            self.board.show((*ROBOT_ROOT, layer), layer == LOOKS)
+            self.board.show((*ROBOT_ROOT, layer), layer == VISUAL)
         self.document.set("bodies", list(self._poses.names))
 
     @property
@@ -173,7 +173,7 @@ class Session:
 
     def _retract(self) -> None:
         """Take back what was said of targets that are gone, and what is still being found out about them."""
-        self.wish += 1
+        self.target_revision += 1
         self._answered = True
         self.say("")
 

@@ -15,11 +15,11 @@ from pepper_kin.viewer.server.layers import (
     CAPSULE_COLOR,
     CAPSULES,
     INERTIA,
-    LOOKS,
     MASS,
     SPHERE_COLOR,
     SPHERES,
     TARGETS,
+    VISUAL,
 )
 from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.surface import Surface, capsule_surface
@@ -27,7 +27,7 @@ from pepper_kin.viewer.surface import Surface, capsule_surface
 SKETCHES = "sketches"
 """The group that holds them; it is never drawn itself."""
 TRIANGLES = 4500
-"""For the looks of the whole robot: each takes about a microsecond of the processor's time a frame."""
+"""For the visual geometry of the whole robot: each takes about 1 us of processor time a frame."""
 _SEGMENTS, _RINGS = 8, 2
 _BALL_SEGMENTS, _BALL_RINGS = 12, 3
 
@@ -39,7 +39,7 @@ def sketches_of(
     unit = capsule_surface(1.0, 0.0, _SEGMENTS, _RINGS)
     ball = capsule_surface(1.0, 0.0, _BALL_SEGMENTS, _BALL_RINGS)
     return {
-        LOOKS: coarsened(layers[LOOKS], TRIANGLES),
+        VISUAL: coarsened(layers[VISUAL], TRIANGLES),
         CAPSULES: merged(pepper, pepper.collision_shapes, CAPSULE_COLOR, _SEGMENTS, _RINGS),
         SPHERES: merged(pepper, pepper.collision_spheres, SPHERE_COLOR, _SEGMENTS, _RINGS),
         INERTIA: tuple(_rounded(drawable, unit) for drawable in layers[INERTIA]),

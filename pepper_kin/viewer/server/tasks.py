@@ -1,4 +1,4 @@
-"""What takes long, done by the worker on behalf of a session."""
+"""Long tasks of a session, done by the worker."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class LongTasks:
         """
         from pepper_kin.viewer.server.planning import plan_motion
 
-        q, scene, wish = session.q.copy(), session.scene, session.wish
+        q, scene, target_revision = session.q.copy(), session.scene, session.target_revision
 
         def done(planned: Any, fault: Exception | None) -> None:
             session.document.set("busy", None)
-            if session.wish != wish:
+            if session.target_revision != target_revision:
                 return
             if fault is not None:
                 session.fail(fault)
@@ -82,10 +82,10 @@ class LongTasks:
         """Say why the body came to rest before its targets; see `why_no_closer`."""
         from pepper_kin.viewer.server.explaining import why_no_closer
 
-        q, scene, wish = session.q.copy(), session.scene, session.wish
+        q, scene, target_revision = session.q.copy(), session.scene, session.target_revision
 
         def done(text: Any, fault: Exception | None) -> None:
-            if fault is None and session.wish == wish:
+            if fault is None and session.target_revision == target_revision:
                 session.answer(text, "bad")
 
         self._worker.do(lambda: why_no_closer(self._pepper, q, tasks, scene), done)

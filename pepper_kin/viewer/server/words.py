@@ -29,7 +29,7 @@ _PARTS = {
 _JOINTS = {"Knee": "knee", "Hip": "hip", "Head": "neck"}
 _LIMBS = {"Shoulder": "shoulder", "Elbow": "elbow", "Wrist": "wrist", "Hand": "hand"}
 MOST_PAIRS = 3
-"""Pairs that touch and are named; of more only the number is told."""
+"""Pairs that touch and are named; of more only the number is given."""
 
 _MOTIONS = ("Pitch", "Roll", "Yaw", "")
 
@@ -43,7 +43,7 @@ def body_words(name: str) -> str:
         return f"the {_BODIES[name]}"
     if name.startswith("Wheel"):
         return "the base"
-    # "the box 1" is no English, nor is an article before a name of its own.
+    # "the box 1" is not English, nor is an article before a proper name.
     return name if name[-1:].isdigit() or name[:1].isupper() else f"the {name}"
 
 

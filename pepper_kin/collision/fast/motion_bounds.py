@@ -1,0 +1,44 @@
+"""Motion bounds of the parts of a robot, and of pairs of parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.collision.fast.structure import Structure
+from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
+from pepper_kin.model import PepperModel
+
+
+def part_motion_bounds(pepper: PepperModel, structure: Structure) -> Array:
+    """Return for each class of pairs and each group to the scene how far it moves per unit of each joint.
+
+    Two bodies come nearer by at most the sum over the joints that carry one of them and not the other; how
+    far a joint moves a body is bounded by `pepper_kin.core.motion_bounds`.
+
+    Returns:
+        Shape (classes + groups, n) [m/rad, or 1]; infinite where a joint that slides has no limits.
+    """
+    motion_bounds = motion_bounds_of(pepper, [Hull(s.joint, _corners(s), s.radius) for s in structure.solids])
+    model = pepper.inner_model
+    carried = np.zeros(motion_bounds.shape, dtype=bool)
+    for row, solid in zip(carried, structure.solids, strict=True):
+        row[[joint - 1 for joint in model.supports[solid.joint].tolist() if joint > 0]] = True
+
+    rows = []
+    for pairs in structure.classes:
+        one, other = np.array(pairs).T
+        apart = np.where(carried[one] & carried[other], 0.0, motion_bounds[one] + motion_bounds[other])
+        rows.append(apart.max(axis=0))
+    rows += [motion_bounds[list(group)].max(axis=0) for group in structure.groups]
+    full = np.array(rows).reshape(-1, motion_bounds.shape[1])
+    gains = np.abs(pepper.full_map)
+    return np.where(gains > 0, np.where(gains > 0, full[:, :, None], 0.0) * gains, 0.0).sum(axis=1)
+
+
+def _corners(solid: Solid) -> Array:
+    """Return the corners of the box around a solid's core, in the frame of its joint."""
+    return np.asarray((_SIGNS * solid.half) @ solid.rotation.T + solid.position)
+
+
+_SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T

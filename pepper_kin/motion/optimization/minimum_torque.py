@@ -1,0 +1,204 @@
+"""The motion of least effort between two states, on the full dynamics."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.result import NOT_EXAMINED
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_positive, check_within_limits
+from pepper_kin.motion.optimization.cost import Cost, Figures, figures_of
+from pepper_kin.planners.optimization import Bounds, EffortStatus, OptimizationStatus, minimum_effort
+from pepper_kin.status import ResultStatus
+from pepper_kin.trajectory import Samples, Trajectory
+from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.trajectory import sample_times
+
+Array = NDArray[np.float64]
+
+SOLVERS = ("newton", "ipopt", "fatrop")
+_STEP = 0.001  # [s], between the states at which the result is examined
+_EXCESS = 0.02  # share by which torques between the points of the transcription may exceed
+
+
+class MinimumTorqueStatus(ResultStatus):
+    """How the search for a swing ended; `advice` says what to try."""
+
+    SOLVED = "solved", "Examine it with check(); obstacles were not looked at."
+    NOT_CONVERGED = "not_converged", "Raise max_iterations, or try another solver."
+    INFEASIBLE = "infeasible", "Allow more time."
+    LIMITS_EXCEEDED = "limits_exceeded", "Use more intervals or a little more time."
+
+
+@dataclass(frozen=True, eq=False)
+class MinimumTorqueTrajectory:
+    """The outcome of `minimum_torque_trajectory`.
+
+    Attributes:
+        status: How it ended.
+        message: What happened, in a sentence with numbers.
+        trajectory: The motion; None where the solver gave none that joins start and goal.
+        figures: Its duration, jerk and effort; None without a motion.
+        iterations: Of the solver.
+        time: Wall time, building included [s].
+        solver: The solver.
+    """
+
+    status: MinimumTorqueStatus
+    message: str
+    trajectory: Trajectory | None
+    figures: Figures | None
+    iterations: int
+    time: float
+    solver: str
+
+    @property
+    def success(self) -> bool:
+        """Whether the motion is optimal and keeps the limits."""
+        return self.status is MinimumTorqueStatus.SOLVED
+
+    def report(self) -> str:
+        """Say in plain words what was found, and what to try."""
+        return f"{self.message} {self.status.advice} {NOT_EXAMINED.capitalize()}."
+
+
+def minimum_torque_trajectory(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike,
+    duration: float,
+    *,
+    intervals: int = 20,
+    solver: str = "newton",
+    max_iterations: int = 100,
+) -> MinimumTorqueTrajectory:
+    """Find the motion of given duration from rest to rest that takes the least effort.
+
+    It minimizes the integral of sum_j (tau_j / greatest tau_j)^2 dt, tau = M(q) a + C(q, v) v + g(q), within
+    the limits of position, velocity, acceleration and torque; all joints may move.  Neither obstacles nor the
+    robot itself are looked at: `optimize` with `Cost(time=0, jerk=0, effort=1)` and a duration does.
+
+    Args:
+        pepper: The robot.
+        start: First configuration [rad or m], shape (n,).
+        goal: Last configuration [rad or m], shape (n,).
+        duration: Duration [s].
+        intervals: Pieces of the motion.
+        solver: "newton": splines of zero acceleration at both ends, by compiled kernels, in a fraction of a
+            second.  "ipopt" and "fatrop": direct transcription by CasADi with free accelerations at both
+            ends and exact Hessians, in seconds to minutes; a reference.
+        max_iterations: Of the solver.
+
+    Returns:
+        The swing.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, start equal to goal, or an unknown solver.
+        LimitError: for a start or goal outside the joint limits, naming the joint.
+    """
+    begin = time.perf_counter()
+    check_choice("solver", solver, SOLVERS)
+    duration = check_positive("duration", duration, "s")
+    first, last = (_end(pepper, q, name) for q, name in ((start, "start"), (goal, "goal")))
+    if np.abs(last - first).max() < 1e-9:
+        raise InvalidValueError("goal", "the start", "start and goal that differ")
+    method = _by_newton if solver == "newton" else _by_casadi
+    status, trajectory, iterations = method(pepper, first, last, duration, intervals, max_iterations, solver)
+    if trajectory is None:
+        message = f"No motion of {duration:.3g} s within the limits was found in {iterations} steps."
+        return MinimumTorqueTrajectory(
+            status, message, None, None, iterations, time.perf_counter() - begin, solver
+        )
+    use = measure_use(pepper, trajectory(sample_times(duration, _STEP)), _limits(pepper))
+    share, limit = max((float(part.max()), name) for name, part in use.share.items())
+    if status is MinimumTorqueStatus.SOLVED and share > 1.0 + _EXCESS:
+        status = MinimumTorqueStatus.LIMITS_EXCEEDED
+    figures = figures_of(pepper, trajectory)
+    message = (
+        f"A swing of {duration:.3g} s with an effort of {figures.effort:.4g} s after {iterations} steps; "
+        f"it uses up to {share:.1%} of the limits, of {limit} most."
+    )
+    return MinimumTorqueTrajectory(
+        status, message, trajectory, figures, iterations, time.perf_counter() - begin, solver
+    )
+
+
+def _limits(pepper: PepperModel) -> Limits:
+    return Limits(pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits)
+
+
+def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
+    q = as_joint_vectors(pepper, value, name)
+    if q.ndim != 1:
+        raise InvalidValueError(name, f"shape {q.shape}", f"shape ({pepper.n},)")
+    check_within_limits(pepper, q, name)
+    return q
+
+
+def _by_newton(
+    pepper: PepperModel,
+    first: Array,
+    last: Array,
+    duration: float,
+    intervals: int,
+    max_iterations: int,
+    solver: str,
+) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
+    from pepper_kin.motion.optimization.spline_problem import SplineProblem  # loads Numba: only here
+
+    still = np.zeros((2, pepper.n))
+    straight = Samples(
+        pepper.joint_names, np.array([0.0, duration]), np.stack([first, last]), still, still,
+        pepper.joint_units,
+    ).to_trajectory()  # fmt: skip
+    weights = Cost(time=0.0, jerk=0.0, effort=1.0)
+    problem = SplineProblem(pepper, straight, None, weights, _limits(pepper), 0.0, intervals, all_joints=True)
+    found = problem.descend(duration, max_iterations, float("inf"))
+    if found.status is OptimizationStatus.START_INFEASIBLE:
+        return MinimumTorqueStatus.INFEASIBLE, None, found.iterations
+    good = found.status is OptimizationStatus.CONVERGED
+    status = MinimumTorqueStatus.SOLVED if good else MinimumTorqueStatus.NOT_CONVERGED
+    return status, problem.trajectory(found), found.iterations
+
+
+def _by_casadi(
+    pepper: PepperModel,
+    first: Array,
+    last: Array,
+    duration: float,
+    intervals: int,
+    max_iterations: int,
+    solver: str,
+) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
+    from pepper_kin import symbolic
+
+    still = np.zeros(pepper.n)
+    bounds = Bounds(
+        pepper.lower_limits, pepper.upper_limits, pepper.velocity_limits, pepper.acceleration_limits
+    )
+    scale = np.where(np.isfinite(pepper.effort_limits), pepper.effort_limits, 1.0)
+    found = minimum_effort(
+        symbolic.inverse_dynamics(pepper), (first, still), (last, still), duration, bounds,
+        pepper.effort_limits, scale=scale, intervals=intervals, solver=solver,
+        max_iterations=max_iterations,
+    )  # fmt: skip
+    status = {
+        EffortStatus.SOLVED: MinimumTorqueStatus.SOLVED,
+        EffortStatus.INFEASIBLE: MinimumTorqueStatus.INFEASIBLE,
+    }.get(found.status, MinimumTorqueStatus.NOT_CONVERGED)
+    if found.violation > 1e-5:
+        return (
+            (MinimumTorqueStatus.NOT_CONVERGED if found.status is EffortStatus.SOLVED else status),
+            None,
+            (found.iterations),
+        )
+    samples = Samples(
+        pepper.joint_names, found.time, found.position, found.velocity, found.acceleration, pepper.joint_units
+    )
+    return status, samples.to_trajectory(), found.iterations

@@ -1,0 +1,71 @@
+"""NumPy archives read within a limit of memory: a compressed file can hold a thousand times its size."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.atomic_file import PathName
+from pepper_kin.exceptions import FileFormatError
+
+MOST_BYTES = 500_000_000
+"""Most that the arrays of a file may take [bytes]."""
+
+
+def read_arrays(path: PathName, expected: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """Read all arrays of a NumPy archive; nothing in the file is executed.
+
+    Args:
+        path: The file.
+        expected: Names of the arrays that it must hold, no more and no fewer; any if omitted.
+
+    Returns:
+        The arrays by name.
+
+    Raises:
+        FileFormatError: naming the file, where it cannot be read, is damaged, holds other arrays, or more
+            than MOST_BYTES.
+    """
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        if not isinstance(loaded, np.lib.npyio.NpzFile):
+            raise FileFormatError(path, "is one array, expected a NumPy archive of several")
+        with loaded as archive:
+            names = sorted(archive.files)
+            if expected is not None and names != sorted(expected):
+                listed = ", ".join(names)[:200]
+                raise FileFormatError(path, f"holds {listed}, expected {', '.join(sorted(expected))}")
+            size = sum(member.file_size for member in archive.zip.infolist())
+            if size > MOST_BYTES:
+                raise FileFormatError(path, f"holds {size} bytes of arrays, at most {MOST_BYTES} are read")
+            return {name: archive[name] for name in names}
+    except OSError as error:
+        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
+    except FileFormatError:
+        raise
+    except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, KeyError) as error:
+        raise FileFormatError(path, f"is not a complete NumPy archive: {error}") from error
+    except Exception as error:  # zlib.error of a damaged member has no common base with the others
+        raise FileFormatError(path, f"is damaged: {error}") from error
+
+
+def decompressed(data: bytes, most: int = MOST_BYTES) -> bytes:
+    """Return what `zlib.compress` was given.
+
+    Raises:
+        ValueError: where it is more than `most` bytes, damaged or cut short.
+    """
+    engine = zlib.decompressobj()
+    try:
+        content = engine.decompress(data, most)
+    except zlib.error as error:
+        raise ValueError(str(error)) from error
+    if not engine.eof:
+        long = engine.unconsumed_tail
+        raise ValueError(f"more than {most} bytes when decompressed" if long else "cut short")
+    return content

@@ -1,0 +1,132 @@
+"""Active limits: the limit that keeps a trajectory from being faster, at each time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import read_only
+from pepper_kin.trajectory.balance import WHEELS, balance_margin, support_polygon
+from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
+from pepper_kin.trajectory.limits import LimitedQuantities, Limits
+from pepper_kin.trajectory.payload import at_frames, hand_speeds
+from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+
+Array = NDArray[np.float64]
+
+_ACTS = 0.99  # share of a limit from which on it is said to act
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveLimits:
+    """The limit that is used most at each instant; arrays are read-only.
+
+    Attributes:
+        time: [s], shape (T,).
+        names: Quantity and joint (or frame), such as "velocity LElbowYaw", shape (T,).
+        share: Share of that limit that is used, shape (T,).
+    """
+
+    time: Array
+    names: NDArray[np.str_]
+    share: Array
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """Whether the limit is used to 99 % or more, so that it holds the motion back, shape (T,)."""
+        return self.share >= _ACTS
+
+    def report(self) -> str:
+        """Say for which share of the time each limit acts, one line for each."""
+        active, total = self.active, self.time.size
+        names, counts = np.unique(self.names[active], return_counts=True)
+        lines = [
+            f"  {count / total:6.1%}  {name}"
+            for name, count in sorted(zip(names, counts, strict=True), key=lambda pair: -pair[1])
+        ]
+        return "\n".join([f"A limit acts for {active.mean():.1%} of the time:", *lines])
+
+
+def active_limits(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    t: ArrayLike | None = None,
+    *,
+    torque: bool = True,
+    balance: float | None = None,
+    hand_speed: float | Mapping[str, float] | None = None,
+    payload: Mapping[str, float] | None = None,
+    jerk: JerkLike | None = None,
+) -> ActiveLimits:
+    """Return the limit that is used most at each instant of a trajectory.
+
+    Shares are |v| / v_max, |a| / a_max, |tau| / tau_max, speed over its limit, |j| / j_max, and for balance
+    1 less the distance of the zero-moment point from the nearest edge, beyond the one that is kept, over the
+    distance that it has at rest in the middle of the triangle.
+
+    Args:
+        pepper: The robot.
+        trajectory: The trajectory.
+        t: Times [s], shape (T,); every millisecond if omitted.
+        torque: Whether effort limits count.
+        balance: Distance kept from the edges of the wheels' triangle [m]; None leaves balance out.
+        hand_speed: As in `retime`.
+        payload: As in `retime`.
+        jerk: As in `retime`.
+
+    Returns:
+        Time, names and shares.
+    """
+    time = (
+        sample_times(trajectory.duration, 0.001) if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+    )
+    q, v, a = trajectory(time)
+    held = at_frames(pepper, "payload", payload, "kg")
+    speeds = hand_speeds(pepper, hand_speed)
+    columns = [
+        *((f"velocity {name}", np.abs(v[:, j]) / pepper.velocity_limits[j]) for j, name in _joints(pepper)),
+        *(
+            (f"acceleration {name}", np.abs(a[:, j]) / pepper.acceleration_limits[j])
+            for j, name in _joints(pepper)
+        ),
+    ]
+    efforts = pepper.effort_limits if torque else None
+    quantities = LimitedQuantities(
+        pepper, Limits(pepper.velocity_limits, pepper.acceleration_limits, efforts, None, held, speeds)
+    )
+    if quantities.torque_limit.size:
+        tau = np.abs(quantities.torque(q, v, a)) / pepper.effort_limits
+        columns += [(f"torque {name}", tau[:, j]) for j, name in _joints(pepper)]
+    if speeds:
+        shares = quantities.speed(q, v)
+        columns += [(f"speed {frame}", shares[:, k]) for k, (frame, _) in enumerate(speeds)]
+    if jerk is not None:
+        rate = np.abs(trajectory.jerk(time)) / jerk_limits(pepper, jerk)
+        columns += [(f"jerk {name}", rate[:, j]) for j, name in _joints(pepper)]
+    if balance is not None:
+        polygon = support_polygon(pepper)
+        if polygon is None:
+            raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
+        margin = balance_margin(pepper, polygon, q, v, a, held) - balance
+        columns.append(("balance", 1.0 - margin / (_inner_radius(polygon) - balance)))
+    table = np.stack([share for _, share in columns], axis=1)
+    most = np.argmax(table, axis=1)
+    names = np.array([name for name, _ in columns])[most]
+    names.setflags(write=False)
+    return ActiveLimits(read_only(time), names, read_only(table[np.arange(time.size), most]))
+
+
+def _joints(pepper: PepperModel) -> list[tuple[int, str]]:
+    return list(enumerate(pepper.joint_names))
+
+
+def _inner_radius(polygon: Array) -> float:
+    """Return the radius of the circle inside a triangle [m]: twice its area over its perimeter."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    area = abs(edge[0, 0] * edge[1, 1] - edge[0, 1] * edge[1, 0]) / 2
+    return float(2 * area / np.linalg.norm(edge, axis=1).sum())

@@ -1,0 +1,193 @@
+"""Limit enforcement: any motion rounded, and slowed where a limit needs it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.trajectory.balance import balance_margin, support_polygon
+from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.trajectory import State, Trajectory
+
+Array = NDArray[np.float64]
+
+_FINER = 4  # points of the time law per piece of the rounded curve
+_WINDOW = 0.05  # [s] over which a slow-down fades in and out
+_ROUNDS = 80
+_JUMP = 1e-4  # [rad or m]
+_SHARE = 0.98  # of each limit; the rest is for what happens between the points looked at
+_BALANCE = 0.001  # [m] from the edge of the wheels' triangle, for the same reason
+_BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
+_GAUSS = np.polynomial.legendre.leggauss(4)
+
+
+def enforce_limits(pepper: PepperModel, trajectory: Trajectory, *, rounding: float = 0.02) -> Trajectory:
+    """Return the motion rounded, and slowed down where the robot cannot follow; its rhythm stays elsewhere.
+
+    Positions are moved into the joint limits and become the control points of a uniform cubic B-spline,
+        q(s) = sum_i B_i(s) P_i,  P_i = clip(q_given(i h)),
+    which stays within the hull of its control points, begins and ends at rest, and turns corners and jumps
+    into swings.  It is then run with ds/dt = sigma(s) <= 1, smooth, and as near to 1 as
+        |q' sigma| <= v,  |q'' sigma^2 + q' sigma sigma'| <= a,  |torque| <= tau
+    and the zero-moment point within the wheels' triangle allow.  Unlike `retime` it is not the fastest:
+    pauses and slow passages stay as they were, and accelerations are continuous.
+
+    Args:
+        pepper: The robot, which gives the limits.
+        trajectory: Any motion of its joints, with jumps, corners and limit violations if need be.
+        rounding: Distance h of the control points [s]; a smooth motion is left by h^2 |a| / 6.
+
+    Returns:
+        The motion, of degree 5, 2 h longer than the given one where nothing is slowed down.
+
+    Raises:
+        InvalidValueError: where the joints are not the robot's, or for a rounding not in (0, duration].
+        InfeasibleError: where the robot could not even stand still in a position on the way.
+    """
+    if trajectory.joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
+        )
+    h = check_positive("rounding", rounding, "s")
+    if h > trajectory.duration:
+        raise InvalidValueError("rounding", f"{h} s", f"at most the duration, {trajectory.duration:.6g} s")
+    curve = _rounded(pepper, trajectory, h)
+    s = np.linspace(0.0, curve.duration, _FINER * (curve.breaks.size - 1) + 1)
+    speed = _speed(pepper, s, curve(s))
+    return _run(curve, s, speed)
+
+
+def _rounded(pepper: PepperModel, trajectory: Trajectory, h: float) -> Trajectory:
+    """Return the B-spline whose control points are the given positions, its ends three times."""
+    points = _control_points(pepper, trajectory, h)
+    points = np.concatenate([points[:1], points[:1], points, points[-1:], points[-1:]])
+    four = np.stack([points[i : points.shape[0] - 3 + i] for i in range(4)], axis=1)
+    coefficients = np.einsum("pk,ikn->ipn", _BASIS / h ** np.arange(4)[:, None], four)
+    breaks = h * np.arange(coefficients.shape[0] + 1)
+    return Trajectory(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
+
+
+def _control_points(pepper: PepperModel, trajectory: Trajectory, h: float) -> Array:
+    """Return positions every h or a little less, with a swing put in where a position jumps, shape (k, n)."""
+    step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
+    before = trajectory.at_segments(segments, step).position
+    after = trajectory.at_segments(segments, 0.0 * step).position
+    jumps = np.flatnonzero(np.abs(after[1:] - before[:-1]).max(axis=1) > _JUMP) + 1
+    parts: list[Array] = []
+    for first, last in zip([0, *jumps], [*jumps, segments.size], strict=True):
+        begin, end = trajectory.knots[first], trajectory.knots[last]
+        # The end itself belongs to the piece behind it, so that is taken from the piece before.
+        inside = np.linspace(begin, end, max(2, round((end - begin) / h) + 1))[:-1]
+        smooth = np.clip(
+            np.vstack([trajectory(inside).position, before[last - 1]]),
+            pepper.lower_limits,
+            pepper.upper_limits,
+        )
+        if parts:
+            parts.append(_swing(pepper, parts[-1][-1], smooth[0], h))
+        parts.append(smooth)
+    return np.concatenate(parts)
+
+
+def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
+    """Return points strictly between two positions, in the time of the quintic from rest to rest."""
+    distance = np.abs(end - start)
+    # Of q = d (10 u^3 - 15 u^4 + 6 u^5), u = t / T: |v| <= 1.875 d / T and |a| <= 5.774 d / T^2.
+    time = max(
+        float(np.max(1.875 * distance / pepper.velocity_limits)),
+        float(np.sqrt(np.max(5.774 * distance / pepper.acceleration_limits))),
+    )
+    u = np.linspace(0.0, 1.0, max(2, int(np.ceil(time / h))) + 1)[1:-1, None]
+    return start + (end - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
+
+def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
+    """Return the speed along the curve as a spline: a ceiling, lowered where a limit is exceeded."""
+    from scipy.interpolate import CubicSpline
+    from scipy.ndimage import minimum_filter1d
+
+    half = max(2, round(_WINDOW / (s[1] - s[0])))
+    kernel = np.hanning(2 * half + 3)[1:-1]
+    kernel /= kernel.sum()
+    _refuse_unholdable(pepper, path.position)
+    ceiling = _ceiling(pepper, path)
+    for _ in range(_ROUNDS):
+        # The least within the window, averaged over the window, is nowhere above the ceiling.
+        lowest = minimum_filter1d(ceiling, 2 * half + 1, mode="nearest")
+        sigma = np.convolve(np.pad(lowest, half, mode="edge"), kernel, mode="valid")
+        speed = CubicSpline(s, sigma)
+        need = _use(pepper, _state(path, sigma, speed(s, 1)))
+        if not np.any(need > 1.0):
+            return speed
+        # Not by more than a fifth at once: what exceeds may be the slowing down itself.
+        lower = sigma / np.clip(np.sqrt(need) * 1.005, 1.0, 1.25)
+        ceiling = np.where(need > 1.0, np.minimum(ceiling, lower), ceiling)
+    raise InfeasibleError(
+        "safe motion",
+        f"after {_ROUNDS} rounds of slowing down a limit is still exceeded at {s[np.argmax(need)]:.3f} s",
+        "start from a motion with smaller joint torques, nearer to the middle of the wheels",
+    )
+
+
+def _ceiling(pepper: PepperModel, path: State) -> Array:
+    """Return the greatest constant speed up to 1 that velocity and acceleration allow at each point."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        velocity = np.nanmin(_SHARE * pepper.velocity_limits / np.abs(path.velocity), axis=1)
+        bend = np.nanmin(_SHARE * pepper.acceleration_limits / np.abs(path.acceleration), axis=1)
+    return np.minimum(1.0, np.minimum(velocity, np.sqrt(bend)))
+
+
+def _state(path: State, sigma: Array, slope: Array) -> State:
+    along, bend = sigma[:, None], (sigma * slope)[:, None]
+    return State(path.position, path.velocity * along, path.acceleration * along**2 + path.velocity * bend)
+
+
+def _use(pepper: PepperModel, state: State) -> Array:
+    """Return the largest share of any limit used at each point; above 1 where one is exceeded, shape (T,)."""
+    from pepper_kin import dynamics
+
+    torque = dynamics.inverse_dynamics(pepper, *state)
+    shares = [
+        (np.abs(state.velocity) / pepper.velocity_limits).max(axis=1) / _SHARE,
+        (np.abs(state.acceleration) / pepper.acceleration_limits).max(axis=1) / _SHARE,
+        (np.abs(torque) / pepper.effort_limits).max(axis=1) / _SHARE,
+    ]
+    polygon = support_polygon(pepper)
+    if polygon is not None:
+        shares.append(np.where(balance_margin(pepper, polygon, *state) < _BALANCE, 1.5, 0.0))
+    return np.max(shares, axis=0)
+
+
+def _refuse_unholdable(pepper: PepperModel, position: Array) -> None:
+    """Raise where gravity alone needs more than a joint has, or tips the robot over."""
+    from pepper_kin import dynamics
+
+    still = np.zeros_like(position)
+    share = np.abs(dynamics.inverse_dynamics(pepper, position, still, still)) / pepper.effort_limits
+    if share.max() > _SHARE:
+        joint = pepper.joint_names[int(np.argmax(share.max(axis=0)))]
+        reason = f"{joint} needs {share.max():.0%} of its effort limit to hold a position on the way"
+        raise InfeasibleError("safe motion", reason, "choose positions with less load on that joint")
+    polygon = support_polygon(pepper)
+    if polygon is not None:
+        margin = float(balance_margin(pepper, polygon, position, still, still).min())
+        if margin < _BALANCE:
+            reason = f"at rest the robot would stand {1000 * margin:.1f} mm from tipping over on the way"
+            advice = "keep the center of mass nearer to the middle of the wheels' triangle"
+            raise InfeasibleError("safe motion", reason, advice)
+
+
+def _run(curve: Trajectory, s: Array, speed: Any) -> Trajectory:
+    """Return the curve run at its speed, met in position, velocity and acceleration at every point."""
+    nodes, weights = _GAUSS
+    half = np.diff(s)[:, None] / 2
+    inside = s[:-1, None] + half * (nodes + 1.0)
+    step = (half * weights / speed(inside)).sum(axis=1)
+    state = _state(curve(s), speed(s), speed(s, 1))
+    time = np.concatenate([[0.0], np.cumsum(step)])
+    return Samples(curve.joint_names, time, *state, joint_units=curve.joint_units).to_trajectory()

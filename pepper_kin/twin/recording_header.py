@@ -1,0 +1,98 @@
+"""The header of a recording: `recording.json`, with a checksum and a check of every entry."""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pepper_kin import atomic_file
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.twin.twin import FEEDFORWARDS
+
+HEADER = "recording.json"
+FORMAT = "pepper_kin.recording 2"
+STATES = ("position", "velocity", "torque")
+
+
+def _whole(least: int) -> Callable[[Any], bool]:
+    return lambda value: type(value) is int and value >= least
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(text, str) for text in value)
+
+
+_ENTRIES: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "format": (lambda value: value == FORMAT, repr(FORMAT)),
+    "robot": (lambda value: isinstance(value, str), "the robot's name"),
+    "joints": (lambda value: _texts(value) and 0 < len(set(value)) == len(value), "the joints, each once"),
+    "units": (lambda value: _texts(value) and set(value) <= {"rad", "m"}, '"rad" or "m" for each joint'),
+    "timestep": (
+        lambda value: isinstance(value, float) and math.isfinite(value) and value > 0.0,
+        "a finite number above zero [s]",
+    ),
+    "substeps": (_whole(1), "a whole number from 1"),
+    "feedforward": (lambda value: value in FEEDFORWARDS, f"one of {', '.join(FEEDFORWARDS)}"),
+    "chunk_steps": (_whole(1), "a whole number from 1"),
+    "seed": (lambda value: type(value) is int, "a whole number"),
+    "sensors": (_texts, "names of sensors"),
+    "start": (lambda value: isinstance(value, dict), f"{', '.join(STATES)}"),
+}
+
+
+def write_header(folder: Path, header: dict[str, Any]) -> None:
+    """Write the header of a recording, with its format and checksum.
+
+    Raises:
+        FileFormatError: where it cannot be written.
+    """
+    whole = {"format": FORMAT, **header}
+    whole["checksum"] = _checksum(whole)
+    atomic_file.write_text(folder / HEADER, json.dumps(whole, indent=1) + "\n")
+
+
+def read_header(folder: Path) -> dict[str, Any]:
+    """Read and check the header of a recording.
+
+    Raises:
+        FileFormatError: naming the file and the entry that is missing or wrong.
+    """
+    path = folder / HEADER
+    try:
+        header = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileFormatError(path, f"no recording here: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(path, f"not the header of a recording: {error}") from error
+    missing = [name for name in (*_ENTRIES, "checksum") if not isinstance(header, dict) or name not in header]
+    if missing:
+        raise FileFormatError(path, f"the header lacks {', '.join(missing)}")
+    for name, (is_right, expected) in _ENTRIES.items():
+        if not is_right(header[name]):
+            raise FileFormatError(path, f"{name} is {repr(header[name])[:80]}, expected {expected}")
+    count = len(header["joints"])
+    if len(header["units"]) != count:
+        raise FileFormatError(path, f"expected a unit for each of {count} joints")
+    for name in STATES:
+        values = header["start"].get(name)
+        if not isinstance(values, list) or len(values) != count or not all(map(_is_hex, values)):
+            raise FileFormatError(path, f"start: {name} is not {count} finite numbers in hexadecimal")
+    checksum = header.pop("checksum")
+    if checksum != _checksum(header):
+        raise FileFormatError(path, "its checksum is another: the header was changed after it was written")
+    return dict(header)
+
+
+def _is_hex(value: Any) -> bool:
+    try:
+        return isinstance(value, str) and math.isfinite(float.fromhex(value))
+    except (ValueError, OverflowError):
+        return False
+
+
+def _checksum(header: dict[str, Any]) -> int:
+    return zlib.crc32(json.dumps(header, sort_keys=True).encode())

@@ -1,0 +1,51 @@
+"""The pages of concepts say what the code says."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pepper_kin as pk
+from pepper_kin.twin.world import World
+
+DOCS = Path(__file__).parents[2] / "docs"
+ROOMS = [pk, *(getattr(pk, room) for room in ("ik", "kinematics", "dynamics", "collision", "motion", "twin"))]
+ROOMS += [pk.planners]
+VALUES = {"pepper": pk.PepperModel, "scene": pk.Scene, "trajectory": pk.Trajectory, "World": World}
+VALUES["plan"] = pk.motion.Plan
+
+
+def test_every_status_stands_on_the_page_with_its_advice(monkeypatch):
+    monkeypatch.syspath_prepend(str(DOCS))
+    import make_statuses
+
+    (shown,) = make_statuses.SECTION.findall(make_statuses.PAGE.read_text("utf-8"))
+    assert shown == make_statuses.tables(), "run `python docs/make_statuses.py`"
+    assert shown.count("### ") >= 8
+
+
+def test_what_the_glossary_names_is_there():
+    page = (DOCS / "concepts" / "glossary.md").read_text("utf-8")
+    rows = re.findall(r"^\| (?!term|---)[^|]+\|([^\n]+)\|$", page, re.MULTILINE)
+    codes = [code for row in rows for code in re.findall(r"`([A-Za-z_.]+)[(`]", row)]
+    assert len(rows) >= 40
+    assert [code for code in codes if not _there(code.removeprefix("pk.").split("."))] == []
+
+
+def _there(names):
+    first, *rest = names
+    if first in VALUES and rest and _has(VALUES[first], rest):
+        return True
+    return any(_has(room, names) for room in ROOMS)
+
+
+def _has(place, names):
+    for name in names:
+        fields = (
+            {field.name for field in dataclasses.fields(place)} if dataclasses.is_dataclass(place) else ()
+        )
+        if name in fields:
+            return True
+        if not hasattr(place, name):
+            return False
+        place = getattr(place, name)
+    return True

@@ -1,4 +1,0 @@
-"""Pepper's visible shape, made by code from measured cross-sections.
-
-`python -m pepper_kin.urdf.looks` rewrites `urdf/meshes/*.stl` and `urdf/xacro/looks.xacro`.
-"""
