@@ -89,7 +89,7 @@ def ours(job: Job, seed: int) -> pk.Trajectory | None:
     """Return the trajectory of one job."""
     tasks = [pk.ik.HandPosition(job.hand, job.point), pk.ik.LookAt(job.point)]
     plan = pk.plan(PEPPER, STAND, tasks, job.scene, seed=seed, timeout=1.0)
-    return pk.retime(PEPPER, plan.path, gridpoints=GRIDPOINTS) if plan.success else None
+    return pk.retime(PEPPER, plan, gridpoints=GRIDPOINTS) if plan.success else None
 
 
 class Peer:

@@ -117,7 +117,7 @@ def plan_call() -> None:
     left, width = 40, 270
     steps = [
         ("plan(pepper, start, tasks, scene)", "motion/planning.py", "checks what was asked for"),
-        ("goals", "motion/goals.py", "IK from many starts, clear ones first"),
+        ("goals", "motion/task_goals.py", "IK from many starts, clear ones first"),
         ("search", "planners/rrt_connect.py", "two trees until they meet"),
         ("short-cut, smooth", "planners/shortcut.py, smooth.py", "a C2 spline"),
         ("examine", "motion/examination.py", "clear all along, by motion bounds"),

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,6 +16,9 @@ from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
+
+if TYPE_CHECKING:
+    from pepper_kin.collision.fast import FastChecker
 
 
 def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.bool_]:
@@ -28,9 +35,15 @@ def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) 
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity.
     """
-    from pepper_kin.collision.fast import fast_checker_for  # machine code: loaded by the first check
+    return _checkers()(pepper, scene).in_collision(q)
 
-    return fast_checker_for(pepper, scene).in_collision(q)
+
+@functools.cache
+def _checkers() -> Callable[[PepperModel, Scene | None], FastChecker]:
+    """Return `fast_checker_for`, which loads machine code: not before the first check."""
+    from pepper_kin.collision.fast import fast_checker_for
+
+    return fast_checker_for
 
 
 def without_robot(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -151,6 +152,6 @@ def check_positive(quantity: str, value: float, unit: str = "") -> float:
         number = float(value)
     except (TypeError, ValueError):
         number = float("nan")
-    if not (np.isfinite(number) and number > 0):
+    if not (math.isfinite(number) and number > 0):
         raise InvalidValueError(quantity, value, f"a finite number above 0{' ' + unit if unit else ''}")
     return number

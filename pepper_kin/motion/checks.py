@@ -57,19 +57,14 @@ class Checks:
         self.compiled, self.quick = self._fast.supported, self._fast.alone
         self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
         self._checks: dict[int, tuple[object, MotionCheck]] = {}
+        self._whole: CompiledValidity | None = None
+        self._of_configurations: dict[int, MotionCheck] = {}
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
         if margin == 0.0 and self_margin == 0.0:
             return ~self._fast.in_collision(q)
         return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
-
-    def surely_free(self, q: Array, margin: float, self_margin: float) -> NDArray[np.bool_]:
-        """Return what `free` does, but never wait for coal: what machine code cannot tell counts as near.
-
-        See `FastChecker.surely_free`.
-        """
-        return fast_checker_for(self.pepper, self.scene, margin, self_margin).surely_free(q)
 
     @property
     def edges(self) -> int:
@@ -110,25 +105,46 @@ class Checks:
             standing: A configuration in which the joints stand that do not move, shape (n,).
             moving: Places of the joints that move, shape (k,).
         """
-        made, loads = None, self.statics.loads_along
-        still = moves = _NONE
-        least, address = np.inf, 0
-        if self.compiled:
-            made = self._moving(standing, moving)
-            still, moves = made.blocks()
-            least, address = self._fast.resting_margin, int(row_verdicts.address)
+        made = self._moving(standing, moving) if self.compiled else None
+        still, moves = _NO_BLOCKS if made is None else made.blocks()
         thread, of = get_ident(), made or (standing.tobytes(), moving.tobytes())
         known, found = self._checks.get(thread, (None, None))
         if found is not None and known == of and found.moving is moves:
             return found
+        found = self._motion_check(still, moves, standing, self.statics.loads_along)
+        self._checks = {thread: (of, found)}
+        return found
+
+    def of_configurations(self) -> MotionCheck:
+        """Return what compiled functions take that check configurations of which any joint may differ.
+
+        What holds for states of a path holds for them: see `StaticLimits.hold`.  It is of use in this thread
+        until a check of a motion, or another of these, is asked for.
+        """
+        blocks = _NO_BLOCKS
+        if self.compiled:
+            if self._whole is None:
+                everything = np.arange(self.pepper.n)
+                effort, loads = self.statics.effort_limits, self.statics.loads
+                self._whole = self._fast.of_motion(self.pepper.neutral(), everything, effort, loads)
+            blocks = self._whole.blocks()
+        thread = get_ident()
+        found = self._of_configurations.get(thread)
+        if found is None or found.moving is not blocks[1]:
+            found = self._motion_check(*blocks, self.pepper.neutral(), self.statics.loads)
+            self._of_configurations = {thread: found}
+        return found
+
+    def _motion_check(self, still: Array, moves: Array, standing: Array, loads: StaticLoads) -> MotionCheck:
+        """Return what compiled functions take, with this thread's room."""
         heads, tables, _ = tables_of(self.pepper)
         states, given, asked, work = _rooms_of(standing.size, loads)
-        found = MotionCheck(
-            verdicts=address,
+        return MotionCheck(
+            verdicts=int(row_verdicts.address) if self.compiled else 0,
             ask=_ASK_ADDRESS,
             load=loads.kernel.batch_address,
             quick=self.quick,
-            least=least,
+            least=self._fast.resting_margin if self.compiled else np.inf,
             lever=LEVER,
             still=still,
             moving=moves,
@@ -147,8 +163,6 @@ class Checks:
             work=work,
             words=np.empty(8, np.int64),
         )
-        self._checks = {thread: (of, found)}
-        return found
 
     def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a compiled function that takes an `of_motion`; coal answers what it cannot tell.
@@ -261,7 +275,13 @@ class Checks:
         return float(kept[0]), float(kept[1])
 
 
-_NONE = np.empty(0)
+@functools.lru_cache(maxsize=16)
+def checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) -> Checks:
+    """Return the checks of a robot in a scene, made once and kept, with their arrays, for the next call."""
+    return Checks(pepper, scene, statics)
+
+
+_NO_BLOCKS = np.empty(0), np.empty(0)
 
 
 class _Rooms(threading.local):
@@ -315,8 +335,8 @@ _ASK_ADDRESS = int(ctypes.cast(_ask, ctypes.c_void_p).value or 0)
 def _load_code() -> None:
     """Load, or compile, what planning needs, before any clock starts."""
     from pepper_kin.core.collision.check import check_many
-    from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
     from pepper_kin.motion.course import run
+    from pepper_kin.motion.goal_search import search_nearby
     from pepper_kin.planners.deadline import load_code
 
-    load_code(check_many, sound_ends, solve_rows, run)
+    load_code(check_many, sound_ends, search_nearby, run)

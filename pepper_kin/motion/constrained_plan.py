@@ -14,7 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.task import words_for
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
 from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
@@ -93,7 +93,7 @@ def plan_constrained(
     priced = None if costs is None else PathCosts.of(pepper, costs)
     q_start = checked_start(pepper, start, margin, timeout)
     margins = margin, checked_least(margin, least_margin)
-    checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
+    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER, margin)
     fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start, margins[1])

@@ -13,7 +13,7 @@ from pepper_kin import planners
 from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import checks_for
 from pepper_kin.motion.driving import refuse_what_cannot_drive
 from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
@@ -95,7 +95,7 @@ def plan_costed(
     refuse_what_cannot_drive(pepper, joints, PLANNER, True)
     q_start = checked_start(pepper, start, margin, timeout)
     margins = margin, checked_least(margin, least_margin)
-    checks = Checks(pepper, scene, static_limits(pepper, balance, payload))
+    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload))
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER, margin)
     ends = ends_of(ended, checks, q_start, goal, joints, margins, timeout)

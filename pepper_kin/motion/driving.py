@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -43,11 +43,14 @@ _Said: TypeAlias = Callable[[], tuple[PlanStatus, str]]
 _Curve: TypeAlias = tuple[CubicPath | None, int, _Said]
 
 
+@lru_cache(maxsize=64)
 def base_places(pepper: PepperModel) -> NDArray[np.int64]:
     """Return the places of x, y and yaw of a differential base, shape (3,); none for other robots."""
     if pepper.wheels is None or not pepper.wheels.differential:
         return np.empty(0, np.int64)
-    return np.array([pepper.joint_index(name) for name in BASE_JOINTS], dtype=np.int64)
+    places = np.array([pepper.joint_index(name) for name in BASE_JOINTS], dtype=np.int64)
+    places.setflags(write=False)
+    return places
 
 
 def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:

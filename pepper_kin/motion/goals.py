@@ -5,9 +5,7 @@ Goals that are tasks are solved from many starts in machine code; of the solutio
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple, cast
 
@@ -16,46 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
-from pepper_kin.ik.certificate import CertificateInputs
-from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.priorities import balanced
-from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
+from pepper_kin.ik import IKResult, Task, TaskGroup, solve
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
-from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.static_limits import StaticLimits
+from pepper_kin.motion.task_goals import clear_goals
 
 Array = NDArray[np.float64]
-
-FURTHER = 3
-"""Solutions of a goal's tasks besides the first."""
-
-ROUNDS = (16, 48, 160, 512)
-"""Starts of one round of inverse kinematics after the other."""
-
-ROUNDS_FOR_MARGIN = 2
-"""Rounds after which a solution nearer to something than the margin will do."""
-
-ROUNDS_BEFORE_CARE = 3
-"""Rounds after which a way clear of collisions is looked for, which is slow."""
-
-DRAWS = 4
-"""Postures drawn for each start of the later rounds, of which those that touch nothing are taken, if machine
-code can tell."""
-
-CAREFUL_STARTS = 2
-"""Further starts of a search that keeps clear all the way, which is slow."""
-
-STEPS = 150
-"""Of inverse kinematics from each start."""
-
-APART = 0.1
-"""Solutions that differ by less than this in every joint count as one [rad or m]."""
-
-_SEEDS_APART = 104_729
 
 OTHER_SOLVER = "placo"
 """For tasks that the fast solver does not know."""
@@ -126,19 +93,29 @@ def ends_of(
         margins: What is kept where the ends allow it, and what they have to keep [m].
         timeout: Time budget [s], of which inverse kinematics takes a third at most.
     """
-    sound = None if margins[1] > 0.0 or _are_tasks(goal) else _sound(checks, start, goal, joints, margins[0])
+    tasks = _are_tasks(goal)
+    fast = tasks and _are_known_to_fast(cast("Sequence[Any]", goal))
+    sound = None if margins[1] > 0.0 or tasks else _sound(checks, start, goal, joints, margins[0])
     if sound is not None:
         return sound
-    fault = fault_of_start(checks, start, margins[1])
-    if fault is not None:
-        return ended(*fault)
-    goals, ik, fault = goals_of(checks, start, goal, joints, margins, ended.seed, timeout)
+    found = None
+    if fast:  # which looks at the start as well
+        sought = cast("Sequence[Task]", goal)
+        found = clear_goals(checks, start, sought, joints, margins[0], ended.seed, timeout / 3)
+    if found is None or margins[1] > 0.0:
+        fault = fault_of_start(checks, start, margins[1])
+        if fault is not None:
+            return ended(*fault)
+    if found is None:
+        goals, ik, fault = goals_of(checks, start, goal, joints, margins, ended.seed, timeout, tried=fast)
+    else:
+        goals, ik, fault = _far_enough(checks, found.goals, found.ik, None, margins[1])
     if fault is not None:
         return ended(*fault, ik=ik)
     free = free_joints(checks.pepper, joints, start, goals)
     if is_there(start, goals):
         return ended.solved(checks.exact, start[None], STAYS, ik=ik)
-    return Ends(goals, free, ik)
+    return Ends(goals, free, ik, None if found is None or margins[1] > 0.0 else found.kept)
 
 
 def _sound(
@@ -175,17 +152,20 @@ def goals_of(
     margins: tuple[float, float],
     seed: int,
     timeout: float,
+    *,
+    tried: bool = False,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
-    Of the margins [m] the first is requested, and the second has to be kept.
+    Of the margins [m] the first is wished for, and the second has to be kept.  With `tried`, `clear_goals`
+    has found none.
 
     Tasks are solved with the margin to the scene first, and without it where that fails;
     several solutions are looked for at once.
     """
     if _are_tasks(goal):
         tasks = cast("Sequence[Task]", goal)
-        found = _goals_of_tasks(checks, start, tasks, joints, margins[0], seed, timeout)
+        found = _goals_of_tasks(checks, start, tasks, joints, margins[0], seed, timeout, tried)
         return _far_enough(checks, *found, margins[1])
     candidates = _candidates(checks.pepper, goal)
     return _far_enough(checks, *_good_ones(checks, candidates, None), margins[1])
@@ -210,17 +190,15 @@ def _goals_of_tasks(
     margin: float,
     seed: int,
     timeout: float,
+    tried: bool,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return what `goals_of` does, for a goal that is tasks."""
-    pepper, checker = checks.pepper, checks.exact
+    pepper, checker, more = checks.pepper, checks.exact, checks.statics.tasks()
     fast = _are_known_to_fast(tasks)
-    if fast:
-        for sought in (tasks, (*tasks, *checks.statics.tasks())):
-            clear = clear_goals(checks, start, sought, joints, margin, seed, timeout / 3)
-            if clear is not None:
-                return *clear, None
-            if not checks.statics.tasks():
-                break
+    for sought in ([] if tried or not fast else [tasks]) + ([(*tasks, *more)] if more and fast else []):
+        clear = clear_goals(checks, start, sought, joints, margin, seed, timeout / 3)
+        if clear is not None:
+            return clear.goals, clear.ik, None
     for scene in (checker.scene,) if fast else (checker.scene.padded(margin), checker.scene):
         ik = solve(
             pepper, tasks, start=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
@@ -311,139 +289,3 @@ def _places_of(pepper: PepperModel, joints: str | tuple[str, ...]) -> NDArray[np
     places = np.array(sorted(map(pepper.joint_index, pepper.resolve_joints(joints))), dtype=np.int64)
     places.setflags(write=False)
     return places
-
-
-def clear_goals(
-    checks: Checks,
-    start: Array,
-    tasks: Sequence[Task | TaskGroup],
-    joints: str | Sequence[str] | None,
-    margin: float,
-    seed: int,
-    timeout: float,
-) -> tuple[Array, IKResult] | None:
-    """Return solutions of tasks that touch nothing and can be held; None where none was found this way.
-
-    Solutions from starts ever farther away are examined together.  Those with the margin to the scene are
-    preferred to nearer ones without.
-
-    Args:
-        checks: The robot in its scene, compiled.
-        start: Where the motion starts, shape (n,).
-        tasks: Tasks that the fast solver knows.
-        joints: Joints that may move: joints and groups; None for all.
-        margin: Distance to the scene that is preferred [m].
-        seed: Draws the starts.
-        timeout: Time budget [s]; it is looked at between rounds.
-
-    Returns:
-        Goals, shape (m, n), m of 1 to 4, the best first, and the result of inverse kinematics for that one.
-    """
-    begin = time.perf_counter()
-    first = solve(checks.pepper, tasks, start, seed=seed, joints=joints, timeout=timeout)
-    if not first.success:
-        return None
-    sought = _Search(checks, start, tasks, joints, margin, seed)
-    good = sought.first(first.q)
-    for number, count in enumerate(ROUNDS[1:], start=1):
-        if len(good) or time.perf_counter() - begin > timeout:
-            break
-        if number == ROUNDS_BEFORE_CARE:
-            good = sought.carefully(begin + timeout)
-        if not len(good):
-            good = sought.wide(number, count)
-    if not len(good):
-        return None
-    q = read_only(good[0].copy())
-    evidence = CertificateInputs(
-        checks.pepper, sought.parts, start, sought.movable, checks.exact.scene, q
-    ).certificate
-    elapsed = time.perf_counter() - begin
-    return good, replace(first, q=q, evidence=evidence, restarts=first.restarts + sought.spent, time=elapsed)
-
-
-class _Search:
-    """Solutions of tasks from many starts, examined together."""
-
-    def __init__(
-        self,
-        checks: Checks,
-        start: Array,
-        tasks: Sequence[Task | TaskGroup],
-        joints: str | Sequence[str] | None,
-        margin: float,
-        seed: int,
-    ) -> None:
-        self.checks, self.start, self.margin, self.seed = checks, start, margin, seed
-        self.parts = tuple(flatten_tasks(checks.pepper, tasks))
-        self.movable = None if joints is None else movable_joints(checks.pepper, joints)
-        self.spare = np.empty((0, checks.pepper.n))  # clear, but for the margin
-        self.spent = 0
-
-    def look(self, candidates: Array) -> Array:
-        """Return the candidates, shape (m, n), that keep the margin and can be held; keep the other clear."""
-        candidates = candidates[self.checks.holds(candidates)]
-        wide = self.checks.free(candidates, self.margin)
-        if not wide.any():
-            self.spare = np.concatenate([self.spare, candidates[self.checks.free(candidates)]])
-        return candidates[wide]
-
-    def first(self, found: Array) -> Array:
-        """Return goals from starts ever farther away and a solution, shape (n,), that was found before.
-
-        Joints on which no task depends stay where they are.
-        """
-        from pepper_kin.ik.fast import alternatives
-
-        count = ROUNDS[0]
-        more = alternatives(self.checks.pepper, self.parts, self.start, self.movable, self.seed, count, STEPS)
-        self.spent += count
-        return different(self.look(np.array([found, *more])), 1 + FURTHER)
-
-    def wide(self, number: int, count: int) -> Array:
-        """Return goals from `count` postures at most, drawn from all that touch nothing where that is cheap.
-
-        All joints are drawn: the arm that is not asked for anything may stand in the way of what is.
-        """
-        from pepper_kin.ik.fast import solutions_from
-
-        pepper, movable = self.checks.pepper, self.movable
-        low = np.maximum(pepper.lower_limits, self.start - np.pi)
-        high = np.minimum(pepper.upper_limits, self.start + np.pi)
-        rng = np.random.default_rng(self.seed + _SEEDS_APART * number)
-        quick = self.checks.quick
-        starts = rng.uniform(low, high, (DRAWS * count if quick else count, pepper.n))
-        if movable is not None:
-            starts[:, ~movable] = self.start[~movable]
-        starts = starts[self.checks.surely_free(starts, 0.0, 0.0)][:count] if quick else starts
-        self.spent += len(starts)
-        found = solutions_from(pepper, self.parts, self.start, movable, starts, STEPS) if len(starts) else []
-        good = self.look(np.array(found)) if found else np.empty((0, pepper.n))
-        if not len(good) and number + 1 >= ROUNDS_FOR_MARGIN:
-            good = self.spare
-        return different(good, 1 + FURTHER)
-
-    def carefully(self, deadline: float) -> Array:
-        """Return a goal that is come to along a way clear of collisions, if there is one."""
-        from pepper_kin.ik.fast import search_compiled
-
-        pepper, collisions = self.checks.pepper, Collisions(self.checks.pepper, self.checks.exact.scene)
-        budget = SearchBudget(self.seed, CAREFUL_STARTS, STEPS, deadline)
-        tasks = balanced(self.parts)
-        found = search_compiled(pepper, tasks, self.start, self.movable, budget, collisions)
-        self.spent += found.restarts
-        if found.status is not IKStatus.SOLVED:
-            return self.spare
-        good = self.look(found.q[None])
-        return good if len(good) else self.spare
-
-
-def different(solutions: Array, count: int) -> Array:
-    """Return the first solutions that differ from one another, shape (m, n), m at most `count`."""
-    kept: list[int] = []
-    for k, q in enumerate(solutions):
-        if all(np.abs(q - solutions[other]).max() >= APART for other in kept):
-            kept.append(k)
-            if len(kept) == count:
-                break
-    return solutions[kept]

@@ -14,7 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive
-from pepper_kin.motion.checks import LEAST_MARGIN, Checks
+from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, checked_path, dense_states, polyline
 from pepper_kin.motion.driving import moves_base
 from pepper_kin.motion.goals import STAYS, free_joints
@@ -75,7 +75,7 @@ def simplify_path(
     check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
     checks, followed = (
-        Checks(pepper, scene, static_limits(pepper, balance, payload)),
+        checks_for(pepper, scene, static_limits(pepper, balance, payload)),
         checked_path(pepper, path),
     )
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)

@@ -197,7 +197,8 @@ class Pipeline:
         """Return the way that was found, or one that follows the path more closely."""
         pieces = int(course.progress[PIECES])
         if status == DONE:
-            curve = known_path(course.breaks[: pieces + 1].copy(), course.coefficients[:pieces].copy())
+            spline = course.breaks[: pieces + 1].copy(), course.coefficients[:pieces].copy()
+            curve = known_path(self._room.checks.pepper, *spline)
             return Way(course.points[: pieces + 1].copy(), curve)
         if status == LEAVES_LIMITS:
             return self._bent(course)

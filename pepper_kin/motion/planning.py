@@ -15,7 +15,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
@@ -147,7 +147,7 @@ def _planned(
     statics = static_limits(pepper, balance, payload)
     q_start = checked_start(pepper, start, margin, timeout)
     return _unguided(
-        Checks(pepper, scene, statics), q_start, goal, joints, margins, (planner, gap, seed, timeout)
+        checks_for(pepper, scene, statics), q_start, goal, joints, margins, (planner, gap, seed, timeout)
     )
 
 

@@ -11,7 +11,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.driving import moves_base as drives
 from pepper_kin.motion.optimization import optimize
 from pepper_kin.motion.optimization.examined import is_clear_along
@@ -87,7 +87,7 @@ def smoothed(
         return replace(plan, message=f"{plan.message} It cannot be timed: {error}")
     said = found.message
     if found.success:
-        checks = Checks(pepper, scene, static_limits(pepper, None, payload))
+        checks = checks_for(pepper, scene, static_limits(pepper, None, payload))
         if _keeps_what_plans_keep(checks, found.trajectory, margins):
             made = along_trajectory(pepper, plan, found.trajectory, scene, margins[0])
             message = f"{plan.message} Optimized: {said[0].lower()}{said[1:]}"

@@ -13,7 +13,7 @@ from pepper_kin.dynamics import inverse_dynamics
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
@@ -125,7 +125,7 @@ def validate(
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
     checks, followed = (
-        Checks(pepper, scene, static_limits(pepper, balance, payload)),
+        checks_for(pepper, scene, static_limits(pepper, balance, payload)),
         checked_path(pepper, path),
     )
     dense = dense_states(pepper, scene, followed)

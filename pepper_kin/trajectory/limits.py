@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from pepper_kin.batch import kernel
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
 from pepper_kin.core.timing.tables import StateEffects
+from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
@@ -59,7 +61,7 @@ class LimitedQuantities:
     """
 
     def __init__(self, pepper: PepperModel, limits: Limits) -> None:
-        self._pepper, self._limits = pepper, limits
+        self._pepper, self._limits, self._local = pepper, limits, threading.local()
         torque = limits.torque is not None and bool(np.isfinite(limits.torque).any())
         self.torque_limit = np.array(limits.torque, dtype=float) if torque else np.zeros(0)
         self._polygon = support_polygon(pepper) if limits.balance is not None else None
@@ -68,6 +70,18 @@ class LimitedQuantities:
         self._moment_of_wrench: Array | None = None
         if self.edges and limits.balance is not None and not moves_base(pepper):
             self._moment_of_wrench = _moment_of_wrench(pepper, limits.balance)
+
+    @property
+    def torque_kernel(self) -> TorqueKernel:
+        """The torques without a load for compiled functions; without limits of torque one of no use."""
+        found: TorqueKernel | None = getattr(self._local, "kernel", None)
+        if found is None:
+            address, work = 0, 0
+            if self.torque_limit.size:
+                torque = kernel(self._pepper, "inverse_dynamics")
+                address, work = torque.batch_address, torque.work_size
+            found = self._local.kernel = TorqueKernel(address, np.empty(work + 8), np.empty(8, np.int64))
+        return found
 
     def of(self, q: Array, v: Array, a: Array) -> StateEffects:
         """Return all of them; arguments have shape (T, n)."""
@@ -103,6 +117,12 @@ class LimitedQuantities:
             velocity = _evaluated(kernel(self._pepper, "frame_velocity", frame), q, v)
             linear_speed_share(velocity, limit, k, shares)
         return shares
+
+
+@lru_cache(maxsize=32)
+def quantities_of(pepper: PepperModel, limits: Limits) -> LimitedQuantities:
+    """Return what limits look at, made once for each."""
+    return LimitedQuantities(pepper, limits)
 
 
 def _evaluated(of: Kernel, *states: Array) -> Array:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -171,10 +172,10 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    if type(path) not in (np.ndarray, list, CubicPath) and isinstance(path, PlannedPath):
-        path = planned_curve(path)
+    if type(path) not in (np.ndarray, list, CubicPath) and _is_plan(path):
+        path = planned_curve(cast("PlannedPath", path))
     if type(path) is CubicPath:
-        return _checked(pepper, path)
+        return path if _known_within.get(path) is pepper else _checked(pepper, path)
     if type(path) in (np.ndarray, list) or not isinstance(path, PiecewiseCubic):
         found = _quick_spline(pepper, path)
         if found is not None:
@@ -193,6 +194,11 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
             "cubic pieces; of another trajectory its positions, such as trajectory.sample(0.05).position",
         )
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
+
+
+def _is_plan(path: object) -> bool:
+    """Whether something is a `PlannedPath` by its attributes; to ask the protocol takes far longer."""
+    return all(hasattr(path, name) for name in ("success", "curve", "message", "advice"))
 
 
 def planned_curve(plan: PlannedPath) -> PiecewiseCubic:
@@ -236,15 +242,23 @@ def _quick_spline(pepper: PepperModel, path: Any) -> CubicPath | None:
     breaks, coefficients = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
     bounds = pepper.lower_limits, pepper.upper_limits
     violation = bounded_cubic_spline(points, *bounds, SAME, breaks, coefficients)
-    return known_path(breaks, coefficients) if violation <= LIMIT_TOLERANCE else None
+    return known_path(pepper, breaks, coefficients) if violation <= LIMIT_TOLERANCE else None
 
 
-def known_path(breaks: Array, coefficients: Array) -> CubicPath:
-    """Return the path of new arrays that are known to be right, without copies and checks."""
+_known_within: WeakKeyDictionary[CubicPath, PepperModel] = WeakKeyDictionary()
+"""Paths of which it is known that they keep a robot's position limits, and lead somewhere."""
+
+
+def known_path(pepper: PepperModel, breaks: Array, coefficients: Array) -> CubicPath:
+    """Return the path of new arrays that are known to be right, without copies and checks.
+
+    It is known as well to keep the robot's position limits, so that nobody looks again.
+    """
     path = object.__new__(CubicPath)
-    for name, value in (("breaks", breaks), ("coefficients", coefficients)):
-        value.setflags(write=False)
-        object.__setattr__(path, name, value)
+    breaks.setflags(write=False)
+    coefficients.setflags(write=False)
+    path.__dict__.update(breaks=breaks, coefficients=coefficients)
+    _known_within[path] = pepper
     return path
 
 

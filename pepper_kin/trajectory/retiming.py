@@ -24,6 +24,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.core.timing.whole_timing import CHECK_STEP, find_kinks
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice, check_positive
@@ -34,8 +35,8 @@ from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
-from pepper_kin.trajectory.payload import at_frames, hand_speeds, wheel_speeds
-from pepper_kin.trajectory.time_optimal import CHECK_STEP, fastest_motion
+from pepper_kin.trajectory.payload import AtFrames, at_frames, hand_speeds, wheel_speeds
+from pepper_kin.trajectory.time_optimal import fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
@@ -109,7 +110,7 @@ def retime(
     rate = None if jerk is None else jerk_limits(pepper, jerk, greatest)
     limits = _limits(pepper, greatest, scales, balance, payload, hand_speed)
     curve = as_cubic_path(pepper, path)
-    _refuse_missing(pepper, _moving(curve.coefficients), acceleration_limits)
+    _refuse_missing(pepper, curve.coefficients, acceleration_limits)
     _refuse_unbounded(curve.coefficients, limits)
     count = _intervals(gridpoints)
     timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
@@ -136,14 +137,46 @@ def _limits(
         hand_speed: See there.
     """
     velocity, acceleration, torque = scales
-    return Limits(
-        pepper.velocity_limits * _share("velocity_scale", velocity),
-        greatest * _share("acceleration_scale", acceleration),
-        None if torque is None else pepper.effort_limits * _share("torque_scale", torque),
-        checked_balance(pepper, balance),
-        at_frames(pepper, "payload", payload, "kg"),
-        hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
+    shares = (
+        _share("velocity_scale", velocity),
+        _share("acceleration_scale", acceleration),
+        None if torque is None else _share("torque_scale", torque),
     )
+    room, loads = checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg")
+    if greatest is pepper.acceleration_limits:
+        return _kept_limits(pepper, shares, room, loads, hand_speeds(pepper, hand_speed))
+    return _made_limits(pepper, greatest, shares, room, loads, hand_speeds(pepper, hand_speed))
+
+
+def _made_limits(
+    pepper: PepperModel,
+    greatest: Array,
+    shares: tuple[float, float, float | None],
+    balance: float | None,
+    payload: AtFrames,
+    speeds: AtFrames,
+) -> Limits:
+    velocity, acceleration, torque = shares
+    return Limits(
+        pepper.velocity_limits * velocity,
+        greatest * acceleration,
+        None if torque is None else pepper.effort_limits * torque,
+        balance,
+        payload,
+        speeds + wheel_speeds(pepper),
+    )
+
+
+@functools.lru_cache(maxsize=32)
+def _kept_limits(
+    pepper: PepperModel,
+    shares: tuple[float, float, float | None],
+    balance: float | None,
+    payload: AtFrames,
+    speeds: AtFrames,
+) -> Limits:
+    """Return limits with the robot's own of acceleration, whose tables are kept with them."""
+    return _made_limits(pepper, pepper.acceleration_limits, shares, balance, payload, speeds)
 
 
 def _intervals(gridpoints: int) -> int:
@@ -154,13 +187,11 @@ def _intervals(gridpoints: int) -> int:
 
 def _without_kinks(curve: CubicPath) -> list[CubicPath]:
     """Return the parts of a curve between kinks: the motion stops where the path's direction jumps."""
-    _, first, second, third = curve.coefficients[:-1].swapaxes(0, 1)
-    h, after = np.diff(curve.breaks)[:-1, None], curve.coefficients[1:, 1]
-    before = first + (2.0 * second + 3.0 * third * h) * h
-    size = np.abs(before).max(axis=1, initial=0.0) + np.abs(after).max(axis=1, initial=0.0)
-    kinks = np.flatnonzero(np.abs(after - before).max(axis=1, initial=0.0) > _KINK * (size + _KINK)) + 1
-    if not kinks.size:
+    kinks = np.empty(len(curve.coefficients), np.int64)
+    count = find_kinks(curve.breaks, curve.coefficients, _KINK, kinks)
+    if not count:
         return [curve]
+    kinks = kinks[:count]
     ends = [0, *kinks.tolist(), len(curve.breaks) - 1]
     return [CubicPath(curve.breaks[a : b + 1], curve.coefficients[a:b]) for a, b in itertools.pairwise(ends)]
 
@@ -170,15 +201,16 @@ def _timed(
 ) -> Trajectory:
     """Return the fastest trajectory."""
     problem = TimingProblem(pepper, curve.breaks, curve.coefficients, intervals, limits)
-    s = problem.grid.s.copy()
     if solver == "fast":
         trajectory = fastest_motion(problem)
     else:
         from pepper_kin.trajectory.toppra_solver import toppra_motion
 
+        problem.fill()
         trajectory = toppra_motion(pepper, problem, limits)
     if jerk is None:
         return trajectory
+    s = problem.grid.s.copy()
     from pepper_kin.trajectory.jerk_retiming import limit_jerk
 
     return limit_jerk(pepper, curve, trajectory, s, limits, jerk)
@@ -212,9 +244,12 @@ def _share(quantity: str, value: float) -> float:
     return share
 
 
-def _refuse_missing(pepper: PepperModel, moving: NDArray[np.bool_], given: LimitsLike | None) -> None:
+def _refuse_missing(pepper: PepperModel, coefficients: Array, given: LimitsLike | None) -> None:
     """Refuse to time joints whose acceleration nobody has said a word about."""
-    missing = ~np.isfinite(pepper.acceleration_limits) & moving
+    missing = ~np.isfinite(pepper.acceleration_limits)
+    if not missing.any():
+        return
+    missing &= _moving(coefficients)
     said = given if isinstance(given, Mapping) else pepper.joint_names if given is not None else ()
     names = [pepper.joint_names[j] for j in np.flatnonzero(missing) if pepper.joint_names[j] not in said]
     if names:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from pepper_kin.core.timing.constraints import fill_rows, tighten_joints, tighten_states
 from pepper_kin.core.timing.parameterization import (
+    FOUND,
     NO_PROFILE,
-    NO_REST,
     all_instants,
     evaluate_motion,
     instant_count,
@@ -18,16 +18,14 @@ from pepper_kin.core.timing.parameterization import (
 )
 from pepper_kin.core.timing.reachability import fastest_profile
 from pepper_kin.core.timing.tables import Instants, StateEffects
+from pepper_kin.core.timing.whole_timing import CHECK_STEP, LEAST, MORE, TOLERANCE
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-CHECK_STEP = 0.001  # [s]
 _TRIALS = 9  # solutions with tightened limits where time cannot be stretched
-_MORE, _LEAST = 1.1, 2e-6  # stretch a little further than needed
 _MARGINS = (1e-3, 1e-5)  # shares of limits left unused there, to be tried in turn
-_TOLERANCE = 1e-9  # of a limit, for rounding
 
 
 def fastest_motion(problem: TimingProblem) -> Trajectory:
@@ -42,16 +40,21 @@ def fastest_motion(problem: TimingProblem) -> Trajectory:
     Raises:
         InfeasibleError: where there is none, saying why.
     """
-    status, failed, stretch = optimal_profile(
-        problem.grid, problem.effects, problem.limits, problem.rows, problem.space
-    )
+    found: Trajectory | None = None
+    if problem.plain:
+        status, failed, _, found = problem.fastest()
+    else:
+        problem.fill()
+        status, failed, stretch = optimal_profile(
+            problem.grid, problem.effects, problem.limits, problem.rows, problem.space
+        )
+        if status == FOUND:
+            stretch = _stretched(problem, problem.space.best, stretch)
+            if np.isfinite(stretch):
+                found = problem.trajectory(problem.space.best, stretch)
     if status == NO_PROFILE:
         raise problem.infeasible(failed)
-    if status != NO_REST:
-        stretch = _stretched(problem, problem.space.best, stretch)
-        if np.isfinite(stretch):
-            return problem.trajectory(problem.space.best, stretch)
-    return _motion_without_rest(problem)
+    return _motion_without_rest(problem) if found is None else found
 
 
 def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
@@ -81,9 +84,9 @@ def _kept(problem: TimingProblem, x: Array, stretch: float, limit: Array, begin:
             asked, bound = StateEffects(none, problem.quantities.moments(*state), none), np.empty(0)
         interval = sample_times.interval[:count]
         more = tighten_states(grid, bound, problem.rows, n + begin, interval, asked, False)
-        if more <= 1.0 + _TOLERANCE:
+        if more <= 1.0 + TOLERANCE:
             break
-        stretch *= 1.0 + _MORE * (more - 1.0) + _LEAST  # the instants looked at next are others
+        stretch *= 1.0 + MORE * (more - 1.0) + LEAST  # the instants looked at next are others
     return stretch
 
 
@@ -122,14 +125,14 @@ def _swing(problem: TimingProblem, margin: float) -> tuple[Trajectory | None, in
         x, before = space.x, rows.x_most.copy()
         slower = tighten_joints(grid, limits, rows, x, 0.0, space.changed)
         slower = max(slower, _tightened_by_states(problem, x, 1.0, True))
-        if slower <= 1.0 + _TOLERANCE:
+        if slower <= 1.0 + TOLERANCE:
             return problem.trajectory(x), None
         # The speed inside an interval depends on both ends, of which the bound may act at one only: by
         # lowering it as much as the excess, half of that may be left.  So lower it more each time.
         rows.x_most[...] *= (rows.x_most / before) ** trial
     # What is left of the excess is small: a motion that is slower by so little may still keep all limits.
-    stretch = slower * (1.0 + _LEAST)
-    if np.isfinite(stretch) and _tightened_by_states(problem, space.x, stretch, False) <= 1.0 + _TOLERANCE:
+    stretch = slower * (1.0 + LEAST)
+    if np.isfinite(stretch) and _tightened_by_states(problem, space.x, stretch, False) <= 1.0 + TOLERANCE:
         return problem.trajectory(space.x, stretch), None
     return None, None
 

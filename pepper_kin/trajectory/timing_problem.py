@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.timing.grid import coefficient_states, fill_grid, frame_states, interval_count
-from pepper_kin.core.timing.parameterization import motion_polynomials
+from pepper_kin.core.timing.parameterization import FOUND, motion_polynomials
 from pepper_kin.core.timing.tables import PathEffects, PathGrid, PathLimits, PathRows, ProfileSpace
+from pepper_kin.core.timing.whole_timing import TimedPath, time_path
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.limits import LimitedQuantities, Limits
+from pepper_kin.trajectory.limits import Limits, quantities_of
 from pepper_kin.trajectory.payload import AtFrames
 from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory
 
@@ -20,14 +23,15 @@ Array = NDArray[np.float64]
 
 _GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
 
-_memory = threading.local()
+MOST_TABLES = 256
+"""Sizes of paths of which a thread keeps the tables."""
 
 
 class TimingProblem:
     """A path on its grid with the limits along it.
 
     The tables are views of memory that each thread keeps, for new pages would take long: a problem is valid
-    until the next one is made in the same thread.
+    until the next one is made in the same thread.  They are filled by `fill` or `fastest`.
 
     Attributes:
         grid: The path.
@@ -43,47 +47,53 @@ class TimingProblem:
         self, pepper: PepperModel, breaks: Array, coefficients: Array, intervals: int, limits: Limits
     ) -> None:
         self._names, self._units = pepper.joint_names, pepper.joint_units
-        self.quantities, self.payload = LimitedQuantities(pepper, limits), limits.payload
-        n, torques, edges = pepper.n, self.quantities.torque_limit.size, self.quantities.edges
-        size, r = interval_count(breaks, intervals), n + torques + edges
-        nodes = size + len(breaks) - 1
-        workspace = _Workspace(
-            nodes * (3 * n + 3 * r) + size * (4 * n + 3 * (r - n) + 2 * r + 10)
-            + max(9 * nodes * n, size * 3 * (2 * r + 1)) + 10
-        )  # fmt: skip
-        take = workspace.take
-        self.grid = PathGrid(
-            take(size), np.empty(size, np.int64), take(size + 1), take(3, nodes, n), take(size, 4, n)
-        )
-        fill_grid(breaks, coefficients, intervals, self.grid)
-        self.rows = PathRows(
-            take(nodes, r), take(nodes, r), take(nodes, r), take(3, size, r - n), take(size, r), take(size,
-            r), take(size + 1),
-        )  # fmt: skip
-        span, reach, x, best = take(size, 3), take(size + 1, 2), take(size + 1), take(size + 1)
-        begin = workspace.used
-        self.effects = self._effects(take(3, 3 * nodes, n) if torques or edges else None)
-        workspace.used = begin  # these states are not needed any more
-        lines = take(size, 3, 2 * r + 1)
-        self.space = ProfileSpace(lines, span, reach, np.ones(size, np.bool_), x, best)
+        self.quantities, self.payload = quantities_of(pepper, limits), limits.payload
+        self._path, self._intervals = (breaks, coefficients), intervals
+        torques, edges = self.quantities.torque_limit.size, self.quantities.edges
+        count = interval_count(breaks, intervals)
+        self._tables = _tables_of(count, len(breaks) - 1, pepper.n, torques, edges)
+        self.grid, self.effects, self.rows, self.space = self._tables[:4]
         self.limits = PathLimits(
-            np.array(limits.velocity, dtype=float), np.array(limits.acceleration, dtype=float),
-            self.quantities.torque_limit, _GREATEST * float(breaks[-1] - breaks[0]) ** 2,
+            limits.velocity, limits.acceleration, self.quantities.torque_limit,
+            _GREATEST * float(breaks[-1] - breaks[0]) ** 2,
         )  # fmt: skip
 
-    def _effects(self, states: Array | None) -> PathEffects:
-        quantities, nodes, n = self.quantities, self.grid.at.shape[1], self.grid.at.shape[2]
-        torque = moments = np.empty((3, nodes, 0))
-        if states is not None:
-            coefficient_states(self.grid.at, states)
-            torque = quantities.torque(*states).reshape(3, nodes, quantities.torque_limit.size)
-            moments = quantities.moments(*states).reshape(3, nodes, quantities.edges)
-        if not quantities.frames:
-            return PathEffects(torque, moments, np.empty((nodes, 0)), np.empty((self.grid.step.size, 0)))
-        posture = np.empty((2, nodes + self.grid.step.size, n))
-        frame_states(self.grid, posture)
-        speed = quantities.speed(*posture)
-        return PathEffects(torque, moments, speed[:nodes], speed[nodes:])
+    @property
+    def plain(self) -> bool:
+        """Whether nothing is limited but velocity, acceleration, and torque without a load."""
+        return not (self.quantities.edges or self.quantities.frames or self.payload)
+
+    def fastest(self) -> tuple[int, int | None, float, Trajectory | None]:
+        """Fill the tables and search the fastest motion, of a plain problem, in one call of machine code.
+
+        Returns:
+            As `time_path`, and the motion where there is one.
+        """
+        breaks, coefficients = self._path
+        size, _, n = self.grid.taylor.shape
+        times, motion = np.empty(size + 1), np.empty((size, 7, n))
+        path = TimedPath(
+            breaks, coefficients, self.grid, self.effects, self._tables.torques, self.limits, self.rows,
+            self.space, self._tables.states, times, motion,
+        )  # fmt: skip
+        status, failed, stretch = time_path(path, self.quantities.torque_kernel, self._intervals)
+        if status != FOUND or stretch == np.inf:
+            return status, failed, stretch, None
+        return status, failed, stretch, known_trajectory(self._names, self._units, times, motion)
+
+    def fill(self) -> None:
+        """Fill the tables of the path, and of torques, edge moments and frame speeds along it."""
+        quantities, tables, nodes = self.quantities, self._tables, self.grid.at.shape[1]
+        fill_grid(*self._path, self._intervals, self.grid)
+        if quantities.torque_limit.size or quantities.edges:
+            coefficient_states(self.grid.at, tables.states)
+            tables.torques[:] = quantities.torque(*tables.states)
+            self.effects.moments[:] = quantities.moments(*tables.states).reshape(self.effects.moments.shape)
+        if quantities.frames:
+            posture = np.empty((2, nodes + self.grid.step.size, self.grid.at.shape[2]))
+            frame_states(self.grid, posture)
+            speed = quantities.speed(*posture)
+            self.effects = self.effects._replace(frame_speed=speed[:nodes], frame_middle=speed[nodes:])
 
     def share(self, point: int) -> float:
         """Return how far along the path a grid point is, from 0 to 1."""
@@ -137,23 +147,62 @@ class TimingProblem:
         return self.share(interval + int(node - self.grid.first[interval]))
 
 
-class _Workspace:
-    """Memory that a thread keeps."""
+class _Tables(NamedTuple):
+    """Tables of paths of one size, of which the states share memory with the work space."""
 
-    def __init__(self, size: int) -> None:
-        kept = getattr(_memory, "room", None)
-        if kept is None or kept.size < size:
-            kept = _memory.workspace = np.empty(2 * size)
-        self._memory, self.used = kept, 0
+    grid: PathGrid
+    effects: PathEffects
+    rows: PathRows
+    space: ProfileSpace
+    states: Array
+    torques: Array
 
-    def take(self, *shape: int) -> Array:
-        """Return an array of no content."""
-        begin = self.used
-        for_all = 1
-        for length in shape:
-            for_all *= length
-        self.used = begin + for_all
-        return np.asarray(self._memory[begin : self.used].reshape(shape))
+
+class _Memory(threading.local):
+    """Memory of a thread, and tables that lie in it, by their sizes; all share it."""
+
+    def __init__(self) -> None:
+        self.room, self.tables = np.empty(0), dict[tuple[int, ...], _Tables]()
+
+
+_memory = _Memory()
+
+
+def _tables_of(size: int, pieces: int, n: int, torques: int, edges: int) -> _Tables:
+    """Return this thread's tables of `size` intervals."""
+    key = size, pieces, n, torques, edges
+    found = _memory.tables.get(key)
+    if found is not None:
+        return found
+    nodes, r = size + pieces, n + torques + edges
+    total = (
+        nodes * (3 * n + 6 * r) + size * (4 * n + 3 * (r - n) + 2 * r + 10)
+        + max(9 * nodes * n, size * 3 * (2 * r + 1)) + 10
+    )  # fmt: skip
+    if _memory.room.size < total or len(_memory.tables) >= MOST_TABLES:
+        _memory.tables.clear()
+        _memory.room = np.empty(max(2 * total, _memory.room.size))
+    room, used = _memory.room, 0
+
+    def take(*shape: int) -> Array:
+        nonlocal used
+        begin, used = used, used + math.prod(shape)
+        return np.asarray(room[begin:used].reshape(shape))
+
+    grid = PathGrid(take(size), np.empty(size, np.int64), take(size + 1), take(3, nodes, n), take(size, 4, n))
+    rows = PathRows(
+        take(nodes, r), take(nodes, r), take(nodes, r), take(3, size, r - n), take(size, r), take(size, r),
+        take(size + 1),
+    )  # fmt: skip
+    torque, moments = take(3, nodes, torques), take(3, nodes, edges)
+    effects = PathEffects(torque, moments, np.empty((nodes, 0)), np.empty((size, 0)))
+    span, reach, x, best, begin = take(size, 3), take(size + 1, 2), take(size + 1), take(size + 1), used
+    states = take(3, 3 * nodes, n)
+    used = begin
+    space = ProfileSpace(take(size, 3, 2 * r + 1), span, reach, np.ones(size, np.bool_), x, best)
+    found = _Tables(grid, effects, rows, space, states, torque.reshape(3 * nodes, torques))
+    _memory.tables[key] = found
+    return found
 
 
 def _load(payload: AtFrames) -> str:

@@ -10,7 +10,8 @@ from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.examination import Examiner, cut
-from pepper_kin.motion.goals import APART, clear_goals, different
+from pepper_kin.motion.goal_search import APART
+from pepper_kin.motion.task_goals import clear_goals
 from pepper_kin.planners import Path, rounded_waypoints
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -139,7 +140,8 @@ def test_rounded_waypoints_are_those_of_scipys_b_spline(segments):
 def test_goals_meet_their_tasks_differ_and_are_clear(checks):
     start, target = PEPPER.posture("Stand"), (0.36, 0.2, 0.85)
     tasks = [pk.ik.HandPosition("left", target), pk.ik.LookAt(target)]
-    goals, ik = clear_goals(checks, start, tasks, None, 0.01, 3, 5.0)
+    goals, ik, kept = clear_goals(checks, start, tasks, None, 0.01, 3, 5.0)
+    assert kept == checks.margins(start, goals, np.arange(PEPPER.n), 0.01)
     assert 1 <= len(goals) <= 4
     for task in tasks:
         assert all(task.error(PEPPER, q) <= task.tolerance for q in goals)
@@ -150,8 +152,8 @@ def test_goals_meet_their_tasks_differ_and_are_clear(checks):
     assert ik.success
     np.testing.assert_array_equal(ik.q, goals[0])
     assert ik.clearance == pytest.approx(pk.collision.clearance(PEPPER, goals[0], TABLE))
-    again, _ = clear_goals(checks, start, tasks, None, 0.01, 3, 5.0)
-    np.testing.assert_array_equal(goals, again)
+    again = clear_goals(checks, start, tasks, None, 0.01, 3, 5.0)
+    np.testing.assert_array_equal(goals, again.goals)
 
 
 def test_an_idle_arm_goes_out_of_the_way():
@@ -159,7 +161,7 @@ def test_an_idle_arm_goes_out_of_the_way():
     start, target = PEPPER.posture("Stand"), (0.318, -0.032, 0.803)
     tasks = [pk.ik.HandPosition("right", target), pk.ik.LookAt(target)]
     free = Checks(PEPPER, pk.Scene())
-    goals, ik = clear_goals(free, start, tasks, None, 0.01, 0, 5.0)
+    goals, ik, _ = clear_goals(free, start, tasks, None, 0.01, 0, 5.0)
     for task in tasks:
         assert all(task.error(PEPPER, q) <= task.tolerance for q in goals)
     assert not pk.collision.CollisionChecker(PEPPER, pk.Scene()).in_collision(goals).any()
@@ -168,15 +170,15 @@ def test_an_idle_arm_goes_out_of_the_way():
     assert np.abs(goals - start)[:, arm].max(axis=1).min() > 0.01
     still = [name for name in PEPPER.joint_names if name not in PEPPER.joint_group("left_arm")]
     found = clear_goals(free, start, tasks, still, 0.01, 0, 5.0)
-    assert found is None or (found[0][:, arm] == start[arm]).all()
-    again, _ = clear_goals(free, start, tasks, None, 0.01, 0, 5.0)
-    np.testing.assert_array_equal(goals, again)
+    assert found is None or (found.goals[:, arm] == start[arm]).all()
+    again = clear_goals(free, start, tasks, None, 0.01, 0, 5.0)
+    np.testing.assert_array_equal(goals, again.goals)
 
 
 def test_goals_of_a_group_leave_other_joints_alone(checks):
     start = PEPPER.posture("Stand")
     tasks = [pk.ik.HandPosition("left", (0.28, 0.35, 0.85))]
-    goals, _ = clear_goals(checks, start, tasks, "left_arm", 0.01, 0, 5.0)
+    goals, *_ = clear_goals(checks, start, tasks, "left_arm", 0.01, 0, 5.0)
     others = [k for k, name in enumerate(PEPPER.joint_names) if name not in PEPPER.joint_group("left_arm")]
     np.testing.assert_array_equal(goals[:, others], np.tile(start[others], (len(goals), 1)))
 
@@ -184,9 +186,3 @@ def test_goals_of_a_group_leave_other_joints_alone(checks):
 def test_no_goals_out_of_reach(checks):
     tasks = [pk.ik.HandPosition("left", (2.0, 0.2, 0.85))]
     assert clear_goals(checks, PEPPER.posture("Stand"), tasks, None, 0.01, 0, 5.0) is None
-
-
-def test_different_keeps_the_first_of_those_that_are_alike():
-    rows = np.array([[0.0, 0.0], [0.05, 0.0], [0.2, 0.0], [0.0, 0.3]])
-    np.testing.assert_array_equal(different(rows, 9), rows[[0, 2, 3]])
-    np.testing.assert_array_equal(different(rows, 2), rows[[0, 2]])

@@ -314,10 +314,14 @@ def unit_points(dimension: int, total: int, seed: int) -> tuple[Array, Array]:
         total: n >= k; the further numbers are as of n dimensions.
         seed: Draws x_0.
     """
-    generator = np.random.default_rng(seed)
-    first = np.concatenate([generator.random(dimension), generator.random(total - dimension)])
+    return read_only(np.random.default_rng(seed).random(total)), _advance(dimension, total)
+
+
+@lru_cache(maxsize=64)
+def _advance(dimension: int, total: int) -> Array:
+    """Return alpha of `unit_points`."""
     whole, part = (_golden_ratio(m) ** -(1.0 + np.arange(m)) for m in (total, dimension))
-    return read_only(first), read_only(np.concatenate([part, whole[dimension:]]))
+    return read_only(np.concatenate([part, whole[dimension:]]))
 
 
 def _golden_ratio(dimension: int) -> float:

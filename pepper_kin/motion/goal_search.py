@@ -1,0 +1,357 @@
+"""Goals of a motion: configurations that meet tasks, touch nothing and can be held, in machine code."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.collision.curve_check import MotionCheck, _held, _look, blocked, kept_margins
+from pepper_kin.core.collision.gjk import FREE
+from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
+from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
+from pepper_kin.core.inverse_kinematics.search import (
+    CANDIDATES,
+    EXTRA,
+    ITERATIONS,
+    RESTARTS,
+    SOLVED,
+    STATUS,
+    STOP,
+    SearchOptions,
+    TaskTables,
+)
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
+from pepper_kin.planners.sampling import uniform
+
+Array = NDArray[np.float64]
+
+GOALS = 4
+"""Solutions that are kept at most."""
+
+NEARBY = 16
+"""Starts that lie ever farther from q0, besides q0 itself."""
+
+BLOCK = 64
+"""Rows that are solved, and configurations that are looked at, together."""
+
+DRAWS = 4
+"""Postures drawn for each start of a round, of which those that touch nothing are taken, if machine code can
+tell."""
+
+APART = 0.1
+"""Solutions that differ by less than this in every joint count as one [rad or m]."""
+
+# How a call ends.
+FOUND, NONE, START_AT_FAULT, UNSOLVED, STOPPED = range(5)
+
+# Places in `counts`.
+GOAL_COUNT, SPARE_COUNT, SPENT, STEPS_TAKEN, RESTARTED = range(5)
+
+
+class GoalSearch(NamedTuple):
+    """All that a call needs; n joints, t tasks.
+
+    Attributes:
+        tables: The robot and tasks.
+        bounds: Bounds of `tables.joints` and whether they move, see `solve_rows`.
+        options: How much to search from q0.
+        further: The same for each of the other starts.
+        check: Tells of configurations in which any joint may differ.
+        margin: Distance to the scene that is preferred [m].
+        least_margin: A smaller one counts as none [m].
+        given: q0, weights and targets in the first row; room for BLOCK rows, shape (BLOCK, ...).
+        answers: Room for the answers of `solve_rows`, shape (BLOCK, n + t + EXTRA).
+        found: Room for the solutions of a round, shape (1 + the most starts of a round, n).
+        values: Room for how far these are from q0, as many.
+        order: Room for the order of these, as many.
+        sieve: Room for configurations that are looked at, shape (BLOCK, n).
+        ends: The start, then the goals that are found, the nearest first, shape (1 + GOALS, n).
+        spare: Solutions that touch nothing, but are nearer than the margin, shape (GOALS, n).
+        kept: Receives the margins that the ends keep, see `kept_margins`.
+        counts: See the places above.
+    """
+
+    tables: TaskTables
+    bounds: Floats2
+    options: SearchOptions
+    further: SearchOptions
+    check: MotionCheck
+    margin: float
+    least_margin: float
+    given: Floats2
+    answers: Floats2
+    found: Floats2
+    values: Floats1
+    order: Ints1
+    sieve: Floats2
+    ends: Floats2
+    spare: Floats2
+    kept: Floats1
+    counts: Ints1
+
+
+@compiled
+def _pick_held(check: MotionCheck, rows: Array, count: int) -> int:
+    """Move the configurations to the front that can be held still; return how many.
+
+    Args:
+        check: Tells of states.
+        rows: Configurations, of which the first are asked about, shape (>= count, n).
+        count: How many.
+    """
+    found = 0
+    for i in range(count):
+        for j in range(rows.shape[1]):
+            check.states[0, j] = rows[i, j]
+        if _held(check, 1):
+            for j in range(rows.shape[1]):
+                rows[found, j] = rows[i, j]
+            found += 1
+    return found
+
+
+@compiled
+def _pick_free(check: MotionCheck, rows: Array, count: int, margin: float, self_margin: float) -> int:
+    """Move the configurations to the front that keep margins [m]; return how many.
+
+    Args:
+        check: Tells of states.
+        rows: Configurations, of which the first are asked about, shape (>= count, n).
+        count: How many, ROOM at most.
+        margin: To the scene [m].
+        self_margin: To the robot itself [m].
+    """
+    if count == 0 or blocked(check, margin, self_margin):
+        return 0
+    _look(check, rows, count, (margin, self_margin), False)
+    found = 0
+    for i in range(count):
+        if check.answers[i] == FREE:
+            for j in range(rows.shape[1]):
+                rows[found, j] = rows[i, j]
+            found += 1
+    return found
+
+
+@compiled
+def _write_nearby(search: GoalSearch) -> None:
+    """Write starts ever farther from q0 on the way to points that fill the joint box evenly.
+
+    Joints that no task depends on, and those that may not move, stay where they are.
+    """
+    tables, bounds, given, start = search.tables, search.bounds, search.given, search.ends[0]
+    for row in range(NEARBY - 1, -1, -1):
+        for i in range(given.shape[1]):
+            given[row, i] = given[0, i]
+        for i in range(tables.task_joints):
+            j = tables.joints[i]
+            here = start[j]
+            low, high = max(bounds[0, i], here - math.pi), min(bounds[1, i], here + math.pi)
+            x = search.further.first[i] + (1.0 + CANDIDATES * row) * search.further.advance[i]
+            point = low + (x - math.floor(x)) * (high - low)
+            given[row, j] = here
+            if bounds[2, i] != 0.0:
+                given[row, j] += (row + 1.0) / NEARBY * (point - here)
+
+
+@compiled
+def _write_posture(search: GoalSearch, key: np.uint64, place: int, q: Array) -> None:
+    """Write a posture drawn evenly from all that joints may do, at most half a turn from q0."""
+    tables, bounds, start = search.tables, search.bounds, search.ends[0]
+    for i in range(q.size):
+        j = tables.joints[i]
+        low, high = max(bounds[0, i], start[j] - math.pi), min(bounds[1, i], start[j] + math.pi)
+        q[j] = start[j] if bounds[2, i] == 0.0 else low + uniform(key, place + i) * (high - low)
+
+
+@compiled
+def _solve(search: GoalSearch, count: int, size: int) -> int:
+    """Solve the first rows of `given`, add what meets the tasks to `found`; return its size, -1 to stop."""
+    n, tables = search.ends.shape[1], search.tables
+    none = CollisionTests(0, 0, 0, 0, 0, 0)
+    solve_rows(tables, search.bounds, search.further, none, search.given, search.answers, 0, count)
+    status = search.answers.shape[1] - EXTRA + STATUS
+    for row in range(count):
+        if search.answers[row, status] == STOP:
+            return -1
+        if search.answers[row, status] == SOLVED:
+            total = 0.0
+            for i in range(n):
+                j = tables.joints[i]
+                search.found[size, j] = search.answers[row, j]
+                shift = search.answers[row, j] - search.ends[0, j]
+                total += (tables.scale[i] if i < tables.task_joints else 1.0) * shift * shift
+            search.values[size] = total
+            size += 1
+    search.counts[SPENT] += count
+    return size
+
+
+@compiled
+def _sort(search: GoalSearch, first: int, size: int) -> None:
+    """Write the order of `found` from a row on, the nearest first; those before stay first."""
+    order, values = search.order, search.values
+    for k in range(size):
+        place = k
+        while place > first and values[order[place - 1]] > values[k]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
+
+
+@compiled
+def _add_different(solutions: Array, count: int, kept: Array, size: int) -> int:
+    """Add solutions that differ from those that are kept, as long as there is room; return how many are."""
+    for k in range(count):
+        new = size < kept.shape[0]
+        for other in range(size if new else 0):
+            farthest = 0.0
+            for j in range(kept.shape[1]):
+                farthest = max(farthest, abs(solutions[k, j] - kept[other, j]))
+            new = new and farthest >= APART
+        if new:
+            for j in range(kept.shape[1]):
+                kept[size, j] = solutions[k, j]
+            size += 1
+    return size
+
+
+@compiled
+def _load(search: GoalSearch, first: int, count: int) -> int:
+    """Write those of some solutions that can be held into the sieve; return how many."""
+    for k in range(count):
+        for j in range(search.sieve.shape[1]):
+            search.sieve[k, j] = search.found[search.order[first + k], j]
+    return int(_pick_held(search.check, search.sieve, count))
+
+
+@compiled
+def _examine(search: GoalSearch, size: int) -> None:
+    """Take those of the solutions as goals that keep the margin and can be held; keep the other clear."""
+    counts, check, goals = search.counts, search.check, search.ends[1:]
+    for first in range(0, size, BLOCK):
+        count = min(BLOCK, size - first)
+        wide = _pick_free(check, search.sieve, _load(search, first, count), search.margin, 0.0)
+        counts[GOAL_COUNT] = _add_different(search.sieve, wide, goals, counts[GOAL_COUNT])
+    if counts[GOAL_COUNT] > 0 or search.margin == 0.0:
+        return
+    for first in range(0, size, BLOCK):
+        count = min(BLOCK, size - first)
+        clear = _pick_free(check, search.sieve, _load(search, first, count), 0.0, 0.0)
+        counts[SPARE_COUNT] = _add_different(search.sieve, clear, search.spare, counts[SPARE_COUNT])
+
+
+@compiled
+def _ended(search: GoalSearch) -> int:
+    """Write the margins that start and goals keep, if there are goals; return how the search ended."""
+    count = search.counts[GOAL_COUNT]
+    if count == 0:
+        return NONE
+    kept_margins(search.check, search.ends[: 1 + count], search.margin, search.least_margin, search.kept)
+    return FOUND
+
+
+@compiled
+def _is_sound(search: GoalSearch) -> bool:
+    """Whether the start touches nothing and can be held."""
+    for j in range(search.sieve.shape[1]):
+        search.sieve[0, j] = search.ends[0, j]
+    held = _pick_held(search.check, search.sieve, 1)
+    return held == 1 and _pick_free(search.check, search.sieve, 1, 0.0, 0.0) == 1
+
+
+@compiled("int64(GoalSearch, boolean)")
+def search_nearby(search: GoalSearch, known: bool) -> int:
+    """Look for goals from q0 and from starts ever farther away.
+
+    Args:
+        search: What is looked for; `ends` begins with q0.
+        known: Whether `found` begins with a solution from q0.
+
+    Returns:
+        FOUND, with counts[GOAL_COUNT] goals; NONE; START_AT_FAULT; UNSOLVED where the search from q0 does not
+        meet the tasks, or STOPPED where a signal has ended it: `answers` begins with how it went.
+    """
+    counts, given, answers, n = search.counts, search.given, search.answers, search.ends.shape[1]
+    for k in range(counts.size):
+        counts[k] = 0
+    if not _is_sound(search):
+        return START_AT_FAULT
+    if not known:
+        none, last = CollisionTests(0, 0, 0, 0, 0, 0), answers.shape[1] - EXTRA
+        solve_rows(search.tables, search.bounds, search.options, none, given, answers, 0, 1)
+        counts[STEPS_TAKEN] = int(answers[0, last + ITERATIONS])
+        counts[RESTARTED] = int(answers[0, last + RESTARTS])
+        if answers[0, last + STATUS] != SOLVED:
+            return STOPPED if answers[0, last + STATUS] == STOP else UNSOLVED
+        for j in range(n):
+            search.found[0, j] = answers[0, j]
+    _write_nearby(search)
+    size = _solve(search, NEARBY, 1)
+    if size < 0:
+        return STOPPED
+    _sort(search, 1, size)
+    _examine(search, size)
+    return _ended(search)
+
+
+@compiled("int64(GoalSearch, uint64, int64, boolean)")
+def search_anywhere(search: GoalSearch, key: np.uint64, starts: int, near: bool) -> int:
+    """Look for goals from postures drawn from all that touch nothing, where that is cheap.
+
+    All joints are drawn: the arm that is not asked for anything may stand in the way of what is.
+
+    Args:
+        search: What is looked for, after `search_nearby`.
+        key: Of the stream of random numbers.
+        starts: Number of starts at most, those that `found` has room for.
+        near: Whether solutions nearer to something than the margin will do.
+
+    Returns:
+        As `search_nearby`.
+    """
+    n, check, size, place, taken = search.ends.shape[1], search.check, 0, 0, 0
+    most = (DRAWS if check.quick else 1) * starts * n
+    while taken < starts and place < most:
+        count = 0
+        while count < BLOCK and place < most:
+            _write_posture(search, key, place, search.sieve[count])
+            count, place = count + 1, place + n
+        if check.quick:
+            count = _pick_free(check, search.sieve, count, 0.0, 0.0)
+        count = min(count, starts - taken)
+        for row in range(count - 1, -1, -1):
+            for i in range(n, search.given.shape[1]):
+                search.given[row, i] = search.given[0, i]
+            for i in range(n):
+                search.given[row, i] = search.sieve[row, i]
+        if count > 0:
+            size = _solve(search, count, size)
+        if size < 0:
+            return STOPPED
+        taken += count
+    _sort(search, 0, size)
+    _examine(search, size)
+    if search.counts[GOAL_COUNT] == 0 and near:
+        return take_spare(search)
+    return _ended(search)
+
+
+@compiled("int64(GoalSearch)")
+def take_spare(search: GoalSearch) -> int:
+    """Take solutions as goals that are nearer to something than the margin; return as `search_nearby`."""
+    counts, goals = search.counts, search.ends[1:]
+    counts[GOAL_COUNT] = _add_different(search.spare, counts[SPARE_COUNT], goals, counts[GOAL_COUNT])
+    return _ended(search)
+
+
+@compiled("int64(GoalSearch)")
+def take_known(search: GoalSearch) -> int:
+    """Take the first of `found`, or else solutions nearer to something; return as `search_nearby`."""
+    search.order[0] = 0
+    _examine(search, 1)
+    return _ended(search) if search.counts[GOAL_COUNT] > 0 else take_spare(search)
