@@ -31,6 +31,9 @@ PROGRAMS = {
     "`import numpy`": "import numpy",
     "`load_pepper()`": START,
     "first answer of `ik.solve`": f"{START}; {IK}; assert pk.ik.solve(pepper, tasks).success",
+    "the same, `collisions=False`": (
+        f"{START}; {IK}; assert pk.ik.solve(pepper, tasks, collisions=False).success"
+    ),
     "first `plan`": f"{START}; {IK}; {SCENE}; assert pk.plan(pepper, pepper.neutral(), tasks, scene).success",
 }
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)

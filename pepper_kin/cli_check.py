@@ -65,7 +65,7 @@ def model(
         print(found.report())
         if difference is not None:
             print("\n" + difference.report())
-    if not found.ok:
+    if not found.success:
         raise typer.Exit(FAILED)
 
 

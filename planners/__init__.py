@@ -1,20 +1,22 @@
 """Robot-agnostic motion planners: vectors, bounds, a metric and the validity of states, never a robot.
 
-problem = Problem(lower, upper, start, goals, validity)
-result = rrt_connect(problem, seed=0, timeout=5.0)
-if result.success:
-curve = smooth(problem, shortcut(problem, result.path))
+    problem = Problem(lower, upper, start, goals, validity)
+    result = rrt_connect(problem, seed=0, timeout=5.0)
+    if result.success:
+        curve = smooth(problem, shortcut(problem, result.path))
 
-Problem, GoalSampler, StateValidityChecker, MotionValidator, CompiledMotionValidator, Metric, Deadline
-Result, Status, StopReason, Improvement, Path, SmoothPath
-rrt_connect, aorrtc, Roadmap              search, asymptotically optimal search, one graph for many queries
-ompl_plan, available_ompl_planners, OMPL_PLANNERS
-shortcut, rejoin, smooth, rounded_waypoints
-certify, PathCertificate                  an examination of a path
-ConstraintManifold, CompiledManifold, cbirrt, project, constrained_shortcut, constrained_smooth
-StateCost, transition_rrt, descend_cost   soft costs
-car_connect, CarResult, car_curve, CarCurve   paths of a car
-first_invalid_states, first_blocked_states    what is in the way where no path is found
+    Problem, GoalSampler, StateValidityChecker, MotionValidator, CompiledMotionValidator, Metric, Deadline
+    Result, Status, StopReason, Improvement, Path, SmoothPath
+    rrt_connect, aorrtc, Roadmap              search, optimal search, one graph for many queries
+    ompl_plan, available_ompl_planners, OMPL_PLANNERS
+    shortcut, rejoin, smooth, rounded_waypoints
+    certify, PathCertificate                  an examination of a path
+    ConstraintManifold, CompiledManifold, cbirrt, project, constrained_shortcut, constrained_smooth
+    StateCost, transition_rrt, descend_cost   soft costs
+    car_connect, CarResult, car_curve, CarCurve   paths of a car
+    first_invalid_states, first_blocked_states    what is in the way where no path is found
+
+A state is a vector of n numbers; a checker says whether it is valid.
 """
 
 from .aorrtc import aorrtc

@@ -19,24 +19,26 @@ from pepper_kin.exceptions import InvalidValueError
 from .deadline import Deadline, load_code
 from .motion_validator import machine_code_of
 from .path import Path
-from .problem import FINEST_RESOLUTION, GoalSource, Problem
+from .problem import FINEST_RESOLUTION, Problem
 from .result import Improvement, Result, Status, StopReason
 from .rrt_connect import Search
 from .sampling import luby, stream_key, uniform
 from .shortcut import LEAST_GAIN, shortcut, shorten
-from .tree_growth import grow, new_counters, plant
+from .tree_growth import first_path, grow, take_trees
 from .vectors import positive_number, whole_number
 
 _UNLIMITED = 2**62
 _LEAST_TIME = 1e-9  # [s]; a budget is above zero
 
 # Rounds of the search: samples of one; the part of them that stay near the straight line, by how much the
-# ellipsoid around it is longer (as a part of the line), and how that changes; and for the others the bound on
-# the path as a multiple of the best length.
+# ellipsoid around it is longer (as a part of the line), and how that changes; their samples as a multiple of
+# what a path took on average, the least, how much the last path counts, and by how much more that becomes
+# where none is found; and for the others the bound on the path as a multiple of the best length.
 _LEAST_ROUND, _MOST_ROUND, _OF_FIRST = 8_000, 64_000, 2
 _FACTOR, _LEAST_FACTOR, _MOST_FACTOR, _AFTER_SOON, _AFTER_LATE, _AFTER_NONE = 4.0, 1.1, 16.0, 0.95, 1.05, 1.3
 _SOON = 0.25  # of a round
-_NEAR, _WIDTH, _LEAST_WIDTH, _MOST_WIDTH, _NARROWER, _WIDER = 0.8, 4.0, 0.02, 64.0, 0.8, 1.15
+_NEAR, _WIDTH, _LEAST_WIDTH, _MOST_WIDTH, _NARROWER, _WIDER = 0.8, 4.0, 0.02, 64.0, 0.75, 1.1
+_OF_USED, _LEAST_NEAR, _WEIGHT, _LONGER = 2.0, 500, 0.3, 1.3
 _JITTER = 0.5  # of the width, in its logarithm
 _STREAM = 2
 _EXACT_EVERY = 32  # rounds; one of these is bounded by the best length itself
@@ -96,18 +98,18 @@ def aorrtc(
         InvalidValueError: The path has another number of coordinates, an option is not allowed, or the
             checker answers in a wrong shape.
     """
-    load_code(plant, grow, shorten)
+    load_code(first_path, grow, shorten)
     deadline = Deadline(timeout)
     seed, gap = whole_number("seed", seed), _checked_gap(gap)
     most = _UNLIMITED if max_iterations is None else whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
     task = problem if path is None else _from_path(problem, path)
-    counters = new_counters()
-    with machine_code_of(task, deadline, counters=counters) as code:
-        search = Search(task, code, counters, seed, step)
+    trees = take_trees(task.n)
+    with machine_code_of(task, deadline, counters=trees.counters) as code:
+        search = Search(task, code, trees, seed, step)
         run = _Run(task, search, deadline, seed, gap)
         if path is None:
-            status = search.run(GoalSource(task, seed), deadline, most)
+            status = search.run(deadline, most)
             if status is not Status.SOLVED:
                 return search.result(status, deadline, seed)
             run.begin(*search.path())
@@ -182,12 +184,13 @@ class _Run:
 
     Short-cuts save most of a new path, but seldom lead from one way around to another, so nearly all rounds
     search with no bound or a generous one.  Four in five draw samples near the straight line, from the
-    ellipsoid of the states through which paths up to a length lead (never less than the best length).  It
-    becomes narrower where a round finds a path and wider where it does not, so that what is found lies as
-    near to the straight line as the time of a round allows.  The others draw from all of the box and bound
-    the path by a multiple of the best length, which falls and rises in the same way.  One in 32 is AORRTC
-    itself: its bound is the best length, and its size follows Luby's sequence.  These make the length tend to
-    that of the shortest path with probability one.
+    ellipsoid of the states through which paths up to a length lead.  It becomes narrower where a round finds
+    a path and wider where it does not, so that what is found lies as near to the straight line as the time of
+    a round allows; it may well be narrower than the best path, since the shortest one may be.  Such a round
+    ends after twice the samples that a path took on average, or most of the time would go into rounds that
+    find none.  The others draw from all of the box and bound the path by a multiple of the best length, which
+    falls and rises in the same way.  One in 32 is AORRTC itself: its bound is the best length, and its size
+    follows Luby's sequence.  These make the length tend to that of the shortest path with probability one.
     """
 
     def __init__(self, problem: Problem, search: Search, deadline: Deadline, seed: int, gap: float) -> None:
@@ -199,6 +202,7 @@ class _Run:
         self._stages: list[_Stage] = []
         self._key = stream_key(seed, _STREAM)
         self._factor, self._width, self._first_gain = _FACTOR, _WIDTH, 0.0
+        self._used = math.inf  # samples that rounds near the straight line took to a path, on average
 
     def begin(self, path: Path, goal: int) -> None:
         """Begin with a path to one of the goals."""
@@ -262,10 +266,20 @@ class _Run:
         return found
 
     def _search_inside(self, size: int, number: int) -> bool:
-        """Search a path near the straight line, in an ellipsoid that adapts; return whether there is one."""
+        """Search a path near the straight line, in an ellipsoid that adapts; return whether there is one.
+
+        Args:
+            size: Greatest number of samples; less where paths take less.
+            number: Of the round, for its random numbers.
+        """
         width = self._width * math.exp(_JITTER * (2.0 * uniform(self._key, 2 * number + 1) - 1.0))
-        inside = max(self.lower_bound * (1.0 + width), self.best.length)
-        found = self._search.below(math.inf, size, self._deadline, inside)
+        self._used = min(self._used, size / _OF_USED)
+        before, most = self._search.samples, int(min(max(_OF_USED * self._used, _LEAST_NEAR), size))
+        found = self._search.below(math.inf, most, self._deadline, self.lower_bound * (1.0 + width))
+        if found:
+            self._used += _WEIGHT * (self._search.samples - before - self._used)
+        else:
+            self._used *= _LONGER
         self._width *= _NARROWER if found else _WIDER
         self._width = min(max(self._width, _LEAST_WIDTH), _MOST_WIDTH)
         return found

@@ -119,7 +119,7 @@ class CompiledMotionValidator:
             or memory.dtype != np.float64
             or memory.ndim != 1
             or memory.size == 0
-            or not (memory.flags.c_contiguous and memory.flags.writeable)
+            or not memory.flags.carray
         ):
             raise InvalidValueError("memory", type(memory), "a writeable float64 array of shape (m,), m >= 1")
         return memory

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -69,6 +68,9 @@ class Problem:
         labels: Names of the n coordinates, for messages; none if omitted.
         metric: The metric, made from the weights.
         goal_sampler: The callable that was given as `goals`; None if goals were given.
+        n: Number of coordinates.
+        extent: Upper bounds less lower bounds, shape (n,).
+        diagonal: Length of the box's diagonal [length unit of the metric].
     """
 
     lower: FloatArray
@@ -81,6 +83,9 @@ class Problem:
     labels: tuple[str, ...] | None = None
     metric: Metric = field(init=False, repr=False)
     goal_sampler: GoalSampler | None = field(init=False, repr=False)
+    n: int = field(init=False, repr=False)
+    extent: FloatArray = field(init=False, repr=False)
+    diagonal: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check and copy all fields.
@@ -110,28 +115,14 @@ class Problem:
         values: dict[str, object] = dict(lower=lower, upper=upper, start=start, goals=goals)
         values["weights"] = metric.weights
         values |= dict(resolution=resolution, labels=labels, metric=metric, goal_sampler=sampler)
+        values |= dict(n=n, diagonal=diagonal, extent=read_only(upper - lower))
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return int(self.lower.size)
 
     @property
     def spacing(self) -> float:
         """The resolution, which is a number once the problem is made [length unit of the metric]."""
         return float(self.resolution)  # type: ignore[arg-type]
-
-    @cached_property
-    def extent(self) -> FloatArray:
-        """Upper bounds less lower bounds, shape (n,)."""
-        return read_only(self.upper - self.lower)
-
-    @cached_property
-    def diagonal(self) -> float:
-        """Length of the box's diagonal [length unit of the metric]."""
-        return float(self.metric.distance(self.lower, self.upper))
 
     def with_validity(self, validity: StateValidityChecker) -> Problem:
         """Return the same problem with another validity of states.

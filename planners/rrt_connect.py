@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from .tree_growth import (
     DIRECT,
     FOUND,
     FULL,
+    GOAL,
     GOAL_SIZE,
     GOING_ON,
     GREW,
@@ -32,14 +34,15 @@ from .tree_growth import (
     START_SIZE,
     TIME_UP,
     TRIED,
+    WAY_POINTS,
     WIDTH,
+    FirstPath,
     Trees,
     diagonal_of,
-    first_round,
+    first_path,
     grow,
     leave_trees,
     narrow,
-    new_counters,
     plant,
     take_trees,
     trace,
@@ -53,6 +56,7 @@ _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, be
 _MOST_SAMPLES = 100_000_000
 _NEAR_ROUND = 1024  # samples of a round in the region that is `WIDTH` straight lines wide; both double
 _FIRST = np.zeros(1, dtype=np.int64)  # the order of a single goal
+_FIRST_POINTS = 256  # way-points for which there is room in machine code
 
 
 def rrt_connect(
@@ -109,14 +113,14 @@ def rrt_connect(
     Raises:
         InvalidValueError: An option is not allowed, or the checker answers in a wrong shape.
     """
-    load_code(first_round)
+    load_code(first_path)
     deadline = Deadline(timeout)
     seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
-    counters = new_counters()
-    with machine_code_of(problem, deadline, counters=counters) as code:
-        search = Search(problem, code, counters, seed, step)
-        status = search.run(GoalSource(problem, seed), deadline, max_iterations)
+    trees = take_trees(problem.n)
+    with machine_code_of(problem, deadline, counters=trees.counters) as code:
+        search = Search(problem, code, trees, seed, step)
+        status = search.run(deadline, max_iterations)
     result = search.ended(status, deadline, seed)
     search.end()
     return result
@@ -126,20 +130,19 @@ class Search:
     """One run: the arrays of the trees, which grow, the goals, and the way back."""
 
     def __init__(
-        self, problem: Problem, code: CompiledMotionValidator, counters: Ints1, seed: int, step: float | None
+        self, problem: Problem, code: CompiledMotionValidator, trees: Trees, seed: int, step: float | None
     ) -> None:
-        n = problem.n
-        self._problem, self._key = problem, stream_key(seed, 0)
+        self._problem, self._seed, self._key, self._trees = problem, seed, stream_key(seed, 0), trees
         self._round, self._round_end, self._width, self._step = 0, 0, WIDTH, step
         self._sizes, self._extents = [0, 0], [0.0, 0.0]  # the largest of the trees of all rounds
         self._space = space_of(
             problem, code, problem.spacing, LONGEST_STEP * problem.diagonal if step is None else step
         )
-        self._trees = take_trees(n, counters)
 
-    def run(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> Status:
+    def run(self, deadline: Deadline, max_iterations: int) -> Status:
         """Search until there is a path, or samples or time run out."""
-        if source.endless:
+        if self._problem.goal_sampler is not None:
+            source = GoalSource(self._problem, self._seed)
             ended = self.plant(self._problem.goals, 0, deadline)
             if ended == GOING_ON:
                 self._width = math.inf  # goals may be drawn anywhere
@@ -154,20 +157,21 @@ class Search:
             if counters[GOAL_SIZE] == 0:
                 return Status.GOAL_INVALID
             if counters[ITERATIONS]:
-                return self.resumed(self._trees, deadline, max_iterations)
+                return self.resumed(deadline, max_iterations)
             ended = self.grow(max_iterations, deadline)
         return self._status(ended, False)
 
     def _first_round(self, deadline: Deadline, max_iterations: int) -> int:
         """Plant both trees and let them grow as far as machine code goes by itself."""
-        problem = self._problem
+        problem, left = self._problem, deadline.left
         order = self._make_room(problem.goals)
-        left, start, goals = deadline.left, problem.start, problem.goals
-        return first_round(self._space, self._trees, left, start, goals, order, self._key, max_iterations)
+        path = FirstPath(problem.start, problem.goals, order, *_first_room(problem.n))
+        ended: int = first_path.native(self._space, self._trees, left, path, self._key, max_iterations)
+        return ended
 
-    def resumed(self, trees: Trees, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Status:
+    def resumed(self, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Status:
         """Go on with trees that `first_round` has planted and grown."""
-        self._trees, self._round, self._round_end, self._width = trees, 1, ROUND, math.inf
+        self._round, self._round_end, self._width = 1, ROUND, math.inf
         return self._status(self.grow(max_iterations, deadline), False)
 
     def _status(self, ended: int, endless: bool) -> Status:
@@ -347,7 +351,7 @@ class Search:
     def _forget_nodes(self) -> None:
         """Forget all nodes but the roots."""
         trees = self._trees
-        trees.counters[DIRECT] = 0
+        trees.counters[DIRECT] = trees.counters[WAY_POINTS] = 0
         for side in range(2):
             size = int(trees.counters[START_SIZE + side])
             roots = np.flatnonzero(trees.parents[side, :size] < 0)
@@ -379,7 +383,12 @@ class Search:
 
     def path(self) -> tuple[Path, int]:
         """Return the path along which the trees have met, and its goal."""
-        trees, count = self._trees, way_point_count(self._trees)
+        trees, count = self._trees, int(self._trees.counters[WAY_POINTS])
+        if count:
+            points, lengths = _first_room(self._problem.n)
+            goal = int(trees.counters[GOAL])
+            return Path.trusted(points[:count].copy(), self._problem.metric, lengths[:count].copy()), goal
+        count = way_point_count(trees)
         points, lengths = np.empty((count, self._problem.n)), np.empty(count)
         goal = trace(self._space, trees, points, lengths)
         return Path.trusted(points, self._problem.metric, lengths), goal
@@ -409,3 +418,21 @@ class Search:
             ended = self.grow(iterations, deadline)
             if ended != GOING_ON or iterations == max_iterations:
                 return ended
+
+
+class _FirstRooms(threading.local):
+    """Of each thread, the room for way-points of n coordinates and for lengths."""
+
+    def __init__(self) -> None:
+        self.of: dict[int, tuple[FloatArray, FloatArray]] = {}
+
+
+_first_rooms = _FirstRooms()
+
+
+def _first_room(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return this thread's room for the way-points that a first round finds, and for their lengths."""
+    room = _first_rooms.of.get(n)
+    if room is None:
+        room = _first_rooms.of[n] = np.empty((_FIRST_POINTS, n)), np.empty(_FIRST_POINTS)
+    return room

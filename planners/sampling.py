@@ -36,6 +36,7 @@ def uniform(key: np.uint64, number: int) -> float:
 
 
 @lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def stream_key(seed: int, stream: int) -> np.uint64:
     """Return the key of one of several streams of a seed, so that neighboring seeds share no numbers."""
     value = _mixed(stream + 1)

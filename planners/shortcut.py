@@ -41,8 +41,8 @@ _INSIDE = 1.0 - 1e-12  # of the box's extent, for rounding
 DONE, TIME_UP, FULL = range(3)
 
 # Places in `counters`, after those of the validity function.
-ITERATIONS, SIZE = STOP + 1, STOP + 2
-_COUNTERS = SIZE + 1
+ITERATIONS, SIZE, GAINED = STOP + 1, STOP + 2, STOP + 3
+_COUNTERS = GAINED + 1
 
 
 class Polyline(NamedTuple):
@@ -134,7 +134,8 @@ def shortcut(
             if ended == FULL:
                 size = int(counters[SIZE])
                 line = new_polyline(grown(line.points[:size], size + max(size, _SPARE)), counters)
-            ended = shorten(space, line, deadline.time_slice, float(least_gain), key, iterations, detours)
+            seconds = deadline.time_slice
+            ended = shorten(space, line, seconds, float(least_gain), key, iterations, iterations, detours)
     return Path.trusted(line.points[: counters[SIZE]].copy(), problem.metric)
 
 
@@ -341,7 +342,7 @@ def skip_ahead(space: SearchSpace, line: Polyline) -> None:
         k += 1
 
 
-@compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64, boolean)")
+@compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64, int64, boolean)")
 def shorten(
     space: SearchSpace,
     line: Polyline,
@@ -349,6 +350,7 @@ def shorten(
     least_gain: float,
     key: np.uint64,
     iterations: int,
+    patience: int,
     detours: bool,
 ) -> int:
     """Shorten a polyline in place by random short-cuts; see `shortcut`.
@@ -360,6 +362,7 @@ def shorten(
         least_gain: What a short-cut has to save, as a part of the length.
         key: Of the stream of random numbers.
         iterations: Attempts in all, those of earlier calls included.
+        patience: Attempts in a row without a gain after which it ends.
         detours: Whether to go over other states and to contract along directions, in place of single
             coordinates.
 
@@ -371,7 +374,7 @@ def shorten(
     end, along, n = seconds_now(space.clock, clock_room) + seconds, lengths[0], weights.size
     last = _DRAWS + 2 * n + 1
     draws = last + 2 if detours else _DRAWS
-    while counters[ITERATIONS] < iterations and counters[SIZE] > 2:
+    while counters[ITERATIONS] < min(iterations, counters[GAINED] + patience) and counters[SIZE] > 2:
         size = counters[SIZE]
         if counters[STOP] != 0 or seconds_now(space.clock, clock_room) >= end:
             return TIME_UP
@@ -421,4 +424,5 @@ def shorten(
             size = _replace(points, size, before, after, piece, count)
             measure(points, size, weights, along)
             counters[SIZE] = drop_flat(points, size, weights, FLAT * along[size - 1])
+            counters[GAINED] = counters[ITERATIONS]
     return DONE

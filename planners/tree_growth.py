@@ -33,7 +33,8 @@ GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
 ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT, DRAWN = range(STOP + 1, STOP + 9)
 TRIED, GREW = DRAWN + 1, DRAWN + 3  # samples and extensions, of each tree
 MOMENT = GREW + 2  # two numbers of the clock
-_COUNTERS = MOMENT + 2
+WAY_POINTS, GOAL = MOMENT + 2, MOMENT + 3  # of the path that `first_path` wrote, and the goal it leads to
+_COUNTERS = GOAL + 1
 
 # Rows of `rows`; the last one is two.
 SAMPLE, ORIGIN, TARGET, SCALED, SHIFTED = range(5)
@@ -69,16 +70,12 @@ class Trees(NamedTuple):
     within: float
 
 
-def new_counters() -> Ints1:
-    """Return the counters of a search that begins."""
-    return np.zeros(_COUNTERS, dtype=np.int64)
-
-
-def take_trees(n: int, counters: Ints1) -> Trees:
+def take_trees(n: int) -> Trees:
     """Return trees of states of n coordinates, without nodes, in the room that this thread left last."""
-    kept: Trees | None = _left.__dict__.pop(f"of {n}", None)
+    kept: Trees | None = _left.trees.pop(n, None)
     if kept is not None:
-        return Trees(*kept[:7], counters, math.inf, math.inf)
+        kept.counters.fill(0)
+        return kept
     return Trees(
         states=np.empty((2, _FIRST_CAPACITY, n)),
         lanes=np.empty((2, _FIRST_CAPACITY // LANES, n, LANES)),
@@ -87,7 +84,7 @@ def take_trees(n: int, counters: Ints1) -> Trees:
         costs=np.empty((2, _FIRST_CAPACITY)),
         rows=np.empty((_ROWS, n)),
         room=np.empty(LANES),
-        counters=counters,
+        counters=np.zeros(_COUNTERS, dtype=np.int64),
         bound=math.inf,
         within=math.inf,
     )
@@ -96,7 +93,9 @@ def take_trees(n: int, counters: Ints1) -> Trees:
 def leave_trees(trees: Trees) -> None:
     """Leave the room of trees to a later search of this thread."""
     if trees.states.shape[1] <= _MOST_KEPT:
-        _left.__dict__[f"of {trees.states.shape[2]}"] = trees
+        if trees.bound < math.inf or trees.within < math.inf:
+            trees = trees._replace(bound=math.inf, within=math.inf)
+        _left.trees[trees.states.shape[2]] = trees
 
 
 def with_room(trees: Trees, capacity: int) -> Trees:
@@ -111,7 +110,14 @@ def with_room(trees: Trees, capacity: int) -> Trees:
     )
 
 
-_left = threading.local()
+class _Left(threading.local):
+    """The trees that each thread has left, by the number of coordinates."""
+
+    def __init__(self) -> None:
+        self.trees: dict[int, Trees] = {}
+
+
+_left = _Left()
 
 
 @compiled("int64(Trees)", lean=True)
@@ -489,3 +495,49 @@ def first_round(
         return GOING_ON
     left = end - seconds_now(space.clock, place)
     return grow(space, trees, min(left, TIME_SLICE), key, min(iterations, ROUND))
+
+
+class FirstPath(NamedTuple):
+    """The ends of a search, and room for the path that its first round may find.
+
+    Attributes:
+        start: Shape (n,).
+        goals: Shape (k, n).
+        order: Goals in the order in which they are tried, shape (k,).
+        points: Room for way-points, shape (m, n).
+        lengths: Room for the length of the path up to each, shape (m,) [length unit of the metric].
+    """
+
+    start: Floats1
+    goals: Floats2
+    order: Ints1
+    points: Floats2
+    lengths: Floats1
+
+
+@compiled("int64(SearchSpace, Trees, float64, FirstPath, uint64, int64)", lean=True)
+def first_path(
+    space: SearchSpace, trees: Trees, seconds: float, path: FirstPath, key: np.uint64, iterations: int
+) -> int:
+    """Run `first_round`; write the path that it finds, where there is room for it.
+
+    Args:
+        space: Box, metric and validity.
+        trees: The trees, without nodes; counters[WAY_POINTS] and counters[GOAL] receive the number of
+            way-points that were written and that of the goal.
+        seconds: Time budget [s].
+        path: The ends, and room for the path.
+        key: Of the stream of random numbers.
+        iterations: Greatest number of samples.
+
+    Returns:
+        What `first_round` returns.
+    """
+    counters = trees.counters
+    ended = first_round(space, trees, seconds, path.start, path.goals, path.order, key, iterations)
+    if ended == FOUND:
+        count = way_point_count(trees)
+        if count <= path.lengths.size:
+            counters[WAY_POINTS] = count
+            counters[GOAL] = trace(space, trees, path.points[:count], path.lengths[:count])
+    return ended

@@ -1,18 +1,20 @@
 """Dynamics: torques, accelerations, mass, momentum, energy and balance.
 
-inverse_dynamics, gravity_torque          torques of a motion, and of rest
-forward_dynamics                          accelerations of torques
-inverse_dynamics_derivatives, InverseDynamicsDerivatives
-forward_dynamics_derivatives, ForwardDynamicsDerivatives
-newton_euler                              the same as inverse_dynamics, by other code
-external_torque, joint_friction           torques of forces at frames, and of friction
-mass_matrix, inverse_mass_matrix, coriolis_matrix, total_mass
-regressor, inertial_parameters            torques as a linear function of the inertial parameters
-kinetic_energy, potential_energy
-center_of_mass, center_of_mass_jacobian
-centroidal_momentum, centroidal_map
-base_wrench, zero_moment_point            what the floor carries, and where
-tip_over_margin, WHEEL_CONTACTS           distance of that point from the edges of the wheels' triangle
+    inverse_dynamics, gravity_torque          torques of a motion, and of rest
+    forward_dynamics                          accelerations of torques
+    inverse_dynamics_derivatives, InverseDynamicsDerivatives
+    forward_dynamics_derivatives, ForwardDynamicsDerivatives
+    newton_euler                              the same as inverse_dynamics, by other code
+    external_torque, joint_friction           torques of forces at frames, and of friction
+    mass_matrix, inverse_mass_matrix, coriolis_matrix, total_mass
+    regressor, inertial_parameters            torques as a linear function of the inertial parameters
+    kinetic_energy, potential_energy
+    center_of_mass, center_of_mass_jacobian
+    centroidal_momentum, centroidal_map
+    base_wrench, zero_moment_point            what the floor carries, and where
+    tip_over_margin, WHEEL_CONTACTS           distance of that point from the edges of the wheels' triangle
+
+Vectors q, v, a and tau have shape (..., n); spatial vectors are linear first.
 """
 
 from pepper_kin.dynamics.base_wrench import base_wrench

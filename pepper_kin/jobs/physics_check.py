@@ -100,13 +100,13 @@ class PhysicsCheck:
 
     Attributes:
         robot: Name of the robot.
-        seconds: Length of each scenario [s].
+        duration: Length of each scenario [s].
         engine: Name and version of the other engine.
         rows: The scenarios.
     """
 
     robot: str
-    seconds: float
+    duration: float
     engine: str
     rows: tuple[PhysicsRow, ...]
 
@@ -127,12 +127,12 @@ class PhysicsCheck:
         ]  # fmt: skip
         return "\n".join(
             [
-                f"{self.robot} beside {self.engine}: largest difference of a joint after {self.seconds:g} s "
+                f"{self.robot} beside {self.engine}: largest difference of a joint after {self.duration:g} s "
                 "[rad or m], same model, gains and inputs",
                 *text_table(head, rows),
                 "Both engines are of first order: differences shrink with the timestep. Stops and contacts "
                 "are off in both.",
-                f"Limit {LIMIT:g} after {self.seconds:g} s with the smallest timestep: "
+                f"Limit {LIMIT:g} after {self.duration:g} s with the smallest timestep: "
                 + ("all within." if self.success else "BEYOND, or not shrinking."),
             ]
         )
@@ -149,7 +149,7 @@ class PhysicsCheck:
             for row in self.rows
         ]  # fmt: skip
         return {
-            "success": self.success, "robot": self.robot, "seconds": self.seconds, "engine": self.engine,
+            "success": self.success, "robot": self.robot, "duration": self.duration, "engine": self.engine,
             "limit": LIMIT, "rows": rows,
         }  # fmt: skip
 
@@ -158,7 +158,7 @@ def check_physics(
     pepper: PepperModel | None = None,
     *,
     timesteps: Sequence[float] = TIMESTEPS,
-    seconds: float = SECONDS,
+    duration: float = SECONDS,
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> PhysicsCheck:
@@ -171,7 +171,7 @@ def check_physics(
     Args:
         pepper: Pepper; `load_pepper()` if omitted.
         timesteps: At least two, in seconds.
-        seconds: Length of each scenario [s].
+        duration: Length of each scenario [s].
         seed: Of the start of the free swing.
         progress: Called with the number of scenarios done and of all.
 
@@ -195,13 +195,13 @@ def check_physics(
         raise InvalidValueError("timesteps", len(steps), "at least two")
     pepper = load_pepper() if pepper is None else pepper
     model = mujoco.MjModel.from_xml_string(pepper.export("mjcf"))
-    check_positive("seconds", seconds, "s")
+    check_positive("duration", duration, "s")
     motions, rows = _motions(pepper, seed), []
     for index, motion in enumerate(motions):
         progress(index, len(motions))
-        rows.append(_compare(pepper, model, motion, steps, seconds))
+        rows.append(_compare(pepper, model, motion, steps, duration))
     progress(len(motions), len(motions))
-    return PhysicsCheck(pepper.name, seconds, f"MuJoCo {mujoco.__version__}", tuple(rows))
+    return PhysicsCheck(pepper.name, duration, f"MuJoCo {mujoco.__version__}", tuple(rows))
 
 
 def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
@@ -231,11 +231,11 @@ def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
 
 
 def _compare(
-    pepper: PepperModel, model: Any, motion: Motion, steps: tuple[float, ...], seconds: float
+    pepper: PepperModel, model: Any, motion: Motion, steps: tuple[float, ...], duration: float
 ) -> PhysicsRow:
     ends, greatest, moved = [], [], 0.0
     for h in steps:
-        count = round(seconds / h)
+        count = round(duration / h)
         time: Array = h * np.arange(1, count + 1, dtype=float)
         q_ref, v_ref = motion.reference(time)
         ours = _ours(pepper, motion, h, q_ref, v_ref)

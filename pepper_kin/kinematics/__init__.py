@@ -1,11 +1,13 @@
 """Forward kinematics: poses, velocities, accelerations and Jacobians of frames, and maps of reach.
 
-frame_pose, frame_poses, link_poses       homogeneous transforms, shape (..., 4, 4)
-frame_velocity, frame_acceleration        linear first, then angular, shape (..., 6)
-frame_jacobian, frame_jacobian_rate       shape (..., 6, n)
-manipulability                            how well a frame moves, and its worst direction
-named_axes, NamedAxis                     axes of palms, cameras and sensors, by name
-reach_map, ReachMap                       which points of space a frame reaches
+    frame_pose, frame_poses, link_poses       homogeneous transforms, shape (..., 4, 4)
+    frame_velocity, frame_acceleration        linear first, then angular, shape (..., 6)
+    frame_jacobian, frame_jacobian_rate       shape (..., 6, n)
+    manipulability                            how well a frame moves, and its worst direction
+    named_axes, NamedAxis                     axes of palms, cameras and sensors, by name
+    reach_map, ReachMap                       which points of space a frame reaches
+
+Functions of joint vectors take shape (..., n); frames are named as in `pepper.frame_names`.
 """
 
 from pepper_kin.kinematics.axes import NamedAxis, named_axes

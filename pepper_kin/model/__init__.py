@@ -1,4 +1,17 @@
-"""The robot's description: loading, joint groups, postures, limits, shapes, exports and checks."""
+"""The robot's description: loading, joint groups, postures, limits, shapes, exports and checks.
+
+    load_pepper, load_robot, PepperModel      a frozen robot; pepper_urdf is the text of Pepper's description
+    Semantics, Wheels                         groups, postures and allowed contacts; a base that drives
+    pose, rotation_from_rpy, rpy_from_rotation, rotation_from_quaternion, quaternion_from_rotation
+    Box, Sphere, Capsule, Cylinder, Mesh      geometries, together `Geometry`; Shape: one on a link
+    export, FORMATS, mesh_files               URDF, SRDF, SDF and MJCF
+    audit, Audit, Fault                       what is wrong in any URDF
+    compare, Comparison, Difference           what two URDFs have not in common
+    limits_table, LimitsTable, LimitRow       joint limits beside those of the paper
+    robot_digest, RobotMemory, kept_while_private     for caches of what belongs to a robot
+
+A `PepperModel` is a value: what changes it returns another one.
+"""
 
 from __future__ import annotations
 

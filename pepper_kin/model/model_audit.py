@@ -45,7 +45,7 @@ class Audit:
     notes: tuple[Fault, ...]
 
     @property
-    def ok(self) -> bool:
+    def success(self) -> bool:
         """Whether there is no fault."""
         return not self.faults
 
@@ -55,7 +55,7 @@ class Audit:
 
     def to_dict(self) -> dict[str, object]:
         """Return everything as plain values for JSON."""
-        return {"ok": self.ok, **asdict(self)}
+        return {"success": self.success, **asdict(self)}
 
     def report(self) -> str:
         """Return the tables and the faults as text."""

@@ -1,16 +1,18 @@
 """Motion planning: collision-free paths, optimized motions, and gestures.
 
-plan, Plan, PlanStatus                    start + goal + scene -> path
-plan_batch, PlanProblem, PlanBatch        many problems on all cores
-plan_constrained, manifold_of             with IK tasks met along the whole path
-plan_costed, PathCost, CostAlong          with soft costs
-plan_legs, Leg, PlanInLegs                constraints on a part of the way
-validate, Validation, ValidationStatus    a path from elsewhere, examined
-simplify_path, interpolate_path
-cartesian_path, CartesianPath, CartesianStatus, HandCurve, Line, Arc   a hand along lines and arcs
-optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
-minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
-gesture, gesture_names, gesture_meaning
+    plan, Plan, PlanStatus                    start + goal + scene -> path
+    plan_batch, PlanProblem, PlanBatch        many problems on all cores
+    plan_constrained, manifold_of             with IK tasks met along the whole path
+    plan_costed, PathCost, CostAlong          with soft costs
+    plan_legs, Leg, PlanInLegs                constraints on a part of the way
+    validate, Validation, ValidationStatus    a path from elsewhere, examined
+    simplify_path, interpolate_path
+    cartesian_path, CartesianPath, CartesianStatus, HandCurve, Line, Arc   a hand along lines and arcs
+    optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
+    minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
+    gesture, gesture_names, gesture_meaning
+
+Where nothing is found, `status` and `message` tell why, and `report()` says what to try.
 """
 
 from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch

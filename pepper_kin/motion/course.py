@@ -16,6 +16,7 @@ from pepper_kin.planners.rejoin import Route, shortest_end
 from pepper_kin.planners.search_space import SearchSpace
 from pepper_kin.planners.shortcut import (
     FLAT,
+    GAINED,
     ITERATIONS,
     SIZE,
     TIME_UP,
@@ -45,8 +46,9 @@ Array = NDArray[np.float64]
 SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01
 """Short-cuts tried before other goals are, what each has to save, and what another goal has to, as parts of
 the length."""
-SHORTCUTS, LEAST_GAIN = 120, 0.005
-"""Short-cuts tried on the way that is rounded, and what each has to save as a part of the length."""
+SHORTCUTS, PATIENCE, LEAST_GAIN = 120, 60, 0.005
+"""Short-cuts tried on the way that is rounded, after how many in a row without a gain no more are, and what
+each has to save as a part of the length."""
 FEWEST, MOST = 6, 48
 """Pieces of a path that is rounded everywhere alike: as many, doubled until it is clear, up to the most."""
 
@@ -137,7 +139,7 @@ def _begin_shortening(course: Course, size: int) -> None:
     """Get the first points of `line` ready to be shortened."""
     line, weights = course.line, course.space.weights
     measure(line.points, size, weights, line.lengths[0])
-    line.counters[ITERATIONS] = 0
+    line.counters[ITERATIONS] = line.counters[GAINED] = 0
     line.counters[SIZE] = drop_flat(line.points, size, weights, FLAT * line.lengths[0, size - 1])
 
 
@@ -146,7 +148,7 @@ def _compare_goals(course: Course, seconds: float, key: np.uint64) -> None:
     """Let the path end at another goal where that makes it shorter; see `rejoin`."""
     line, space, size = course.line, course.space, course.line.counters[SIZE]
     _begin_shortening(course, size)
-    shorten(space, line, seconds, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, False)
+    shorten(space, line, seconds, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, SHORTCUTS_TO_COMPARE, False)
     size = line.counters[SIZE]
     measure(line.points, size, space.weights, line.lengths[0])
     order, tried = course.order, 0
@@ -243,7 +245,7 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
         skip_ahead(course.space, line)
         progress[STAGE] = SHORTEN
     if progress[STAGE] == SHORTEN:
-        ended = shorten(course.space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, False)
+        ended = shorten(course.space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, PATIENCE, False)
         if ended == TIME_UP:
             return OUT_OF_TIME
         if ended == LINE_FULL:

@@ -46,7 +46,7 @@ from pepper_kin.planners.search_space import CALLS, STATES, SearchSpace
 from pepper_kin.planners.shortcut import SIZE, STREAM, Polyline, new_polyline
 from pepper_kin.planners.tree import grown
 from pepper_kin.planners.tree_growth import ITERATIONS as SAMPLES
-from pepper_kin.planners.tree_growth import Trees, new_counters, take_trees, with_room
+from pepper_kin.planners.tree_growth import Trees, take_trees, with_room
 from pepper_kin.trajectory.path import known_path
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def _rooms(n: int, k: int) -> Iterator[_Rooms]:
     if rooms is None:
         line = new_polyline(np.empty((_POINTS, k)))
         spline = np.empty((MOST + 1, n)), np.empty(MOST + 1), np.empty((MOST, 4, n))
-        trees = take_trees(k, new_counters())
+        trees = take_trees(k)
         if trees.states.shape[1] < _NODES:
             trees = with_room(trees, _NODES)
         rooms = _Rooms(trees, line, np.empty((_POINTS, k)), *spline)
@@ -211,7 +211,7 @@ class Pipeline:
         """Return the result of the search."""
         counters, points = course.trees.counters, course.found[: course.progress[FOUND_SIZE]].copy()
         path = planners.Path.trusted(points, self._room.metric)
-        return planners.Result(
+        return planners.Result.trusted(
             status=planners.Status.SOLVED,
             path=path,
             goal_index=int(course.progress[GOAL]),
@@ -230,8 +230,8 @@ class Pipeline:
             return planners.rrt_connect(problem, seed=self._seed, timeout=max(self._deadline.left, 1e-3))
         counters, deadline = course.trees.counters, self._deadline
         with machine_code_of(problem, deadline, counters=counters) as code:
-            search = Search(problem, code, counters, self._seed, None)
-            status = search.resumed(course.trees, deadline)
+            search = Search(problem, code, course.trees, self._seed, None)
+            status = search.resumed(deadline)
         return search.ended(status, deadline, self._seed)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,8 +46,9 @@ ROOM_ALONG = ROOM_TO_MOVE / 2
 LONGEST_ARM = 0.5
 """How far from the center of mass inverse kinematics takes a load to be [m]."""
 
-LEAST_STEP = 0.0005
-"""Shortest distance that a point of the body moves between states of a curve that are looked at [m]."""
+LEAST_STEP, LONGEST_STEP = 0.0005, 0.1
+"""Shortest and longest distance that a point of the body moves between states of a curve of which is asked
+whether they can be held [m]."""
 
 _WRENCH = [2, 3, 4]  # of the floor's wrench: the force along z, and the moments about x and y
 _GRAVITY = 9.81  # [m/s^2]
@@ -142,16 +143,16 @@ class StaticLimits:
 
         Where no mass moves farther than d, the torque of a joint that turns changes by at most g m d, with m
         the mass that it carries, and the center of mass by at most d.  Half a step from a state to the next
-        thus uses up no more than the share of the effort, and of the distance, that is kept unused.
+        thus uses up no more than the share of the effort, and of the distance, that is kept unused.  Of the
+        robot alone, steps are no shorter than those of its examination.
         """
-        if self.balance is None and not self.payload:
-            return LONGEST
         spare = (1.0 - TORQUE_SHARE) * self.pepper.effort_limits
         carried = _GRAVITY * np.maximum(self._carried_masses(), 1e-9)
         most = 2.0 * float((spare / carried).min(initial=np.inf))
         if self.balance is not None:
             most = min(most, ROOM_TO_MOVE)
-        return min(max(most, LEAST_STEP), LONGEST)
+        least = LONGEST if self.balance is None and not self.payload else LEAST_STEP
+        return min(max(most, least), LONGEST_STEP)
 
     def torque(self, q: Array) -> Array:
         """Return what holds a posture, shape (n,), still, by Pinocchio [N m or N], shape (n,)."""
@@ -246,7 +247,13 @@ def static_limits(
         InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.
         UnknownNameError: for a frame that the robot lacks.
     """
-    return StaticLimits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
+    return _kept_limits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
+
+
+@lru_cache(maxsize=64)
+def _kept_limits(pepper: PepperModel, balance: float | None, payload: AtFrames) -> StaticLimits:
+    """Return the limits, which are made once."""
+    return StaticLimits(pepper, balance, payload)
 
 
 def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> casadi.Function:

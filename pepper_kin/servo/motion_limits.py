@@ -17,14 +17,17 @@ INSIDE = 1e-9
 
 
 def motion_limits(
-    pepper: PepperModel, locked: str | Iterable[str] = (), speed: float = 1.0, acceleration_scale: float = 1.0
+    pepper: PepperModel,
+    locked: str | Iterable[str] = (),
+    velocity_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
 ) -> JointLimits:
     """Return a robot's limits, or a share of them.
 
     Args:
         pepper: The robot.
         locked: Joints and groups that keep still.
-        speed: Share of the velocity limits, above 0 and up to 1.
+        velocity_scale: Share of the velocity limits, above 0 and up to 1.
         acceleration_scale: Share of the acceleration limits, above 0 and up to 1.
 
     Raises:
@@ -39,7 +42,7 @@ def motion_limits(
     return JointLimits(
         lower=read_only(pepper.lower_limits + INSIDE),
         upper=read_only(pepper.upper_limits - INSIDE),
-        velocity=read_only(velocity * _share("speed", speed) * (1 - INSIDE)),
+        velocity=read_only(velocity * _share("velocity_scale", velocity_scale) * (1 - INSIDE)),
         acceleration=read_only(
             acceleration * _share("acceleration_scale", acceleration_scale) * (1 - INSIDE)
         ),

@@ -63,7 +63,7 @@ class Servo:
         locked: Joints and groups that keep still.
         balance: Distance that zero-moment point and capture point keep inside the wheels' triangle [m]; None
             leaves balance out.
-        speed: Share of the velocity limits to use, up to 1.
+        velocity_scale: Share of the velocity limits to use, up to 1.
         acceleration_scale: Share of the acceleration limits to use, up to 1.
         singularity: Hand (or gaze) motion slows down where a radian of joint motion moves it by less than
             this [m or rad].
@@ -88,7 +88,7 @@ class Servo:
         gain: float | None = None,
         locked: str | Iterable[str] = (),
         balance: float | None = None,
-        speed: float = 1.0,
+        velocity_scale: float = 1.0,
         acceleration_scale: float = 1.0,
         singularity: float = 0.05,
         approach: float = 4.0,
@@ -105,7 +105,7 @@ class Servo:
         self._margin = check_positive("margin", margin, "[m]")
         self._approach = check_positive("approach", approach, "[1/s]")
         gain = min(GAIN, GAIN_PER_TICK * self.rate) if gain is None else check_positive("gain", gain, "[1/s]")
-        limits = motion_limits(pepper, locked, speed, acceleration_scale)
+        limits = motion_limits(pepper, locked, velocity_scale, acceleration_scale)
         dearness = motion_scale(pepper, self._q)
         self._pace = Pace(
             min(gain, self.rate), check_positive("singularity", singularity, "[m]"), dt, limits, dearness

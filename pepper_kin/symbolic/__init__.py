@@ -7,8 +7,17 @@
     hand = symbolic.frame_pose(pepper, "LArm_effector")  # q -> 4 x 4
 
 Each takes a robot and names, and returns a `casadi.Function` of column vectors, built once for each robot.
-The model's constants are folded in and what is always zero is a structural zero.  `function(pepper, name)`
-looks one up by name.
+The model's constants are folded in and what is always zero is a structural zero.
+
+    frame_pose, frame_poses, frame_velocity, frame_acceleration, frame_jacobian, frame_jacobian_rate
+    inverse_dynamics, gravity_torque, forward_dynamics
+    inverse_dynamics_derivatives, forward_dynamics_derivatives
+    mass_matrix, inverse_mass_matrix, coriolis_matrix, regressor, kinetic_energy, potential_energy
+    center_of_mass, center_of_mass_jacobian, centroidal_momentum, centroidal_map
+    base_wrench, zero_moment_point
+    function, QUANTITIES                      any of them by name
+
+They have the names of the functions of `kinematics` and `dynamics` whose expressions they are.
 """
 
 from pepper_kin.symbolic.balance import base_wrench, zero_moment_point

@@ -413,8 +413,6 @@ def test_the_example_of_the_page_runs():
     place = names["place"]
     assert names["result"].success
     np.testing.assert_allclose(hand(place.q[0])[:3, 3], in_base(place, names["cup"]), atol=1e-3)
-    for status in PlacementStatus:
-        assert f"| `{status.value}` |" in page
     for term in ("limit_margin", "manipulability", "clearance", "travel"):
         assert f"| `{term}` |" in page
 

@@ -12,9 +12,9 @@ ROOMS = [
     pk,
     *(getattr(pk, package) for package in ("ik", "kinematics", "dynamics", "collision", "motion", "twin")),
 ]
-ROOMS += [pk.planners]
+ROOMS += [pk.planners, pk.servo]
 VALUES = {"pepper": pk.PepperModel, "scene": pk.Scene, "trajectory": pk.Trajectory, "World": World}
-VALUES["plan"] = pk.motion.Plan
+VALUES |= {"plan": pk.motion.Plan, "Servo": pk.servo.Servo}
 
 
 def test_every_status_stands_on_the_page_with_its_advice(monkeypatch):

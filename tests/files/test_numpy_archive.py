@@ -51,7 +51,7 @@ def test_what_is_cut_short_names_the_file(tmp_path: Path, cut: int) -> None:
     with pytest.raises(FileFormatError, match=r"cut\.npz"):
         read_arrays(path)
     with pytest.raises(FileFormatError, match=r"cut\.npz"):
-        pk.trajectory.load(path)
+        pk.files.load(path)
 
 
 def test_bytes_are_decompressed_within_a_limit() -> None:

@@ -41,7 +41,7 @@ def test_a_heavier_hand_in_one_engine_would_be_found(monkeypatch):
         return right(pepper, model, motion)
 
     monkeypatch.setattr(physics_check, "_drive", heavier)
-    found = check_physics(timesteps=(1e-3, 5e-4), seconds=0.3)
+    found = check_physics(timesteps=(1e-3, 5e-4), duration=0.3)
     assert not found.success
     assert "BEYOND" in found.report()
 

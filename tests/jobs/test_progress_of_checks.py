@@ -11,7 +11,7 @@ from pepper_kin.model import load_pepper
     ("job", "parts"),
     [
         (lambda tell: check_dynamics(load_pepper(), states=5, progress=tell), 4),
-        (lambda tell: check_physics(timesteps=(4e-3, 2e-3), seconds=0.05, progress=tell), 4),
+        (lambda tell: check_physics(timesteps=(4e-3, 2e-3), duration=0.05, progress=tell), 4),
     ],
     ids=["dynamics", "physics"],
 )

@@ -38,7 +38,7 @@ def in_element(tag, name, old, new, hands="mimic"):
 def test_pepper_has_no_fault(base, hands):
     pepper = pk.load_pepper(base=base, hands=hands)
     result = audit(pepper)
-    assert result.ok, result.report()
+    assert result.success, result.report()
     assert result.total_mass == pytest.approx(28.68118, abs=1e-9)
     assert result.reachable == result.frames == len(pepper.link_names)
     assert (
@@ -222,7 +222,7 @@ PLANTED = [
 )
 def test_planted_fault_is_found_and_named(kind, where, message, text):
     result = audit(text)
-    assert not result.ok
+    assert not result.success
     found = [fault for fault in result.of_kind(kind) if fault.where == where and message in fault.message]
     assert found, result.report()
     assert str(found[0]) in result.report()
@@ -242,7 +242,7 @@ def test_every_fault_of_a_broken_file_is_reported_at_once():
 )
 def test_nothing_crashes_it(text):
     result = audit(text)
-    assert not result.ok
+    assert not result.success
     assert "faults" in result.report()
 
 
@@ -291,7 +291,7 @@ def test_path_and_text_and_robot_give_the_same(tmp_path):
     assert (
         audit(path).to_dict() == audit(path.read_text(encoding="utf-8")).to_dict() == audit(robot).to_dict()
     )
-    assert json.loads(json.dumps(audit(path).to_dict()))["ok"] is True
+    assert json.loads(json.dumps(audit(path).to_dict()))["success"] is True
 
 
 def test_comparison_names_each_difference_with_its_size():

@@ -79,6 +79,36 @@ def test_a_thin_pin_between_coarse_steps_is_found(checks):
     assert not of_left_arm(pinned).is_clear(*segments, REACH, (0.0, 0.0))
 
 
+SLIDER = """<robot name="slider">
+  <link name="rail"/>
+  <link name="block">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin rpy="0 0 0.785398163"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+  </link>
+  <joint name="slide" type="prismatic">
+    <parent link="rail"/><child link="block"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="1000" velocity="1"/>
+  </joint>
+</robot>"""
+
+
+def test_an_edge_that_passes_an_edge_within_a_tenth_of_a_millimeter_is_found(tmp_path):
+    """Edges overlap by 40 um, on 80 um of the way: states half a millimeter apart mostly miss that."""
+    (tmp_path / "slider.urdf").write_text(SLIDER)
+    robot = pk.load_robot(tmp_path / "slider.urdf")
+    spline = as_cubic_path(robot, np.linspace(-0.2, 0.2, 5)[:, None])
+    segments, diagonal = (np.array(spline.breaks), np.array(spline.coefficients)), np.sqrt(0.02)
+    reach, free = np.array(motion_bounds(robot)), np.arange(1)
+    for place in np.arange(12) * 43e-6:
+        for apart, clear in ((-4e-5, False), (4e-5, True)):
+            position = (place, diagonal + apart, 0.0)
+            scene = pk.Scene().add_box("other", (0.1, 0.1, 0.1), position, (0.0, 0.0, np.pi / 4))
+            coal = pk.collision.CollisionChecker(robot, scene)
+            assert coal.in_collision(np.array([[place]]))[0] != clear
+            examiner = Examiner(Checks(robot, scene), np.zeros(1), free)
+            assert examiner.is_clear(*segments, reach, (0.0, 0.0)) == clear
+
+
 def test_no_point_of_the_hand_moves_farther_than_a_step_between_stations():
     spline = next(splines(1))
     segments = np.array(spline.breaks), np.array(spline.coefficients, order="C")

@@ -22,7 +22,7 @@ from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.rrt_connect import Search
 from pepper_kin.planners.sampling import stream_key, within_ellipsoid
 from pepper_kin.planners.search_space import SearchSpace
-from pepper_kin.planners.tree_growth import new_counters
+from pepper_kin.planners.tree_growth import take_trees
 
 
 def box(lower, extent, weights) -> SearchSpace:  # type: ignore[no-untyped-def]
@@ -91,9 +91,9 @@ def test_searches_stay_where_paths_can_be_short(inside: float, toy) -> None:  # 
     """The states of a path lie in the ellipsoid of a length; without one they lie outside, too."""
     problem, shortest = ball_problem(toy, 3)
     assert shortest < 1.1
-    deadline, counters, found, farthest = Deadline(60.0), new_counters(), 0, 0.0
-    with machine_code_of(problem, deadline, counters=counters) as code:
-        search = Search(problem, code, counters, 1, None)
+    deadline, trees, found, farthest = Deadline(60.0), take_trees(problem.n), 0, 0.0
+    with machine_code_of(problem, deadline, counters=trees.counters) as code:
+        search = Search(problem, code, trees, 1, None)
         assert search.begin(deadline)
         for _ in range(20):
             if search.below(np.inf, 2000, deadline, inside):
@@ -118,6 +118,26 @@ def test_other_way_around_is_found(toy) -> None:  # type: ignore[no-untyped-def]
     result = aorrtc(problem, short, max_iterations=6000, timeout=60.0)
     assert result.cost < 1.01 * lower
     assert world.path_free(result.path.points)
+
+
+def test_narrow_way_near_the_straight_line_is_found(toy) -> None:  # type: ignore[no-untyped-def]
+    """Four boxes leave a hole beside the straight line; past their side is a far longer way, easy to find."""
+    n, hole = 4, 0.02
+    low, high = np.full((4, n), -1.0), np.full((4, n), 2.0)
+    low[:, 0], high[:, 0] = 0.4, 0.6
+    high[0, 1] = 0.5
+    low[1, 1], high[1, 1] = 0.5 + hole, 0.85
+    low[2:, 1], high[2:, 1] = 0.5, 0.5 + hole
+    high[2, 2], low[3, 2] = 0.5, 0.5 + hole
+    world, ends = toy.world(low, high), np.full((2, n), 0.5)
+    ends[:, 0] = 0.2, 0.8
+    problem = Problem(np.zeros(n), np.ones(n), *ends, toy.code(world, 0.005), resolution=0.01)
+    past_the_side = 2.0 * np.hypot(0.2, 0.35) + 0.2
+    through_its_middle = 2.0 * np.hypot(0.2, np.hypot(hole, hole) / 2.0) + 0.2
+    for seed in range(3):
+        result = aorrtc(problem, seed=seed, max_iterations=30_000, timeout=60.0)
+        assert result.cost < through_its_middle < 0.7 * past_the_side
+        assert world.path_free(result.path.points)
 
 
 def test_never_longer_and_history_tells_how(toy) -> None:  # type: ignore[no-untyped-def]

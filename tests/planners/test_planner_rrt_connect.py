@@ -349,3 +349,35 @@ def test_a_wall_between_two_halves_shuts_nobody_in(closed_wall, machine_code) ->
     result = rrt_connect(padded(closed_wall, LEFT, RIGHT, machine_code), max_iterations=20_000, timeout=60.0)
     assert result.status is Status.OUT_OF_ITERATIONS
     assert min(result.tree_sizes) > 100
+
+
+@pytest.mark.parametrize("step", [0.3, 0.0025])
+def test_paths_of_any_number_of_way_points_are_whole(step: float) -> None:
+    """Few way-points are traced in the call that finds them, more than it has room for afterwards.
+
+    A dot is in the way of the straight edge, so that the trees meet soon even where steps are short.
+    """
+    dot = np.array([0.5, 0.5])
+    start, goal = np.array([0.1, 0.5]), np.array([0.9, 0.5])
+    problem = Problem(
+        np.zeros(2),
+        np.ones(2),
+        start,
+        goal,
+        lambda q: np.linalg.norm(q - dot, axis=1) > 0.002,
+        resolution=0.001,
+    )
+    for seed in range(3):
+        found = rrt_connect(problem, seed=seed, timeout=60.0, step=step)
+        other = rrt_connect(problem, seed=seed + 10, timeout=60.0, step=step)
+        points = found.path.points
+        assert (len(points) > 300) == (step < 0.01)
+        assert np.array_equal(points[[0, -1]], [start, goal])
+        edges = np.diff(points, axis=0)
+        lengths = np.linalg.norm(edges, axis=1)
+        assert 0.0 < lengths.max() <= step * (1 + 1e-12)
+        nearest = np.clip(((dot - points[:-1]) * edges).sum(axis=1) / lengths**2, 0.0, 1.0)
+        assert np.linalg.norm(points[:-1] + nearest[:, None] * edges - dot, axis=1).min() > 0.0015
+        assert np.allclose(found.path.arc_lengths, np.concatenate([[0.0], lengths.cumsum()]))
+        assert found.goal_index == 0
+        assert not np.array_equal(other.path.points, points)

@@ -1,10 +1,17 @@
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.planners import MotionValidator, Path, Problem, rrt_connect, shortcut
+from pepper_kin.planners.deadline import Deadline
+from pepper_kin.planners.motion_validator import machine_code_of
+from pepper_kin.planners.search_space import space_of
+from pepper_kin.planners.shortcut import SIZE, new_polyline, skip_ahead
 
 ENDS = ([0.1, 0.1], [0.9, 0.15])
 
@@ -178,3 +185,50 @@ def test_detours_never_leave_the_box() -> None:
         short = shortcut(problem, path, seed=seed, iterations=20, timeout=60.0, detours=True)
         assert short.length < path.length
         assert np.all((short.points >= problem.lower) & (short.points <= problem.upper))
+
+
+@pytest.mark.parametrize("name", ["wall", "maze", "discs"])
+def test_skipping_ahead_goes_straight_as_far_as_it_can(name: str, request: pytest.FixtureRequest) -> None:
+    """What is kept, and what was skipped, is looked at by the exact test of whole segments.
+
+    A new edge is free of the obstacles; of the way-points that it could have gone to and that were asked for
+    before, none can be reached straight even past obstacles grown by the margin.
+    """
+    world, margin = request.getfixturevalue(name), 0.007
+    grown = replace(
+        world,
+        box_lower=world.box_lower - margin,
+        box_upper=world.box_upper + margin,
+        radii=world.radii + margin,
+    )
+    skipped = 0
+    for seed in range(6):
+        problem, path = planned(world, seed, margin)
+        points = path.resample(0.04).points
+        line = new_polyline(np.concatenate([points, np.full((5, 2), np.nan)]))
+        line.counters[SIZE] = len(points)
+        with machine_code_of(problem, Deadline()) as code:
+            skip_ahead(space_of(problem, code, problem.spacing), line)
+        kept = line.points[: line.counters[SIZE]]
+        places = [int(np.flatnonzero((points == point).all(axis=1))[0]) for point in kept]
+        assert places[0] == 0
+        assert places[-1] == len(points) - 1
+        assert world.path_free(kept)
+        for here, there in itertools.pairwise(places):
+            asked = len(points) - 1
+            while asked > there:
+                assert not grown.edge_free(points[here], points[asked])
+                asked = here + (asked - here + 1) // 2
+            assert asked == there
+            skipped += there - here - 1
+    assert skipped > 20
+
+
+def test_skipping_ahead_leaves_the_ends_where_nothing_is_in_the_way() -> None:
+    points = np.random.default_rng(0).uniform(0.1, 0.9, (17, 3))
+    problem = Problem(np.zeros(3), np.ones(3), points[0], points[-1], lambda q: np.ones(len(q), bool))
+    line = new_polyline(points.copy())
+    line.counters[SIZE] = len(points)
+    with machine_code_of(problem, Deadline()) as code:
+        skip_ahead(space_of(problem, code, problem.spacing), line)
+    assert np.array_equal(line.points[: line.counters[SIZE]], points[[0, -1]])

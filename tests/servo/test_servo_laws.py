@@ -65,7 +65,7 @@ def test_limits_hold_from_random_postures_and_with_a_share_of_them():
     generator = np.random.default_rng(3)
     for _ in range(3):
         start = generator.uniform(PEPPER.lower_limits, PEPPER.upper_limits)
-        servo = pk.servo.Servo(PEPPER, start, speed=0.5, acceleration_scale=0.4, collisions=False)
+        servo = pk.servo.Servo(PEPPER, start, velocity_scale=0.5, acceleration_scale=0.4, collisions=False)
         path = random_commands(servo, generator, 200)
         assert_limits_hold(PEPPER, path, 0.01)
         assert np.all(np.abs(np.diff(path, axis=0)) * 100 <= 0.5 * PEPPER.velocity_limits)

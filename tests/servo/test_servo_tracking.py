@@ -202,7 +202,7 @@ def test_differential_step_brakes_before_a_limit():
         ({"margin": 0}, "margin: got 0"),
         ({"approach": -2}, "approach: got -2"),
         ({"singularity": 0}, "singularity: got 0"),
-        ({"speed": 1.5}, "speed: got 1.5, expected a share above 0 and up to 1"),
+        ({"velocity_scale": 1.5}, "velocity_scale: got 1.5, expected a share above 0 and up to 1"),
         ({"acceleration_scale": 0}, "acceleration_scale: got 0"),
         ({"balance": float("nan")}, "balance"),
         ({"scene": "table"}, "scene: got 'table'"),
@@ -219,7 +219,7 @@ def test_misuse_is_refused_by_name():
     beyond[3] = 3.0
     with pytest.raises(LimitError, match=r"start: HeadYaw = 3 rad is outside"):
         pk.servo.Servo(PEPPER, beyond, collisions=False)
-    with pytest.raises(InvalidValueError, match="q0: got nan at joint HeadYaw"):
+    with pytest.raises(InvalidValueError, match="start: got nan at joint HeadYaw"):
         pk.servo.Servo(PEPPER, np.where(np.arange(15) == 3, np.nan, STAND), collisions=False)
     with pytest.raises(UnknownNameError, match="unknown joint or group 'Tail'"):
         pk.servo.Servo(PEPPER, STAND, locked=["Tail"], collisions=False)
@@ -236,7 +236,7 @@ def test_misuse_is_refused_by_name():
         servo.set_twist("left", (0, np.nan, 0))
     with pytest.raises(InvalidValueError, match="axes: got 'tool', expected one of 'world', 'hand'"):
         servo.set_twist("left", (0, 0, 0), axes="tool")
-    with pytest.raises(InvalidValueError, match=r"q0: got shape \(2, 15\)"):
+    with pytest.raises(InvalidValueError, match=r"start: got shape \(2, 15\)"):
         pk.servo.Servo(PEPPER, [STAND, STAND], collisions=False)
     with pytest.raises(InvalidValueError, match="dt: got 0"):
         pk.servo.differential_step(

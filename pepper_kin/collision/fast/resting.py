@@ -6,12 +6,10 @@ import math
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin.collision.bodies import world_body
 from pepper_kin.collision.checker import LEVER
 from pepper_kin.collision.fast.prepared import Prepared
-from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.collision.solids import PointCloud
 from pepper_kin.core.collision import layout as at
@@ -28,11 +26,12 @@ def resting_contact(prepared: Prepared, margin: float) -> bool:
         return False
     from pepper_kin.core.collision.narrow_phase import pair_verdict
 
-    structure, gaps = prepared.structure, _gaps(prepared.structure)
+    structure, (gaps, _) = prepared.structure, prepared.structure.gaps
     memory = at.aligned_copy(prepared.memory())
     set_margins(memory, margin, 0.0, LEVER)
+    placed = np.argsort(prepared.scene.order)
     for i, o in structure.resting[gaps <= margin + SURE].tolist():
-        verdict = pair_verdict(memory, i, int(prepared.scene.places[o]))
+        verdict = pair_verdict(memory, i, int(placed[o]))
         if verdict == CONTACT or (verdict == TIE and _collides(structure, i, o, margin)):
             return True
     return False
@@ -40,7 +39,7 @@ def resting_contact(prepared: Prepared, margin: float) -> bool:
 
 def resting_margin(structure: Structure) -> float:
     """Return a margin below which no pair is that never moves against one another [m]; inf without any."""
-    return float(_gaps(structure).min(initial=np.inf)) - SURE
+    return structure.gaps[1] - SURE
 
 
 def resting_distance(structure: Structure) -> float:
@@ -48,7 +47,7 @@ def resting_distance(structure: Structure) -> float:
 
     It is the least of theirs, but for clouds that of their points to the boxes around the robot's solids.
     """
-    gaps, least = _gaps(structure), float("inf")
+    (gaps, _), least = structure.gaps, float("inf")
     for k in np.argsort(gaps).tolist():
         if gaps[k] >= least:
             break
@@ -56,27 +55,7 @@ def resting_distance(structure: Structure) -> float:
     return least
 
 
-def _gaps(structure: Structure) -> Array:
-    """Return a lower bound of the distance of each pair: of a ball around the one from the other [m]."""
-    found = _bounds.get(structure)
-    if found is None:
-        found = _bounds[structure] = _lower_bounds(structure)
-    return found
-
-
-_bounds: WeakKeyDictionary[Structure, Array] = WeakKeyDictionary()
 _known: WeakKeyDictionary[Structure, dict[tuple[int, int], float]] = WeakKeyDictionary()
-
-
-def _lower_bounds(structure: Structure) -> NDArray[np.float64]:
-    first, second = structure.resting.T
-    if not first.size:
-        return np.zeros(0)
-    ours = structure.moving.rows[first]
-    rows = structure.object_rows[second]
-    local = np.einsum("kj,kij->ki", ours[:, 8:11] - rows[:, 8:11], rows[:, 11:].reshape(-1, 3, 3))
-    beyond = np.maximum(np.abs(local) - rows[:, 5:8], 0.0)
-    return np.asarray(np.sqrt((beyond**2).sum(axis=1)) - ours[:, 2] - rows[:, 1])
 
 
 def _distance(structure: Structure, i: int, o: int) -> float:

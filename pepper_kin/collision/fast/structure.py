@@ -23,6 +23,7 @@ from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, simple_s
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.core.collision.scene_rows import ROW, write_simple_rows
+from pepper_kin.core.collision.scene_trees import write_gaps
 from pepper_kin.model import PepperModel
 
 
@@ -41,12 +42,12 @@ class MovingParts:
     classes: tuple[tuple[tuple[int, int], ...], ...]
 
     @cached_property
-    def by_joint(self) -> tuple[tuple[tuple[int, ...], ...], NDArray[np.intp]]:
+    def by_joint(self) -> tuple[tuple[tuple[int, ...], ...], NDArray[np.int64]]:
         """The solids of each joint that moves, and those of none, where all are compared with the same."""
         found: dict[int, list[int]] = {}
         for i, solid in enumerate(self.solids):
             found.setdefault(solid.joint, []).append(i)
-        resting = np.array(found.pop(0, []), np.intp)
+        resting = np.array(found.pop(0, []), np.int64)
         return tuple(tuple(found[joint]) for joint in sorted(found)), resting
 
     @cached_property
@@ -74,7 +75,10 @@ class Structure:
         groups: Places in `moving.solids` of what moves against the scene: solids of one joint that are
             compared with the same objects, joint by joint.
         items: The scene's objects.
-        sets: Places in `items`, shape (k,), and the groups that they are compared with: each object once.
+        members: Places in `items`, set after set of objects that are compared with the same groups, each
+            object once, shape (k,).
+        ends: Where each set ends there, shape (s,).
+        met: 1 where a set is compared with a group, shape (s, groups).
         resting: Places in `moving.solids` and `items` of pairs that never move against one another, shape
             (k, 2).
     """
@@ -82,8 +86,10 @@ class Structure:
     moving: MovingParts
     groups: tuple[tuple[int, ...], ...]
     items: tuple[SceneObject, ...]
-    sets: tuple[tuple[NDArray[np.intp], frozenset[int]], ...]
-    resting: NDArray[np.intp]
+    members: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    met: NDArray[np.uint8]
+    resting: NDArray[np.int64]
 
     @cached_property
     def decided(self) -> bool:
@@ -117,6 +123,13 @@ class Structure:
             rows[o] = solid.row
         return rows
 
+    @cached_property
+    def gaps(self) -> tuple[Array, float]:
+        """A lower bound of the distance of each pair in `resting`, shape (k,), and the least of them [m]."""
+        gaps = np.empty(len(self.resting))
+        least = write_gaps(self.moving.rows, self.object_rows, self.resting, gaps)
+        return gaps, float(least)
+
     @property
     def solids(self) -> tuple[Solid, ...]:
         """The robot's solids."""
@@ -145,10 +158,11 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     allowed, none = may_touch_in_world(scene), frozenset[str]()
     if not allowed:
         plain, based = moving.by_joint
-        places = np.arange(len(items))
-        pairs = np.stack([np.repeat(based, len(items)), np.tile(places, len(based))], axis=1)
-        sets_of_all = ((places, frozenset(range(len(plain)))),) if items else ()
-        return Structure(moving, plain, items, sets_of_all, pairs)
+        places, ends = np.arange(len(items)), np.array([len(items)] if items else (), np.int64)
+        pairs = np.empty((len(based), len(items), 2), np.int64)
+        pairs[:, :, 0], pairs[:, :, 1] = based[:, None], places
+        met = np.ones((len(ends), len(plain)), np.uint8)
+        return Structure(moving, plain, items, places, ends, met, pairs.reshape(-1, 2))
     together: dict[tuple[int, frozenset[str]], list[int]] = {}
     for i, solid in enumerate(moving.solids):
         together.setdefault((solid.joint, allowed.get(solid.owner, none)), []).append(i)
@@ -161,16 +175,21 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     for o, item in enumerate(items):
         groups = every - apart[item.name] if item.name in apart else every
         sets.setdefault(groups, []).append(o)
-    resting = [np.zeros((0, 2), np.intp)]
+    resting = [np.zeros((0, 2), np.int64)]
     for (joint, names), members in together.items():
         if joint == 0:
-            met = np.array([o for o, item in enumerate(items) if item.name not in names], np.intp)
-            resting.append(np.stack(np.meshgrid(members, met, indexing="ij"), axis=-1).reshape(-1, 2))
+            near = np.array([o for o, item in enumerate(items) if item.name not in names], np.int64)
+            resting.append(np.stack(np.meshgrid(members, near, indexing="ij"), axis=-1).reshape(-1, 2))
+    met = np.zeros((len(sets), len(in_order)), np.uint8)
+    for s, groups in enumerate(sets):
+        met[s, list(groups)] = 1
     return Structure(
         moving,
         tuple(tuple(together[key]) for key in in_order),
         items,
-        tuple((np.array(objects, np.intp), groups) for groups, objects in sets.items()),
+        np.array([o for objects in sets.values() for o in objects], np.int64),
+        np.cumsum([len(objects) for objects in sets.values()], dtype=np.int64),
+        met,
         np.concatenate(resting),
     )
 

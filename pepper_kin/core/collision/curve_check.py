@@ -18,8 +18,12 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 LONGEST, SHORTER = 0.008, 4
 """Greatest distance that a point of the body moves between states of a curve [m], and by how much each of the
-next two is shorter than the one before."""
+next is shorter than the one before."""
 SHORTEST = LONGEST / SHORTER**2
+"""Half a millimeter [m]: what other rooms look at states apart."""
+FINEST = SHORTEST / SHORTER**2
+"""The least of those distances [m], for what passes something nearer than half of `SHORTEST`: nothing can dip
+deeper than half of this between two states."""
 
 SPARSE = 8
 """One of as many states is looked at before all others, since what a curve meets is mostly wider."""
@@ -297,11 +301,11 @@ def _near_ones(
     """
     proven = kept[0] + 0.5 * step if strictly else max(kept[0], 0.5 * step)
     far = proven, max(kept[1], 0.5 * step)
-    if strictly and step <= SHORTEST:
+    if strictly and step <= FINEST:
         kept = proven, kept[1]
     states, answers, near, all_near = check.states, check.answers, 0, False
     alike = far[0] == kept[0] and far[1] == kept[1]
-    if not alike and step > SHORTEST:
+    if not alike and step > FINEST:
         all_near = blocked(check, far[0], far[1])
     for first in range(0, parts.piece.size, ROOM):
         count = min(ROOM, parts.piece.size - first)
@@ -309,7 +313,7 @@ def _near_ones(
             place = first + k
             middle = parts.begin[place] + 0.5 * parts.width[place]
             _write_middle(coefficients, parts.piece[place], middle, states[k])
-        if step > SHORTEST and not alike and not all_near:
+        if step > FINEST and not alike and not all_near:
             _look(check, states, count, far, True)
             left = 0
             for k in range(count):
@@ -327,7 +331,7 @@ def _near_ones(
             for k in range(left):
                 if answers[k] != FREE:
                     return -1
-        if not alike and step > SHORTEST:
+        if not alike and step > FINEST:
             near += left
     return near
 
@@ -389,7 +393,7 @@ def is_clear(
 
     The curve is cut into intervals on which no point of the body moves farther than LONGEST.  Where the
     state in the middle of one keeps a distance of half that, nothing touches in all of the interval.
-    Others are cut into shorter intervals, and those again, down to SHORTEST, whose middles need only keep the
+    Others are cut into shorter intervals, and those again, down to FINEST, whose middles need only keep the
     margins asked for.  Dependent ranges of joints are kept at every point.
 
     Args:

@@ -157,20 +157,29 @@ def section_bits(memory: Array, which: int) -> NDArray[np.int64]:
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.int64)
 
 
-def pack(sections: dict[int, Array]) -> Array:
-    """Return a block with these sections; the rest is empty.
+def blank(sizes: dict[int, int]) -> Array:
+    """Return a block of zeros whose sections have these sizes; the rest is empty.
 
-    Its first numbers are the beginning and end of each section, then its size.
+    Its first numbers are the beginning and end of each section, then its size; it is at a multiple of 64
+    bytes.
     """
-    place, spans = _round_up(SIZE + 1), []
-    for which in range(SECTIONS):
-        size = sections[which].size if which in sections else 0
-        spans += [place, place + size]
-        place += _round_up(size)
-    block = np.zeros(place)
-    block[: SIZE + 1] = *spans, place
+    lengths = np.zeros(SECTIONS, np.int64)
+    lengths[list(sizes)] = list(sizes.values())
+    ends = np.cumsum((lengths + ALIGNMENT - 1) & -ALIGNMENT) + _round_up(SIZE + 1)
+    block = aligned(int(ends[-1]))
+    block[:] = 0.0
+    block[2:SIZE:2] = ends[:-1]
+    block[0] = _round_up(SIZE + 1)
+    block[1:SIZE:2] = block[:SIZE:2] + lengths
+    block[SIZE] = ends[-1]
+    return block
+
+
+def pack(sections: dict[int, Array]) -> Array:
+    """Return a block with these sections; see `blank`."""
+    block = blank({which: values.size for which, values in sections.items()})
     for which, values in sections.items():
-        block[spans[2 * which] : spans[2 * which + 1]] = values.ravel()
+        section(block, which)[:] = values.ravel()
     return block
 
 

@@ -74,8 +74,8 @@ def _pairs(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     count = len(structure.solids)
     world = [
         (member, count + int(place))
-        for places, groups in structure.sets
-        for group in sorted(groups)
+        for places, met in zip(np.split(structure.members, structure.ends[:-1]), structure.met, strict=False)
+        for group in np.flatnonzero(met)
         for member in structure.groups[group]
         for place in places.tolist()
     ]

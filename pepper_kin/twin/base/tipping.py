@@ -26,9 +26,9 @@ class TippingStatus(ResultStatus):
     """How a tilting robot ended."""
 
     STOOD = "stood", "All wheels stayed on the floor."
-    ROCKED = "rocked", "It tilted and came back: slow the motion down, or time it with `retime(balance=...)`."
-    TIPPED = "tipped", "It is still tilted at the end: go on from there, or time it with `retime(balance=...)`."
-    FALLEN = "fallen", "It fell: slow the motion down, or time it with `retime(balance=...)`."
+    ROCKED = "rocked", "It tilted and came back: slow the motion down, or time it with retime(balance=...)."
+    TIPPED = "tipped", "It is still tilted at the end: go on from there, or slow the motion down."
+    FALLEN = "fallen", "It fell: slow the motion down, or time it with retime(balance=...)."
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,12 @@
 """Sensors of the robot: readings with noise, beside the truth.
 
-SensorSuite                               all of Pepper's sensors; give it to `Twin(sensors=...)`
-SensorSpecification, sensor_specifications, Reading, ReadingSeries
-Camera, CAMERAS, Intrinsics, camera_intrinsics    depth and color pictures
-RobotRays, Sight, RayCaster, RayHits      distances along rays
-published_scan                            the three laser scans as one, as ROS publishes them
+    SensorSuite                               all of Pepper's sensors; give it to `Twin(sensors=...)`
+    SensorSpecification, sensor_specifications, Reading, ReadingSeries
+    Camera, CAMERAS, Intrinsics, camera_intrinsics    depth and color pictures
+    RobotRays, Sight, RayCaster, RayHits      distances along rays
+    published_scan                            the three laser scans as one, as ROS publishes them
+
+Each reading holds the truth beside what the sensor says.
 """
 
 from pepper_kin.twin.sensors.camera import Camera, Intrinsics, camera_intrinsics

@@ -1,7 +1,9 @@
 """Contacts of a robot and of free bodies with one another and with a scene.
 
-World, FreeBody                           boxes and balls that move; give it to `Twin(world=...)`
-WorldContact, StepSolution, ContactError
+    World, FreeBody                           boxes and balls that move; give it to `Twin(world=...)`
+    WorldContact, StepSolution, ContactError
+
+A world is given to a twin, or steps by itself with `World.advance_alone`.
 """
 
 from pepper_kin.twin.contact_error import ContactError

@@ -1,7 +1,9 @@
 """The live page: a server that holds the state, and pages that show and change it.
 
-serve                                     blocks until Ctrl-C: what `pepper-kin view` runs
-ViewerServer, Access, DEFAULT_PORT        the server in a thread, and who may reach it
+    serve                                     blocks until Ctrl-C: what `pepper-kin view` runs
+    ViewerServer, Access, DEFAULT_PORT        the server in a thread, and who may reach it
+
+Only this machine reaches it, unless `Access` says otherwise.
 """
 
 from __future__ import annotations

@@ -1,0 +1,290 @@
+"""Trees of boxes around the objects of a scene, and the sections of its block."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES, ROOT_WORDS
+from pepper_kin.core.collision.layout import section, section_bits, section_single
+from pepper_kin.core.collision.scene_rows import VAST
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.lanes import LANES
+from pepper_kin.kernels.signatures import Bytes2, Floats1, Floats2, Ints1, Ints2, Singles2
+
+FEW = 12
+"""Objects in a tree that is one leaf;"""
+LEAF = 4
+"""those in a leaf of any other tree, at most."""
+LARGE = 8.0
+"""Objects longer than this many times the median get a separate tree: they would widen all boxes."""
+CELLS = 65535
+"""Cells along each axis of the grid in which Morton's curve runs, less one."""
+OUTWARD, TINY = 2.0**-23, 1e-37
+"""A number moved by this part of itself and that much stays moved when it is rounded to single precision."""
+
+
+class ObjectSets(NamedTuple):
+    """Objects of a scene, in sets that are compared with the same groups of bodies.
+
+    Attributes:
+        rows: Numbers of the objects, see `scene_rows`, shape (k, ROW).
+        items: The same as balls are compared with them, see `write_objects`, shape (k, OBJECT_SINGLES).
+        lows: Least corners of boxes around them, shape (k, 3) [m].
+        highs: Greatest corners.
+        members: Places of the objects, set after set, shape (k,).
+        ends: Where each set ends there, shape (s,).
+        met: 1 where a set is compared with a group, shape (s, g).
+        order: Room; receives the places of the objects, tree after tree, shape (k,).
+        trees: Room for set, first object and end of objects of each tree, shape (2 s, 3).
+    """
+
+    rows: Floats2
+    items: Singles2
+    lows: Floats2
+    highs: Floats2
+    members: Ints1
+    ends: Ints1
+    met: Bytes2
+    order: Ints1
+    trees: Ints2
+
+
+@compiled
+def _sort(keys: NDArray[np.int64], order: NDArray[np.int64]) -> None:
+    """Sort places by their keys; equal ones stay in order."""
+    count, width = order.size, 1
+    scratch = np.empty(count, np.int64)
+    while width < count:
+        for first in range(0, count, 2 * width):
+            middle, end = min(first + width, count), min(first + 2 * width, count)
+            i, j = first, middle
+            for k in range(first, end):
+                if i < middle and (j == end or keys[order[i]] <= keys[order[j]]):
+                    scratch[k] = order[i]
+                    i += 1
+                else:
+                    scratch[k] = order[j]
+                    j += 1
+        for k in range(count):
+            order[k] = scratch[k]
+        width *= 2
+
+
+@compiled
+def _longest(sets: ObjectSets, o: int) -> float:
+    """Return the longest edge of the box around an object [m]."""
+    longest = 0.0
+    for i in range(3):
+        longest = max(longest, sets.highs[o, i] - sets.lows[o, i])
+    return longest
+
+
+@compiled
+def _length_that_is_large(sets: ObjectSets, first: int, end: int) -> float:
+    """Return the length beyond which objects of a set get a separate tree [m]."""
+    count = end - first
+    if count <= FEW:
+        return math.inf
+    lengths, keys, order = np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
+    for k in range(count):
+        lengths[k], order[k] = _longest(sets, sets.members[first + k]), k
+    bits = lengths.view(np.int64)  # of numbers that are not negative: in the same order
+    for k in range(count):
+        keys[k] = bits[k]
+    _sort(keys, order)
+    return LARGE * 0.5 * (lengths[order[(count - 1) // 2]] + lengths[order[count // 2]])
+
+
+@compiled
+def _spread_bits(cell: int) -> int:
+    """Return a number of 16 bits with two zeros before each."""
+    cell = (cell | (cell << 16)) & 0xFF0000FF
+    cell = (cell | (cell << 8)) & 0xF00F00F00F
+    cell = (cell | (cell << 4)) & 0xC30C30C30C3
+    return (cell | (cell << 2)) & 0x249249249249
+
+
+@compiled
+def _sort_along_curve(sets: ObjectSets, first: int, end: int) -> None:
+    """Sort the objects of a tree along a curve that keeps neighbors together (Morton's)."""
+    lows, highs, order = sets.lows, sets.highs, sets.order[first:end]
+    keys = np.zeros(sets.rows.shape[0], np.int64)
+    for i in range(3):
+        low, high = math.inf, -math.inf
+        for o in order:
+            middle = 0.5 * (lows[o, i] + highs[o, i])
+            low, high = min(low, middle), max(high, middle)
+        for o in order:
+            share = (0.5 * (lows[o, i] + highs[o, i]) - low) / max(high - low, 1e-9)
+            keys[o] |= _spread_bits(int(share * CELLS)) << i
+    _sort(keys, order)
+
+
+@compiled
+def _depth(count: int) -> int:
+    """Return how many branchings lie above the leaves of a tree of so many objects."""
+    depth = 0
+    while count > FEW and LEAF << depth < count:
+        depth += 1
+    return depth
+
+
+@compiled("Tuple(int64, int64, int64)(ObjectSets)")
+def sort_objects(sets: ObjectSets) -> tuple[int, int, int]:
+    """Sort the objects of a scene into trees, those of a set that are much longer than most apart.
+
+    Returns:
+        The number of trees, of their nodes, and of pairs of a tree and a group that are compared.
+    """
+    made = nodes = pairs = placed = first = 0
+    for s in range(sets.ends.size):
+        end, groups = sets.ends[s], 0
+        for g in range(sets.met.shape[1]):
+            groups += sets.met[s, g]
+        large = _length_that_is_large(sets, first, end)
+        for part in range(2):
+            begin = placed
+            for k in range(first, end):
+                o = sets.members[k]
+                if (_longest(sets, o) > large) == (part == 1):
+                    sets.order[placed] = o
+                    placed += 1
+            count = placed - begin
+            if count == 0:
+                continue
+            if count > FEW:
+                _sort_along_curve(sets, begin, placed)
+            sets.trees[made, 0], sets.trees[made, 1], sets.trees[made, 2] = s, begin, placed
+            made += 1
+            nodes += (2 << _depth(count)) - 1
+            pairs += groups
+        first = end
+    return made, nodes, pairs
+
+
+@compiled
+def _round_outward(target: NDArray[np.float32], place: int, low: float, high: float) -> None:
+    """Write the ends of a range, three places apart, in single precision and no nearer than they are."""
+    target[place] = low - abs(low) * OUTWARD - TINY
+    target[place + 3] = high + abs(high) * OUTWARD + TINY
+
+
+@compiled
+def _write_nodes(sets: ObjectSets, first: int, end: int, begin: int, nodes: NDArray[np.float32]) -> int:
+    """Write the nodes of a tree from place `begin` on; return the place behind them.
+
+    The branches of a node follow it, those of the first half of its objects first.
+    """
+    count = end - first
+    depth = _depth(count)
+    total = (2 << depth) - 1
+    corners = np.empty((total, 6))
+    for k in range(total):
+        for i in range(3):
+            corners[k, i], corners[k, 3 + i] = math.inf, -math.inf
+    for leaf in range(1 << depth):
+        low, high = first + ((leaf * count) >> depth), first + (((leaf + 1) * count) >> depth)
+        node = 0
+        for level in range(depth + 1):
+            within = (2 << (depth - level)) - 1  # nodes of the branch that begins here
+            for k in range(low, high):
+                o = sets.order[k]
+                for i in range(3):
+                    corners[node, i] = min(corners[node, i], sets.lows[o, i])
+                    corners[node, 3 + i] = max(corners[node, 3 + i], sets.highs[o, i])
+            place = NODE_SINGLES * (begin + node)
+            nodes[place + 6] = begin + node + within
+            nodes[place + 7], nodes[place + 8] = (low, high) if level == depth else (0, 0)
+            if level < depth:
+                node += 1 + ((leaf >> (depth - 1 - level)) & 1) * ((within - 1) // 2)
+    for k in range(total):
+        for i in range(3):
+            _round_outward(nodes, NODE_SINGLES * (begin + k) + i, corners[k, i], corners[k, 3 + i])
+    return begin + total
+
+
+@compiled
+def _write_boxes(sets: ObjectSets, boxes: NDArray[np.float32]) -> None:
+    """Write the corners of boxes, eight boxes after eight, coordinate by coordinate."""
+    count = sets.order.size
+    for k in range(boxes.size // 6):
+        place = 6 * LANES * (k // LANES) + k % LANES
+        for i in range(3):
+            low, high = VAST, VAST
+            if k < count:
+                low, high = sets.lows[sets.order[k], i], sets.highs[sets.order[k], i]
+            boxes[place + LANES * i] = low - abs(low) * OUTWARD - TINY
+            boxes[place + LANES * (3 + i)] = high + abs(high) * OUTWARD + TINY
+
+
+@compiled("void(ObjectSets, int64, float64[::1])")
+def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
+    """Write trees and objects into the block of a scene; hulls and clouds are left to the caller.
+
+    Args:
+        sets: The objects, sorted.
+        tree_count: What `sort_objects` has returned.
+        block: A block whose sections have their sizes, all zeros.
+    """
+    nodes, roots, listed = section_single(block, at.NODES), section_bits(block, at.ROOTS), 0
+    lists, items = section_bits(block, at.ROOT_LISTS), section_single(block, at.OBJECTS)
+    begins, place = np.empty(tree_count + 1, np.int64), 0
+    for r in range(tree_count):
+        begins[r] = place
+        place = _write_nodes(sets, sets.trees[r, 1], sets.trees[r, 2], place, nodes)
+    begins[tree_count] = place
+    for g in range(lists.size - 1):
+        for r in range(tree_count):
+            if sets.met[sets.trees[r, 0], g] != 0:
+                roots[ROOT_WORDS * listed], roots[ROOT_WORDS * listed + 1] = begins[r], begins[r + 1]
+                listed += 1
+        lists[g + 1] = listed
+    _write_boxes(sets, section_single(block, at.BOXES))
+    solids, half, poses = (
+        section(block, at.SOLIDS),
+        section(block, at.SOLID_HALF),
+        section(block, at.SOLID_POSES),
+    )
+    for k in range(sets.order.size):
+        o = sets.order[k]
+        for i in range(OBJECT_SINGLES):
+            items[OBJECT_SINGLES * k + i] = sets.items[o, i]
+        for i in range(4):
+            solids[4 * k + i] = sets.rows[o, i]
+        for i in range(3):
+            half[3 * k + i] = sets.rows[o, 5 + i]
+        for i in range(12):
+            poses[12 * k + i] = sets.rows[o, 8 + i]
+
+
+@compiled("float64(float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[::1])")
+def write_gaps(ours: Floats2, rows: Floats2, pairs: Ints2, gaps: Floats1) -> float:
+    """Write a lower bound of the distance of pairs: of a ball around the one from the other [m].
+
+    Args:
+        ours: Numbers of the robot's solids, see `scene_rows`, shape (a, ROW).
+        rows: Those of the objects, shape (k, ROW).
+        pairs: Places in both, shape (m, 2).
+        gaps: Receives the bounds, shape (m,).
+
+    Returns:
+        The least of them, infinity without any.
+    """
+    least = math.inf
+    for k in range(pairs.shape[0]):
+        a, o = pairs[k, 0], pairs[k, 1]
+        squared = 0.0
+        for j in range(3):
+            along = 0.0
+            for i in range(3):
+                along += (ours[a, 8 + i] - rows[o, 8 + i]) * rows[o, 11 + 3 * j + i]
+            beyond = max(abs(along) - rows[o, 5 + j], 0.0)
+            squared += beyond * beyond
+        gaps[k] = math.sqrt(squared) - ours[a, 2] - rows[o, 1]
+        least = min(least, gaps[k])
+    return least

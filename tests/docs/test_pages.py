@@ -1,0 +1,47 @@
+"""Links and names of files lead somewhere, and pages stay short."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+MOST_LINES = 230
+FILE = re.compile(
+    r"\b((?:benchmarks|docs|examples|planners|pepper_kin|tests|urdf)/[\w./-]+\.(?:py|md|csv|json|toml))\b"
+)
+TO_BE_WRITTEN = {"pepper_kin/ik/tasks/frame_distance.py", "planners/rrt.py"}  # by who follows CONTRIBUTING
+
+
+def anchors(page):
+    """Return the anchors of a page's headings, as the site and code hosts make them."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", title).strip().lower()) for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES[:2], ids=lambda page: page.name)
+def test_links_of_pages_outside_the_site(page):
+    """Those of the site are checked when it is built."""
+    for target, anchor in re.findall(r"\]\((?!http)([^)#]+)(?:#([^)]+))?\)", page.read_text("utf-8")):
+        assert (page.parent / target).exists(), target
+        assert not anchor or anchor in anchors(page.parent / target), (target, anchor)
+
+
+def test_files_that_pages_name_are_there():
+    named = {name for page in PAGES for name in FILE.findall(page.read_text("utf-8"))}
+    assert len(named) > 40
+    there = lambda name: (ROOT / name).exists() or (ROOT / "docs" / name).exists()  # noqa: E731
+    assert {name for name in named - TO_BE_WRITTEN if not there(name)} == set()
+
+
+def test_pages_stay_short():
+    site = [page for page in PAGES if page.is_relative_to(ROOT / "docs")]
+    lengths = {page.name: len(page.read_text("utf-8").splitlines()) for page in site}
+    assert {name: lines for name, lines in lengths.items() if lines > MOST_LINES} == {}
+
+
+def test_every_page_is_in_the_contents():
+    contents = (ROOT / "mkdocs.yml").read_text("utf-8")
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES[2:]}
+    assert {page for page in pages if f" {page}\n" not in contents} == set()
