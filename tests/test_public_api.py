@@ -59,7 +59,7 @@ def test_each_symbol_has_one_path_and_each_name_one_meaning():
     assert set(pk.symbolic.__all__) - quantities == {"QUANTITIES", "function"}
 
 
-def test_a_symbol_is_found_in_no_other_room():
+def test_a_symbol_is_found_in_no_other_package():
     """Where a room imports what it needs from another, that is not a second path to it."""
     homes = {
         id(value): place
@@ -162,37 +162,37 @@ def test_results_hold_statuses():
 
 def test_what_saves_takes_the_path_last():
     """Options come behind it by name only."""
-    seen = 0
+    visited = 0
     for path, parameters in callables():
         name = path.rsplit(".", 1)[-1]
         assert not name.startswith("write"), path
         if not name.startswith("save"):
             continue
-        seen += 1
+        visited += 1
         operands = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
         place = next(k for k, operand in enumerate(operands) if operand.endswith(("path", "folder")))
         assert place == len(operands) - 1 or operands[place + 1 :] in (["video_path"], ["motion"]), path
-    assert seen > 10
+    assert visited > 10
 
 
-def arrays_in(get, path, seen):
+def arrays_in(get, path, visited):
     """Yield every array within a public value: the way to it, and what gets it anew."""
     value = get()
-    if id(value) in seen:
+    if id(value) in visited:
         return
-    seen[id(value)] = value
+    visited[id(value)] = value
     if isinstance(value, np.ndarray):
         yield path, get
     elif isinstance(value, tuple | list):
         for k in range(len(value)):
-            yield from arrays_in(lambda k=k: get()[k], f"{path}[{k}]", seen)
+            yield from arrays_in(lambda k=k: get()[k], f"{path}[{k}]", visited)
     elif isinstance(value, Mapping):
         for key in value:
-            yield from arrays_in(lambda key=key: get()[key], f"{path}[{key!r}]", seen)
+            yield from arrays_in(lambda key=key: get()[key], f"{path}[{key!r}]", visited)
     elif type(value).__module__.startswith(("pepper_kin", "planners")) and not isinstance(value, Enum):
         for name in dir(value):
             if not name.startswith("_") and name not in OTHERS and not callable(getattr(value, name)):
-                yield from arrays_in(lambda name=name: getattr(value, name), f"{path}.{name}", seen)
+                yield from arrays_in(lambda name=name: getattr(value, name), f"{path}.{name}", visited)
 
 
 OTHERS = {"inner_model", "pinocchio_model", "pinocchio_data", "moving_center", "dynamics_model", "document"}
@@ -228,7 +228,7 @@ def values():
         "trajectory": trajectory,
         "samples": trajectory.sample(0.1),
         "check": trajectory.check(pepper, jerk="moderate"),
-        "binding": trajectory.binding(pepper),
+        "active_limits": trajectory.active_limits(pepper),
         "phase_plane": pk.trajectory.phase_plane(pepper, trajectory),
         "online": pk.trajectory.OnlineMotion(pepper, stand).state,
         "near_pairs": pk.collision.near_pairs(pepper, stand, 0.1, scene),
@@ -243,7 +243,7 @@ def values():
         "push": pk.Twin(pepper).push("LArm_effector", (1, 0, 0)),
         "gesture": pk.twin.paper_gesture(pk.twin.GESTURES[0]),
         "place_base": pk.base_placement.place_base(pepper, hand, candidates=4),
-        "floor_map": pk.base_placement.floor_map(pepper, hand, center=(0, 0), size=0.2, headings=1),
+        "placement_map": pk.base_placement.placement_map(pepper, hand, center=(0, 0), size=0.2, headings=1),
         "servo": pk.servo.Servo(pepper, stand).step(),
         "differential_step": pk.servo.differential_step(pepper, stand, 0 * stand, 0.01, hand),
         "sensors": pk.twin.sensors.SensorSuite(pepper).read(0.0, stand),
@@ -262,10 +262,10 @@ def values():
 
 def test_frozen_values_stay_frozen():
     """What a value keeps is read-only; what it computes when asked may be written to, to no effect."""
-    found, seen = 0, {}
+    found, visited = 0, {}
     for name, value in values().items():
         before = found
-        for path, get in arrays_in(lambda value=value: value, name, seen):
+        for path, get in arrays_in(lambda value=value: value, name, visited):
             found += 1
             array = get()
             if array.flags.writeable:

@@ -98,7 +98,7 @@ def test_an_edge_that_passes_an_edge_within_a_tenth_of_a_millimeter_is_found(tmp
     (tmp_path / "slider.urdf").write_text(SLIDER)
     robot = pk.load_robot(tmp_path / "slider.urdf")
     spline = as_cubic_path(robot, np.linspace(-0.2, 0.2, 5)[:, None])
-    pieces, diagonal = (np.array(spline.breaks), np.array(spline.coefficients)), np.sqrt(0.02)
+    segments, diagonal = (np.array(spline.breaks), np.array(spline.coefficients)), np.sqrt(0.02)
     reach, free = np.array(motion_bounds(robot)), np.arange(1)
     for place in np.arange(12) * 43e-6:
         for apart, clear in ((-4e-5, False), (4e-5, True)):
@@ -107,7 +107,7 @@ def test_an_edge_that_passes_an_edge_within_a_tenth_of_a_millimeter_is_found(tmp
             coal = pk.collision.CollisionChecker(robot, scene)
             assert coal.in_collision(np.array([[place]]))[0] != clear
             examiner = Examiner(Checks(robot, scene), np.zeros(1), free)
-            assert examiner.is_clear(*pieces, reach, (0.0, 0.0)) == clear
+            assert examiner.is_clear(*segments, reach, (0.0, 0.0)) == clear
 
 
 def test_no_point_of_the_hand_moves_farther_than_a_step_between_stations():

@@ -74,7 +74,7 @@ def expected(ends: np.ndarray, margin: float, carried: float) -> tuple[float, fl
 def test_ends_are_sound_where_coal_and_torques_say_so(carried: float) -> None:
     payload = at_frames(PEPPER, "payload", {"l_gripper": carried}, "kg") if carried else ()
     checks = Checks(PEPPER, SCENE, StaticLimits(PEPPER, payload=payload))
-    seen = {"refused": 0, "whole": 0, "less": 0, "not held": 0}
+    visited = {"refused": 0, "whole": 0, "less": 0, "not held": 0}
     for seed in range(150):
         ends = ends_of(seed, 1 + seed % 3)
         margin = MARGINS[seed // 3 % 3]
@@ -82,10 +82,10 @@ def test_ends_are_sound_where_coal_and_torques_say_so(carried: float) -> None:
         answer = expected(ends, margin, carried)
         assert found == answer, seed
         kind = "refused" if answer is None else "whole" if answer == (margin, margin) else "less"
-        seen[kind] += 1
-        seen["not held"] += answer is None and bool(keeps(ends, 0.0, 0.0).all())
-    assert min(seen["refused"], seen["whole"], seen["less"]) > 2, seen
-    assert (seen["not held"] > 2) == bool(carried), seen
+        visited[kind] += 1
+        visited["not held"] += answer is None and bool(keeps(ends, 0.0, 0.0).all())
+    assert min(visited["refused"], visited["whole"], visited["less"]) > 2, visited
+    assert (visited["not held"] > 2) == bool(carried), visited
 
 
 @pytest.mark.parametrize("place", [0, 1, 63, 64, 65, 90])

@@ -21,7 +21,7 @@ FEW = 12
 LEAF = 4
 """those in a leaf of any other tree, at most."""
 LARGE = 8.0
-"""Objects longer than this many times the median get a tree of their own: they would widen all boxes."""
+"""Objects longer than this many times the median get a separate tree: they would widen all boxes."""
 CELLS = 65535
 """Cells along each axis of the grid in which Morton's curve runs, less one."""
 OUTWARD, TINY = 2.0**-23, 1e-37
@@ -58,20 +58,20 @@ class ObjectSets(NamedTuple):
 def _sort(keys: NDArray[np.int64], order: NDArray[np.int64]) -> None:
     """Sort places by their keys; equal ones stay in order."""
     count, width = order.size, 1
-    room = np.empty(count, np.int64)
+    scratch = np.empty(count, np.int64)
     while width < count:
         for first in range(0, count, 2 * width):
             middle, end = min(first + width, count), min(first + 2 * width, count)
             i, j = first, middle
             for k in range(first, end):
                 if i < middle and (j == end or keys[order[i]] <= keys[order[j]]):
-                    room[k] = order[i]
+                    scratch[k] = order[i]
                     i += 1
                 else:
-                    room[k] = order[j]
+                    scratch[k] = order[j]
                     j += 1
         for k in range(count):
-            order[k] = room[k]
+            order[k] = scratch[k]
         width *= 2
 
 
@@ -86,7 +86,7 @@ def _longest(sets: ObjectSets, o: int) -> float:
 
 @compiled
 def _length_that_is_large(sets: ObjectSets, first: int, end: int) -> float:
-    """Return the length beyond which objects of a set get a tree of their own [m]."""
+    """Return the length beyond which objects of a set get a separate tree [m]."""
     count = end - first
     if count <= FEW:
         return math.inf
