@@ -204,8 +204,9 @@ class _Search:
         if self._movable is not None:
             joints = [checks.pepper.joint_names[k] for k in np.flatnonzero(self._movable)]
         found = solve(
-            checks.pepper, self._parts, self._start, seed=self._seed, joints=joints, timeout=timeout
-        )
+            checks.pepper, self._parts, self._start, collisions=False, seed=self._seed, joints=joints,
+            timeout=timeout,
+        )  # fmt: skip
         if not found.success:
             return UNSOLVED
         search.found[0] = found.q

@@ -21,7 +21,7 @@ def checks_of(scene, **limits):
 def one_by_one(statics, scene, tasks, seed, movable=None):
     """Solve from each start by itself, and ask coal and the gravity torque of each solution."""
     joints = None if movable is None else [PEPPER.joint_names[k] for k in np.flatnonzero(movable)]
-    first = pk.ik.solve(PEPPER, tasks, STAND, seed=seed, joints=joints)
+    first = pk.ik.solve(PEPPER, tasks, STAND, collisions=False, seed=seed, joints=joints)
     more = alternatives(PEPPER, tuple(tasks), STAND, movable, seed, NEARBY, STEPS)
     coal = pk.collision.CollisionChecker(PEPPER, scene, MARGIN)
     kept = []
