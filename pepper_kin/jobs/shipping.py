@@ -36,6 +36,9 @@ from pepper_kin.twin import Twin
 LARGEST = 1_000_000
 """Size that neither file must exceed [bytes]."""
 
+PATIENCE = 900.0
+"""Time budget of a plan whose code is being made meanwhile [s]."""
+
 BATCHES = (
     "center_of_mass",
     "forward_dynamics",
@@ -52,7 +55,7 @@ def everyday_calls() -> None:
     pepper = load_pepper()
     point, scene = (0.38, 0.22, 0.82), Scene().add_box("table", (0.4, 0.8, 0.03), (0.47, 0.05, 0.715))
     tasks = [ik.HandPosition("left", point), ik.LookAt(point)]
-    found = plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0)
+    found = plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0, timeout=PATIENCE)
     trajectory = retime(pepper, found, balance=0.01)
     trajectory.check(pepper, scene=scene)
     Twin(pepper, timestep=0.001).execute(trajectory)
@@ -60,7 +63,10 @@ def everyday_calls() -> None:
     _ik_calls(pepper)
     for payload in (None, {"left": 0.3}, {"right": 0.3}, {"left": 0.3, "right": 0.3}):
         for balance in (None, 0.005):
-            held = plan(pepper, pepper.posture("Stand"), tasks[:1], scene, balance=balance, payload=payload)
+            held = plan(
+                pepper, pepper.posture("Stand"), tasks[:1], scene, balance=balance, payload=payload,
+                timeout=PATIENCE,
+            )  # fmt: skip
             retime(pepper, held, balance=balance, payload=payload)
     q = np.tile(pepper.neutral(), (64, 1))
     for frame in ("LArm_effector", "RArm_effector"):

@@ -152,8 +152,7 @@ class _Search:
     ) -> None:
         self._checks, self._start, self._parts, self._movable = checks, start, parts, movable
         self._tasks, self._margin, self._seed = balanced(parts), margin, seed
-        self._begin = time.perf_counter()
-        self._deadline = self._begin + timeout
+        self._timeout = timeout
 
     def goals(self) -> TaskGoals | None:
         """Return the goals, if there are some."""
@@ -183,13 +182,17 @@ class _Search:
         further = buffers.options(
             SearchBudget(self._seed, 0, STEPS, np.inf, thorough=False), finite, ready.tables.task_joints
         )
+        check, _ = self._checks.of_configurations(), search_nearby.native
+        # Code is loaded by now, and perhaps compiled: that is not searching.
+        self._begin = time.perf_counter()
+        self._deadline = self._begin + self._timeout
         first = SearchOptions(
             further.tolerance, further.first, further.advance, RESTARTS, STEPS, False, finite, further.clock,
             self._deadline, further.signals,
         )  # fmt: skip
         bounds = ready.bounds if self._movable is None else ready.bounds_of(self._movable)
         return GoalSearch(
-            ready.tables, bounds, first, further, self._checks.of_configurations(), self._margin,
+            ready.tables, bounds, first, further, check, self._margin,
             LEAST_MARGIN, *arrays[1:],
         )  # fmt: skip
 
