@@ -63,7 +63,7 @@ class GoalSearch(NamedTuple):
         check: Tells of configurations in which any joint may differ.
         margin: Distance to the scene that is preferred [m].
         least_margin: A smaller one counts as none [m].
-        given: q0, weights and targets in the first row; room for BLOCK rows, shape (BLOCK, ...).
+        inputs: q0, weights and targets in the first row; room for BLOCK rows, shape (BLOCK, ...).
         answers: Room for the answers of `solve_rows`, shape (BLOCK, n + t + EXTRA).
         found: Room for the solutions of a round, shape (1 + the most starts of a round, n).
         values: Room for how far these are from q0, as many.
@@ -82,7 +82,7 @@ class GoalSearch(NamedTuple):
     check: MotionCheck
     margin: float
     least_margin: float
-    given: Floats2
+    inputs: Floats2
     answers: Floats2
     found: Floats2
     values: Floats1
@@ -143,19 +143,19 @@ def _write_nearby(search: GoalSearch) -> None:
 
     Joints that no task depends on, and those that may not move, stay where they are.
     """
-    tables, bounds, given, start = search.tables, search.bounds, search.given, search.ends[0]
+    tables, bounds, inputs, start = search.tables, search.bounds, search.inputs, search.ends[0]
     for row in range(NEARBY - 1, -1, -1):
-        for i in range(given.shape[1]):
-            given[row, i] = given[0, i]
+        for i in range(inputs.shape[1]):
+            inputs[row, i] = inputs[0, i]
         for i in range(tables.task_joints):
             j = tables.joints[i]
             here = start[j]
             low, high = max(bounds[0, i], here - math.pi), min(bounds[1, i], here + math.pi)
             x = search.further.first[i] + (1.0 + CANDIDATES * row) * search.further.advance[i]
             point = low + (x - math.floor(x)) * (high - low)
-            given[row, j] = here
+            inputs[row, j] = here
             if bounds[2, i] != 0.0:
-                given[row, j] += (row + 1.0) / NEARBY * (point - here)
+                inputs[row, j] += (row + 1.0) / NEARBY * (point - here)
 
 
 @compiled
@@ -170,10 +170,10 @@ def _write_posture(search: GoalSearch, key: np.uint64, place: int, q: Array) -> 
 
 @compiled
 def _solve(search: GoalSearch, count: int, size: int) -> int:
-    """Solve the first rows of `given`, add what meets the tasks to `found`; return its size, -1 to stop."""
+    """Solve the first rows of `inputs`, add what meets the tasks to `found`; return its size, -1 to stop."""
     n, tables = search.ends.shape[1], search.tables
     none = CollisionTests(0, 0, 0, 0, 0, 0)
-    solve_rows(tables, search.bounds, search.further, none, search.given, search.answers, 0, count)
+    solve_rows(tables, search.bounds, search.further, none, search.inputs, search.answers, 0, count)
     status = search.answers.shape[1] - EXTRA + STATUS
     for row in range(count):
         if search.answers[row, status] == STOP:
@@ -276,14 +276,14 @@ def search_nearby(search: GoalSearch, known: bool) -> int:
         FOUND, with counts[GOAL_COUNT] goals; NONE; START_AT_FAULT; UNSOLVED where the search from q0 does not
         meet the tasks, or STOPPED where a signal has ended it: `answers` begins with how it went.
     """
-    counts, given, answers, n = search.counts, search.given, search.answers, search.ends.shape[1]
+    counts, inputs, answers, n = search.counts, search.inputs, search.answers, search.ends.shape[1]
     for k in range(counts.size):
         counts[k] = 0
     if not _is_sound(search):
         return START_AT_FAULT
     if not known:
         none, last = CollisionTests(0, 0, 0, 0, 0, 0), answers.shape[1] - EXTRA
-        solve_rows(search.tables, search.bounds, search.options, none, given, answers, 0, 1)
+        solve_rows(search.tables, search.bounds, search.options, none, inputs, answers, 0, 1)
         counts[STEPS_TAKEN] = int(answers[0, last + ITERATIONS])
         counts[RESTARTED] = int(answers[0, last + RESTARTS])
         if answers[0, last + STATUS] != SOLVED:
@@ -325,10 +325,10 @@ def search_anywhere(search: GoalSearch, key: np.uint64, starts: int, near: bool)
             count = _pick_free(check, search.sieve, count, 0.0, 0.0)
         count = min(count, starts - taken)
         for row in range(count - 1, -1, -1):
-            for i in range(n, search.given.shape[1]):
-                search.given[row, i] = search.given[0, i]
+            for i in range(n, search.inputs.shape[1]):
+                search.inputs[row, i] = search.inputs[0, i]
             for i in range(n):
-                search.given[row, i] = search.sieve[row, i]
+                search.inputs[row, i] = search.sieve[row, i]
         if count > 0:
             size = _solve(search, count, size)
         if size < 0:

@@ -157,7 +157,7 @@ def goals_of(
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
-    Of the margins [m] the first is wished for, and the second has to be kept.  With `tried`, `clear_goals`
+    Of the margins [m] the first is preferred, and the second has to be kept.  With `tried`, `clear_goals`
     has found none.
 
     Tasks are solved with the margin to the scene first, and without it where that fails;

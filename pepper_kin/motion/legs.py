@@ -96,7 +96,11 @@ class PlanInLegs:
             InfeasibleError: as `retime` does.
         """
         if not self.success:
-            raise InvalidValueError("plan", self.report(), "one that is solved")
+            raise InvalidValueError(
+                "plan",
+                f"Leg {len(self.plans)} of {self.count}: {self.plans[-1].message}",
+                "one that is solved",
+            )
         moving = [one for one in self.plans if one.curve is not None]
         if not moving:
             raise InvalidValueError("plan", "legs in which nothing moves", "one that moves")

@@ -77,7 +77,7 @@ class _Arrays(NamedTuple):
     """What one search at a time writes to, kept for the next one of the same tasks."""
 
     buffers: SearchBuffers
-    given: Array
+    inputs: Array
     answers: Array
     found: Array
     values: Array
@@ -176,7 +176,7 @@ class _Search:
 
     def _search(self, ready: CompiledTasks, arrays: _Arrays) -> GoalSearch:
         """Return what compiled functions take."""
-        buffers, row, n = arrays.buffers, arrays.given[0], self._start.size
+        buffers, row, n = arrays.buffers, arrays.inputs[0], self._start.size
         row[:n] = arrays.ends[0] = self._start
         finite = ready.read(self._tasks, row, buffers.tolerance)
         further = buffers.options(

@@ -162,32 +162,32 @@ class _Memory(threading.local):
     """Memory of a thread, and tables that lie in it, by their sizes; all share it."""
 
     def __init__(self) -> None:
-        self.room, self.tables = np.empty(0), dict[tuple[int, ...], _Tables]()
+        self.scratch, self.tables = np.empty(0), dict[tuple[int, ...], _Tables]()
 
 
 _memory = _Memory()
 
 
-def _tables_of(size: int, pieces: int, n: int, torques: int, edges: int) -> _Tables:
+def _tables_of(size: int, segments: int, n: int, torques: int, edges: int) -> _Tables:
     """Return this thread's tables of `size` intervals."""
-    key = size, pieces, n, torques, edges
+    key = size, segments, n, torques, edges
     found = _memory.tables.get(key)
     if found is not None:
         return found
-    nodes, r = size + pieces, n + torques + edges
+    nodes, r = size + segments, n + torques + edges
     total = (
         nodes * (3 * n + 6 * r) + size * (4 * n + 3 * (r - n) + 2 * r + 10)
         + max(9 * nodes * n, size * 3 * (2 * r + 1)) + 10
     )  # fmt: skip
-    if _memory.room.size < total or len(_memory.tables) >= MOST_TABLES:
+    if _memory.scratch.size < total or len(_memory.tables) >= MOST_TABLES:
         _memory.tables.clear()
-        _memory.room = np.empty(max(2 * total, _memory.room.size))
-    room, used = _memory.room, 0
+        _memory.scratch = np.empty(max(2 * total, _memory.scratch.size))
+    scratch, used = _memory.scratch, 0
 
     def take(*shape: int) -> Array:
         nonlocal used
         begin, used = used, used + math.prod(shape)
-        return np.asarray(room[begin:used].reshape(shape))
+        return np.asarray(scratch[begin:used].reshape(shape))
 
     grid = PathGrid(take(size), np.empty(size, np.int64), take(size + 1), take(3, nodes, n), take(size, 4, n))
     rows = PathRows(

@@ -285,7 +285,7 @@ def wrong_npz(tmp_path, **changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"breaks": np.array([0.0, 0.02, 0.01])}, "breaks: got [0.   0.02 0.01]"),
+        ({"breaks": np.array([0.0, 0.02, 0.01])}, "breaks: got [0. 0.02 0.01]"),
         ({"breaks": np.array([0.0, np.nan, 0.02])}, "breaks: got nan"),
         ({"coefficients": np.full((2, 2, 2), np.inf)}, "coefficients: got inf"),
         ({"coefficients": np.zeros((3, 2, 2))}, "coefficients: got shape (3, 2, 2)"),

@@ -84,7 +84,7 @@ def same_worlds(first, second):
     one, two = first.last_solution, second.last_solution
     assert (one is None) == (two is None)
     if one is not None:
-        assert (one.solver, one.problems, one.lift) == (two.solver, two.problems, two.lift)
+        assert (one.solver, one.problems, one.coulomb_error) == (two.solver, two.problems, two.coulomb_error)
         assert np.array_equal(one.impulses, two.impulses)
         assert np.array_equal(one.velocity, two.velocity)
 

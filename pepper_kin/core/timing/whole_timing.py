@@ -1,4 +1,4 @@
-"""From a piecewise cubic path to the polynomials of its fastest motion in one call."""
+"""Whole timing of a piecewise cubic path in one call, down to the polynomials of its fastest motion."""
 
 from __future__ import annotations
 
@@ -99,19 +99,19 @@ def _kept(path: TimedPath, kernel: TorqueKernel, stretch: float) -> float:
     grid, rows, limit, x, n = path.grid, path.rows, path.limits.torque, path.space.best, path.curve.shape[2]
     duration = profile_duration(grid, x)
     while stretch < np.inf:
-        room = instant_count(duration, stretch, CHECK_STEP)
-        instants = Instants(np.empty(room, np.int64), np.empty(room))
-        count = instants_near_limits(grid, rows, limit, 0, x, stretch, CHECK_STEP, instants)
+        count_most = instant_count(duration, stretch, CHECK_STEP)
+        samples = Instants(np.empty(count_most, np.int64), np.empty(count_most))
+        count = instants_near_limits(grid, rows, limit, 0, x, stretch, CHECK_STEP, samples)
         if count == 0:
             break
         states, torque, none = np.empty((3, count, n)), np.empty((count, n)), np.empty((count, 0))
-        evaluate_motion(grid, x, instants, stretch, states)
+        evaluate_motion(grid, x, samples, stretch, states)
         _write_torques(kernel, states, torque)
         asked = StateEffects(torque, none, none)
-        more = tighten_states(grid, limit, rows, n, instants.interval[:count], asked, False)
+        more = tighten_states(grid, limit, rows, n, samples.interval[:count], asked, False)
         if more <= 1.0 + TOLERANCE:
             break
-        stretch *= 1.0 + MORE * (more - 1.0) + LEAST  # the instants looked at next are others
+        stretch *= 1.0 + MORE * (more - 1.0) + LEAST  # the samples examined next are others
     return stretch
 
 
@@ -120,9 +120,9 @@ def time_path(path: TimedPath, kernel: TorqueKernel, intervals: int) -> tuple[in
     """Find the fastest motion along a path within limits of velocity, acceleration and torque.
 
     Args:
-        path: The path; its rooms are written to.
+        path: The path; its scratch arrays are written to.
         kernel: Of the torques.
-        intervals: Least number of intervals of the grid, those that the rooms are made for.
+        intervals: Least number of intervals of the grid, those that the arrays are made for.
 
     Returns:
         As `optimal_profile`: where the status is FOUND and the stretch is finite, `times` and `motion` are
