@@ -119,7 +119,7 @@ scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.0
 plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene)
 trajectory = pk.retime(pepper, plan, balance=0.01)
 run = pk.Twin(pepper, timestep=0.001).execute(trajectory)
-print(json.dumps({"numba": "numba" in sys.modules, "ok": bool(trajectory.check(pepper, scene=scene).success)}))
+print(json.dumps({"numba": "numba" in sys.modules, "ok": trajectory.check(pepper, scene=scene).success}))
 """
 
 
