@@ -35,7 +35,7 @@ def load(
 
 def test_a_sound_description_loads_without_a_warning() -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", ModelWarning)
         assert load(dynamics={"damping": "0.1", "friction": "0"}).n == 1
 
 
@@ -92,3 +92,11 @@ def test_groups_that_name_a_group_twice_take_no_time() -> None:
     robot = pk.load_robot(load().urdf, srdf)
     assert robot.joint_group("g0") == ("elbow",)
     assert time.process_time() - began < 60.0  # without memory: 2**300 visits
+
+
+def test_half_a_character_is_refused() -> None:
+    text = load().urdf
+    with pytest.raises(ModelError, match=r"URDF: character .* is half of a surrogate pair"):
+        pk.load_robot(text.replace('"elbow"', '"elbow\ud800"'))
+    with pytest.raises(ModelError, match=r"SRDF: character .* is half of a surrogate pair"):
+        pk.load_robot(text, "<robot name='r\ud800'/>")
