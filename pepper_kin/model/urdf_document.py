@@ -134,17 +134,11 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
 
 
 def refuse_document_types(text: str, what: str) -> None:
-    """Refuse XML with a document type or entities, which can read files or grow, and half characters.
+    """Refuse XML with a document type or entities, which can read files or multiply content.
 
     Raises:
         ModelError: naming `what` the text is.
     """
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        raise ModelError(
-            f"{what}: character {error.start} is half of a surrogate pair, which no XML holds"
-        ) from None
     if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
         raise ModelError(f"{what}: document type declarations and entities are not allowed")
 

@@ -92,11 +92,3 @@ def test_groups_that_name_a_group_twice_take_no_time() -> None:
     robot = pk.load_robot(load().urdf, srdf)
     assert robot.joint_group("g0") == ("elbow",)
     assert time.process_time() - began < 60.0  # without memory: 2**300 visits
-
-
-def test_half_a_character_is_refused() -> None:
-    text = load().urdf
-    with pytest.raises(ModelError, match=r"URDF: character .* is half of a surrogate pair"):
-        pk.load_robot(text.replace('"elbow"', '"elbow\ud800"'))
-    with pytest.raises(ModelError, match=r"SRDF: character .* is half of a surrogate pair"):
-        pk.load_robot(text, "<robot name='r\ud800'/>")
